@@ -1,0 +1,1 @@
+"""Homogeneous polynomials in compressed symmetric storage: bases, algebra, the homological equation, laws."""

@@ -1,0 +1,183 @@
+"""The basis of homogeneous polynomials in compressed symmetric storage.
+
+A homogeneous polynomial of degree k in n variables is a vector with one number per *sorted* index tuple
+(i1 ≤ … ≤ ik), in lexicographic order of the tuples: C(n+k−1, k) numbers instead of the n^k of a Kronecker vector.
+Everything above works on two tables of this file: the rank of a tuple after one index is inserted (gradients,
+products) and the multiplicity of a tuple (symmetric tensor entry times multiplicity = coefficient of the monomial).
+
+All tables are built by slices of the table one degree below, cached, and read-only.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import comb
+
+import numpy as np
+
+__all__ = [
+    "count",
+    "exponents",
+    "indices",
+    "insertion",
+    "merge",
+    "multiplicity",
+    "offsets",
+    "rank",
+]
+
+_CACHED = 256
+
+
+def _frozen(table: np.ndarray) -> np.ndarray:
+    table.flags.writeable = False
+    return table
+
+
+def count(n: int, k: int) -> int:
+    """Number of monomials of degree exactly `k` in `n` variables, C(n+k−1, k); `count(n, 0)` is 1."""
+    return comb(n + k - 1, k)
+
+
+@lru_cache(_CACHED)
+def offsets(n: int, k: int) -> np.ndarray:
+    """First rank of the tuples that begin with each index.
+
+    Tuples with all indices ≥ j are exactly the ranks `offsets(n, k)[j]` and above.
+
+    Returns
+    -------
+    ndarray of int, shape (n + 1,)
+        The last entry is `count(n, k)`; for k = 0 the first n entries are 0.
+    """
+    if k == 0:
+        return _frozen(np.array([0] * n + [1]))
+    return _frozen(np.cumsum([0] + [count(n - j, k - 1) for j in range(n)]))
+
+
+@lru_cache(_CACHED)
+def indices(n: int, k: int) -> np.ndarray:
+    """Sorted index tuples of degree `k`, in lexicographic order.
+
+    Returns
+    -------
+    ndarray of int16, shape (count(n, k), k)
+    """
+    table = np.empty((count(n, k), k), np.int16)
+    if k:
+        tails, start, first = indices(n, k - 1), offsets(n, k - 1), offsets(n, k)
+        for j in range(n):
+            block = table[first[j] : first[j + 1]]
+            block[:, 0] = j
+            block[:, 1:] = tails[start[j] :]
+    return _frozen(table)
+
+
+@lru_cache(_CACHED)
+def exponents(n: int, k: int) -> np.ndarray:
+    """Exponent vector of each monomial of degree `k`, in the order of `indices`.
+
+    Returns
+    -------
+    ndarray of int16, shape (count(n, k), n)
+    """
+    table = np.zeros((count(n, k), n), np.int16)
+    rows = np.arange(len(table))
+    for column in indices(n, k).T:
+        table[rows, column] += 1
+    return _frozen(table)
+
+
+@lru_cache(_CACHED)
+def insertion(n: int, k: int) -> np.ndarray:
+    """Rank, among the tuples of degree `k`, of the tuple β of degree k−1 with the index j inserted.
+
+    If j comes before the first index i of β the new tuple begins with j and its tail is β; otherwise it still begins
+    with i and j is inserted into the tail, which is the table one degree below.
+
+    Returns
+    -------
+    ndarray of int32, shape (count(n, k−1), n)
+        Row: rank of β. Column: j.
+    """
+    if k < 1:
+        raise ValueError(f"insertion needs degree k >= 1, got {k}")
+    table = np.empty((count(n, k - 1), n), np.int32)
+    shift = offsets(n, k)[:n] - offsets(n, k - 1)[:n]
+    if k == 1:
+        table[0] = np.arange(n)
+        return _frozen(table)
+    below, first, start = insertion(n, k - 1), offsets(n, k - 1), offsets(n, k - 2)
+    for i in range(n):
+        rows = np.arange(first[i], first[i + 1])
+        table[rows[0] : rows[-1] + 1, : i + 1] = rows[:, None] + shift[: i + 1]
+        table[rows[0] : rows[-1] + 1, i + 1 :] = below[start[i] :, i + 1 :] + shift[i]
+    return _frozen(table)
+
+
+@lru_cache(_CACHED)
+def multiplicity(n: int, k: int) -> np.ndarray:
+    """Number of distinct orderings of each tuple: the multinomial k! / ∏ αᵢ!.
+
+    Returns
+    -------
+    ndarray of float64, shape (count(n, k),)
+    """
+    tuples = indices(n, k)
+    orderings = np.ones(len(tuples))
+    run = np.ones(len(tuples))
+    for j in range(1, k):
+        run = np.where(tuples[:, j] == tuples[:, j - 1], run + 1, 1)
+        orderings *= (j + 1) / run
+    return _frozen(np.rint(orderings))
+
+
+@lru_cache(32)
+def _binomials(size: int) -> np.ndarray:
+    return _frozen(
+        np.array(
+            [[comb(a, b) for b in range(size)] for a in range(size)], dtype=np.int64
+        )
+    )
+
+
+def rank(n: int, tuples: np.ndarray) -> np.ndarray:
+    """Rank of sorted index tuples.
+
+    Parameters
+    ----------
+    n : int
+        Number of variables.
+    tuples : array_like of int, shape (N, k)
+        Each row ascending, entries in 0 … n−1.
+
+    Returns
+    -------
+    ndarray of int64, shape (N,)
+    """
+    tuples = np.asarray(tuples, dtype=np.int64)
+    k = tuples.shape[1]
+    table = _binomials(n + k + 1)
+    result = np.full(len(tuples), count(n, k) - 1, np.int64)
+    for j in range(
+        k
+    ):  # minus the number of sorted tuples that come later, counted at the first differing place
+        result -= table[n - 1 - tuples[:, j] + k - j - 1, k - j]
+    return result
+
+
+@lru_cache(64)
+def merge(n: int, a: int, b: int) -> np.ndarray:
+    """Rank of the union of a tuple of degree `a` and a tuple of degree `b`: where a product of monomials goes.
+
+    Returns
+    -------
+    ndarray of int32, shape (count(n, a), count(n, b))
+    """
+    table = np.arange(count(n, a), dtype=np.int32)[:, None]
+    for degree in range(1, b + 1):
+        insert, start = insertion(n, a + degree), offsets(n, degree - 1)
+        table = np.concatenate(
+            [insert[table[:, start[j] :], j] for j in range(n)], axis=1
+        )
+    return _frozen(table)
