@@ -1,0 +1,26 @@
+"""Elements that model code can be read on: numbers, symbols, truncated polynomials."""
+
+from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
+from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
+from flexhinf.scalars.symbol import Symbol
+from flexhinf.scalars.trace import apply, jacobian, pack, symbols, trace, unpack
+
+__all__ = [
+    "Symbol",
+    "absolute",
+    "apply",
+    "cholesky",
+    "clip",
+    "gram",
+    "jacobian",
+    "maximum",
+    "minimum",
+    "pack",
+    "sign",
+    "solve_lower",
+    "solve_lower_transposed",
+    "symbols",
+    "trace",
+    "unpack",
+    "where",
+]

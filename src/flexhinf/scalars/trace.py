@@ -1,0 +1,112 @@
+"""From NumPy code to a CasADi function: run the code once on symbols and keep what it computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.scalars.symbol import Symbol
+
+__all__ = ["apply", "jacobian", "pack", "symbols", "trace", "unpack"]
+
+Shape = int | tuple[int, ...]
+
+
+def symbols(name: str, shape: Shape) -> np.ndarray:
+    """Object array of fresh symbols, for example ``symbols("x", 4)``."""
+    shape = (shape,) if isinstance(shape, int) else tuple(shape)
+    return unpack(ca.SX.sym(name, int(np.prod(shape, dtype=int))), shape)
+
+
+def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
+    """A column of SX as an object array of `Symbol`, in C order."""
+    array = np.empty(column.numel(), dtype=object)
+    for i in range(column.numel()):
+        array[i] = Symbol(column[i])
+    return array.reshape(shape)
+
+
+def pack(array: Any) -> ca.SX:
+    """A dense SX column from an array of symbols and numbers, in C order."""
+    flat = np.asarray(array, dtype=object).ravel()
+    parts = [a.sx if isinstance(a, Symbol) else ca.SX(float(a)) for a in flat]
+    return ca.densify(ca.vertcat(*parts)) if parts else ca.SX.zeros(0, 1)
+
+
+def trace(function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None) -> ca.Function:
+    """Run `function` on symbols and return what it computed as a CasADi function.
+
+    Parameters
+    ----------
+    function : callable
+        Takes one array per entry of `shapes`; returns an array, or a tuple of arrays.
+    shapes : int or tuple of int
+        Shape of each argument.
+    name, names : str
+        Name of the function, and of its arguments.
+
+    Returns
+    -------
+    casadi.Function
+        Every argument and result is a dense column with the C-order flattening of the array; common
+        subexpressions are computed once.
+
+    Raises
+    ------
+    InvalidInput
+        If `function` branches on a symbol or asks for its float value.
+    """
+    labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
+    arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
+    results = function(*arguments)
+    if not isinstance(results, tuple):
+        results = (results,)
+    outputs = [pack(result) for result in results]
+    sizes = [output.numel() for output in outputs]
+    shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
+    edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+    split = [ca.densify(shared[int(a) : int(b)]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return ca.Function(name, [pack(a) for a in arguments], split)
+
+
+def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
+    """Call a CasADi function on arrays of numbers or of symbols; results are flat arrays of the same kind."""
+    if len(arrays) != function.n_in():
+        raise InvalidInput(
+            f"The function {function.name()} was called with the wrong number of arguments.",
+            f"expected {function.n_in()}, got {len(arrays)}",
+            "one array per argument it was traced with",
+        )
+    if any(np.asarray(a).dtype == object for a in arrays):
+        results = function.call([pack(a) for a in arrays])
+        return tuple(unpack(r, (r.numel(),)) for r in results)
+    numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
+    return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
+
+
+def jacobian(function: Callable[..., Any], *shapes: Shape, name: str = "jacobian") -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """Exact value and Jacobian of `function` with respect to its first argument.
+
+    Returns
+    -------
+    callable
+        Called like `function` (first result only), on numbers or symbols; returns the flat value (k,) and the
+        Jacobian (k, n), n the size of the first argument.
+    """
+    traced = trace(function, *shapes, name=name)
+    inputs = [ca.SX.sym(f"i{k}", traced.size1_in(k)) for k in range(traced.n_in())]
+    value = traced.call(inputs)[0]
+    derivative = ca.jacobian(value, inputs[0])
+    rows, columns = derivative.shape
+    flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
+    both = ca.Function(name, inputs, [value, flat], {"cse": True})
+
+    def value_and_jacobian(*arrays: Any) -> tuple[np.ndarray, np.ndarray]:
+        y, dy = apply(both, *arrays)
+        return y, dy.reshape(rows, columns)
+
+    return value_and_jacobian
