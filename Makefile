@@ -1,0 +1,79 @@
+# make demo      set everything up in .venv and reproduce the paper
+# make test      set up what the tests need and run them, with the import contract
+# make check     everything: lint, format, types, import contract, tests
+# make slow      the long tests;  make bench, make bench-hji: measure;  make clean;  make locks
+#
+# Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
+# when a lock changes, .venv is made anew.
+
+VENV   ?= .venv
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
+             $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
+
+PY      := $(VENV)/bin/python
+RUN     := $(VENV)/.stamp-run
+DEV     := $(VENV)/.stamp-dev
+PROJECT := $(VENV)/.stamp-project
+# Beside a venv's own pip stands the outer one, for systems whose Python ships without ensurepip.
+PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
+           $$pip --disable-pip-version-check --no-input install --quiet
+
+.PHONY: demo test check slow bench bench-hji locks clean environment environment-dev
+.DELETE_ON_ERROR:
+
+demo: environment
+	$(VENV)/bin/flexhinf paper
+
+test: environment-dev
+	$(VENV)/bin/lint-imports
+	$(PY) -m pytest -m "not slow" -n auto --maxprocesses 8
+
+check: environment-dev
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/pyright --pythonpath $(PY)
+	$(VENV)/bin/lint-imports
+	$(PY) -m pytest -m "not slow" -n auto --maxprocesses 8
+
+slow: environment-dev
+	$(PY) -m pytest -m slow
+
+bench: environment-dev
+	$(PY) -m benchmarks
+
+bench-hji: environment-dev
+	OMP_NUM_THREADS=1 $(PY) -m benchmarks.hji
+
+# Set-up -----------------------------------------------------------------------------------------------------
+
+environment: $(PROJECT)
+environment-dev: $(DEV) $(PROJECT)
+
+# Either lock makes the venv anew, so that nothing of an older lock stays behind.
+$(RUN): requirements.lock requirements-dev.lock
+	@test -n "$(PYTHON)" || { echo "flexhinf needs Python 3.11 or newer; none was found. Try: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@echo "Setting up $(VENV) with $$($(PYTHON) --version) (about half a minute) ..."
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV) 2>/dev/null || { rm -rf $(VENV); $(PYTHON) -m venv --without-pip $(VENV); }
+	@$(PIP) --require-hashes -r requirements.lock
+	@touch $@
+
+$(DEV): $(RUN) requirements-dev.lock
+	@echo "Adding the test tools ..."
+	@$(PIP) --require-hashes -r requirements-dev.lock
+	@touch $@
+
+$(PROJECT): $(RUN) pyproject.toml
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# For maintainers (needs uv): pin what pyproject.toml asks for, with hashes and without addresses. The small lock
+# constrains the other, so that one venv serves both.
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --no-emit-index-url --quiet
+locks:
+	$(LOCK) --group build pyproject.toml --output-file requirements.lock
+	$(LOCK) --group build --extra test --constraint requirements.lock pyproject.toml --output-file requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
