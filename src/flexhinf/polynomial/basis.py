@@ -1,9 +1,10 @@
 """The basis of homogeneous polynomials in compressed symmetric storage.
 
 A homogeneous polynomial of degree k in n variables is a vector with one number per *sorted* index tuple
-(i1 ≤ … ≤ ik), in lexicographic order of the tuples: C(n+k−1, k) numbers instead of the n^k of a Kronecker vector.
-Everything above works on two tables of this file: the rank of a tuple after one index is inserted (gradients,
-products) and the multiplicity of a tuple (symmetric tensor entry times multiplicity = coefficient of the monomial).
+(i1 ≤ … ≤ ik), in lexicographic order of the tuples: C(n+k−1, k) numbers instead of the n^k of a Kronecker
+vector. Everything above works on two tables of this file: the rank of a tuple after one index is inserted
+(gradients, products) and the multiplicity of a tuple (symmetric tensor entry times multiplicity = coefficient
+of the monomial).
 
 All tables are built by slices of the table one degree below, cached, and read-only.
 """
@@ -92,8 +93,8 @@ def exponents(n: int, k: int) -> np.ndarray:
 def insertion(n: int, k: int) -> np.ndarray:
     """Rank, among the tuples of degree `k`, of the tuple β of degree k−1 with the index j inserted.
 
-    If j comes before the first index i of β the new tuple begins with j and its tail is β; otherwise it still begins
-    with i and j is inserted into the tail, which is the table one degree below.
+    If j comes before the first index i of β the new tuple begins with j and its tail is β; otherwise it still
+    begins with i, and j is inserted into the tail, which is the table one degree below.
 
     Returns
     -------
@@ -134,11 +135,7 @@ def multiplicity(n: int, k: int) -> np.ndarray:
 
 @lru_cache(32)
 def _binomials(size: int) -> np.ndarray:
-    return _frozen(
-        np.array(
-            [[comb(a, b) for b in range(size)] for a in range(size)], dtype=np.int64
-        )
-    )
+    return _frozen(np.array([[comb(a, b) for b in range(size)] for a in range(size)], dtype=np.int64))
 
 
 def rank(n: int, tuples: np.ndarray) -> np.ndarray:
@@ -168,7 +165,7 @@ def rank(n: int, tuples: np.ndarray) -> np.ndarray:
 
 @lru_cache(64)
 def merge(n: int, a: int, b: int) -> np.ndarray:
-    """Rank of the union of a tuple of degree `a` and a tuple of degree `b`: where a product of monomials goes.
+    """Rank of the union of tuples of degrees `a` and `b`: where a product of monomials goes.
 
     Returns
     -------
@@ -177,7 +174,5 @@ def merge(n: int, a: int, b: int) -> np.ndarray:
     table = np.arange(count(n, a), dtype=np.int32)[:, None]
     for degree in range(1, b + 1):
         insert, start = insertion(n, a + degree), offsets(n, degree - 1)
-        table = np.concatenate(
-            [insert[table[:, start[j] :], j] for j in range(n)], axis=1
-        )
+        table = np.concatenate([insert[table[:, start[j] :], j] for j in range(n)], axis=1)
     return _frozen(table)

@@ -1,0 +1,301 @@
+"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import evaluate
+
+__all__ = ["PolynomialPlant"]
+
+_REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class PolynomialPlant:
+    """ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l u), lᵀl = R2, with polynomial f, g1, g2 and h.
+
+    Parameters
+    ----------
+    f : mapping {exponents: (n,)}
+        Coefficients of ẋ by monomial, degree 1 included. Keys are tuples of n exponents.
+    g1 : ndarray (n, md), or mapping {exponents: (n, md)}
+        Where the disturbance enters; the constant term has the key (0, …, 0).
+    g2 : ndarray (n, m), or mapping {exponents: (n, m)}
+        Where the input enters.
+    h : mapping {exponents: (s,)}
+        Penalised outputs.
+    r2 : array_like, shape (m, m)
+        Weight of the input, symmetric positive definite.
+    state_names : sequence of str, optional
+        Defaults to x1 … xn.
+    operating_point : array_like, shape (n,), optional
+        The point the deviations are measured from (only kept, not used).
+
+    Attributes
+    ----------
+    f_parts, g1_parts, g2_parts, h_parts : dict degree → ndarray
+        Monomial coefficients along the last axis, in the order of `polynomial.basis.indices`:
+        (n, count), (n, md, count), (n, m, count), (s, count). Degrees whose part is zero are left out,
+        except degree 1 of f and h and degree 0 of g1 and g2.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the operating point.
+    """
+
+    f_parts: dict[int, np.ndarray]
+    g1_parts: dict[int, np.ndarray]
+    g2_parts: dict[int, np.ndarray]
+    h_parts: dict[int, np.ndarray]
+    r2: np.ndarray
+    state_names: tuple[str, ...]
+    operating_point: np.ndarray
+
+    def __init__(
+        self,
+        f: Mapping[tuple[int, ...], Any],
+        g1: Any,
+        g2: Any,
+        h: Mapping[tuple[int, ...], Any],
+        r2: Any,
+        *,
+        state_names: Sequence[str] | None = None,
+        operating_point: Any = None,
+    ) -> None:
+        if not isinstance(f, Mapping) or not f:
+            raise InvalidInput(
+                "The plant's f is not a mapping of monomials.",
+                f"expected {{exponents: (n,)}} with at least one entry, got {type(f).__name__}",
+                "for example f={(1, 0): [0, -1], (0, 1): [1, 0]} for an oscillator",
+            )
+        n = len(next(iter(f)))
+        self._set(
+            n,
+            f=_parts_from_mapping("f", f, n, 1),
+            g1=_parts_from_input("g1", g1, n),
+            g2=_parts_from_input("g2", g2, n),
+            h=_parts_from_mapping("h", h, n, 1),
+            r2=r2,
+            state_names=state_names,
+            operating_point=operating_point,
+        )
+
+    @classmethod
+    def from_parts(
+        cls,
+        n: int,
+        f: Mapping[int, np.ndarray],
+        g1: Mapping[int, np.ndarray],
+        g2: Mapping[int, np.ndarray],
+        h: Mapping[int, np.ndarray],
+        r2: Any,
+        *,
+        state_names: Sequence[str] | None = None,
+        operating_point: Any = None,
+    ) -> PolynomialPlant:
+        """The same from homogeneous parts: degree → monomial coefficients along the last axis.
+
+        Parameters
+        ----------
+        n : int
+            Number of states.
+        f, h : mapping degree → ndarray, shapes (n, count(n, degree)) and (s, count(n, degree))
+            A part of degree 0 is the value at the operating point; it must vanish up to rounding.
+        g1, g2 : mapping degree → ndarray, shapes (n, md, count(n, degree)) and (n, m, count(n, degree))
+        """
+        plant = cls.__new__(cls)
+        parts = {"f": dict(f), "g1": dict(g1), "g2": dict(g2), "h": dict(h)}
+        plant._set(n, **parts, r2=r2, state_names=state_names, operating_point=operating_point)
+        return plant
+
+    def _set(
+        self,
+        n: int,
+        f: dict[int, np.ndarray],
+        g1: dict[int, np.ndarray],
+        g2: dict[int, np.ndarray],
+        h: dict[int, np.ndarray],
+        r2: Any,
+        state_names: Sequence[str] | None,
+        operating_point: Any,
+    ) -> None:
+        names = tuple(state_names) if state_names is not None else tuple(f"x{i + 1}" for i in range(n))
+        if len(names) != n:
+            raise InvalidInput(
+                "The number of state names is not the number of states.",
+                f"expected {n} names, got {len(names)}: {', '.join(names)}",
+                "one name per state, in the order of f's rows",
+            )
+        r2 = _positive_definite(r2)
+        parts = {
+            "f": _checked("f", f, n, (n,), 1),
+            "g1": _checked("g1", g1, n, (n, None), 0),
+            "g2": _checked("g2", g2, n, (n, len(r2)), 0),
+            "h": _checked("h", h, n, (None,), 1),
+        }
+        _check_rest("f", parts["f"], names)
+        _check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
+        point = np.zeros(n) if operating_point is None else np.array(operating_point, dtype=float)
+        if point.shape != (n,) or not np.isfinite(point).all():
+            raise InvalidInput(
+                "The operating point does not fit the plant.",
+                f"expected {n} finite numbers, got {point!r}",
+                "leave it out for the origin",
+            )
+        for name, value in parts.items():
+            object.__setattr__(self, f"{name}_parts", value)
+        object.__setattr__(self, "r2", r2)
+        object.__setattr__(self, "state_names", names)
+        object.__setattr__(self, "operating_point", point)
+
+    @property
+    def size(self) -> tuple[int, int, int, int]:
+        """Numbers of states, disturbances, inputs and penalised outputs (n, md, m, s)."""
+        n, md, _ = self.g1_parts[0].shape
+        return n, md, self.g2_parts[0].shape[1], self.h_parts[1].shape[0]
+
+    def expand(self, degree: int) -> PolynomialPlant:
+        """The same plant with f and h truncated after `degree`, g1 and g2 after `degree` − 1."""
+        kept = {}
+        for name, highest in (("f", degree), ("g1", degree - 1), ("g2", degree - 1), ("h", degree)):
+            parts = getattr(self, f"{name}_parts")
+            kept[name] = {k: part for k, part in parts.items() if k <= highest}
+        return PolynomialPlant.from_parts(
+            len(self.state_names),
+            **kept,
+            r2=self.r2,
+            state_names=self.state_names,
+            operating_point=self.operating_point,
+        )
+
+    def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at the deviations `x` (N, n)."""
+        x = np.asarray(x, dtype=float)
+        f, g1, g2, h = (evaluate(p, x) for p in (self.f_parts, self.g1_parts, self.g2_parts, self.h_parts))
+        return f, g1, g2, h
+
+
+def _positive_definite(r2: Any) -> np.ndarray:
+    r2 = np.array(r2, dtype=float, ndmin=2)
+    if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not np.isfinite(r2).all():
+        raise InvalidInput(
+            "R2 is not a finite square matrix.",
+            f"expected shape (m, m), got {r2.shape}: {r2.tolist()}",
+            "R2 = lᵀl > 0",
+        )
+    if not np.allclose(r2, r2.T, rtol=1e-12, atol=0) or np.linalg.eigvalsh(r2)[0] <= 0:
+        raise InvalidInput(
+            "R2 is not symmetric positive definite.",
+            f"eigenvalues of its symmetric part {np.linalg.eigvalsh((r2 + r2.T) / 2).tolist()}, "
+            f"asymmetry {np.abs(r2 - r2.T).max():.3g}",
+            "every input needs a positive price",
+        )
+    return (r2 + r2.T) / 2
+
+
+def _parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
+    if isinstance(given, Mapping):
+        return _parts_from_mapping(name, given, n, 2)
+    matrix = np.array(given, dtype=float)
+    if matrix.ndim != 2:
+        raise InvalidInput(
+            f"{name} is not a matrix.",
+            f"expected shape ({n}, inputs), got {matrix.shape}",
+            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
+        )
+    return {0: matrix[:, :, None]}
+
+
+def _parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np.ndarray]:
+    """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
+    if not isinstance(given, Mapping) or not given:
+        raise InvalidInput(
+            f"{name} is not a mapping of monomials.",
+            f"expected {{exponents: coefficients}} with at least one entry, got {type(given).__name__}",
+            "keys are tuples of exponents, one per state",
+        )
+    values = [np.array(value, dtype=float) for value in given.values()]
+    shape = values[0].shape
+    by_degree: dict[int, tuple[list[list[int]], list[np.ndarray]]] = {}
+    for key, value in zip(given, values, strict=True):
+        if not isinstance(key, tuple) or len(key) != n or any(e != int(e) or e < 0 for e in key):
+            raise InvalidInput(
+                f"A key of {name} is not an exponent vector.",
+                f"expected {n} integers ≥ 0, got {key!r}",
+                "(2, 0, 1) stands for x1² x3",
+            )
+        if value.shape != shape or value.ndim != axes:
+            raise InvalidInput(
+                f"The coefficients of {name} have different or wrong shapes.",
+                f"expected {axes} axes, shape {shape} as in the first entry, got {value.shape} at {key}",
+                f"one array per monomial, as many rows as {name} has",
+            )
+        tuples, coefficients = by_degree.setdefault(int(sum(key)), ([], []))
+        tuples.append([i for i, e in enumerate(key) for _ in range(int(e))])
+        coefficients.append(value)
+    parts = {}
+    for degree, (tuples, coefficients) in by_degree.items():
+        part = np.zeros((*shape, basis.count(n, degree)))
+        ranks = basis.rank(n, np.array(tuples, dtype=np.int64).reshape(len(tuples), degree))
+        part[..., ranks] = np.moveaxis(np.array(coefficients), 0, -1)
+        parts[degree] = part
+    return parts
+
+
+def _checked(
+    name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
+) -> dict[int, np.ndarray]:
+    """Shapes and finiteness; zero parts dropped; the lowest degree always present."""
+    if not parts:
+        raise InvalidInput(
+            f"{name} has no coefficients.", "expected at least one degree, got none", "give zeros"
+        )
+    lead = np.shape(next(iter(parts.values())))[:-1]
+    fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
+    checked: dict[int, np.ndarray] = {}
+    for degree, given in sorted(parts.items()):
+        part = np.ascontiguousarray(given, dtype=float)
+        expected = (
+            *("any" if s is None else s for s in (shape if not fits else lead)),
+            basis.count(n, degree),
+        )
+        if not fits or part.shape != expected:
+            raise InvalidInput(
+                f"{name} does not fit the plant (n = {n} states).",
+                f"expected shape {expected} at degree {degree}, got {part.shape}",
+                "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
+            )
+        if not np.isfinite(part).all():
+            raise InvalidInput(
+                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
+            )
+        if degree == lowest or part.any():
+            checked[degree] = part
+    if lowest not in checked:
+        checked[lowest] = np.zeros((*lead, basis.count(n, lowest)))
+    return dict(sorted(checked.items()))
+
+
+def _check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
+    """f(x*) = 0 and h(x*) = 0 up to rounding; the constant part is then dropped."""
+    constant = parts.pop(0, None)
+    if constant is None:
+        return
+    offset = np.abs(constant[:, 0])
+    excess = offset - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
+    worst = int(np.argmax(excess))
+    if excess[worst] > 0:
+        what = "The plant is not at rest" if name == "f" else "The penalty does not vanish"
+        raise InvalidInput(
+            f"{what} at the operating point.",
+            f"expected {name} = 0 there, got {constant[worst, 0]:.6g} in {rows[worst]}",
+            "an operating point that is an equilibrium, and penalties measured from it",
+        )

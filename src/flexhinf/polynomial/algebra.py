@@ -1,0 +1,121 @@
+"""Algebra of homogeneous polynomials: monomials at points, gradients, products.
+
+A polynomial is a mapping degree → *monomial coefficients* in the order of `basis.indices`, along the last
+axis. Only degrees that occur are keys: a missing degree is exactly zero, which is how parity is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from flexhinf.polynomial import basis
+
+__all__ = ["add_part", "evaluate", "gradient", "monomials", "product"]
+
+_CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
+_CHUNK = 4_000_000  # products formed at a time when no table is kept
+
+
+def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
+    """All monomials of the given degrees at the points `x`.
+
+    Each monomial is one variable times a monomial of one degree less; elements may be of any type that multiplies.
+
+    Parameters
+    ----------
+    x : ndarray, shape (N, n)
+    degrees : iterable of int
+
+    Returns
+    -------
+    dict degree → ndarray, shape (N, count(n, degree))
+    """
+    wanted = set(degrees)
+    points, n = x.shape
+    current = np.ones((points, 1), x.dtype)
+    found = {0: current} if 0 in wanted else {}
+    for k in range(1, max(wanted, default=0) + 1):
+        start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
+        higher = np.empty((points, basis.count(n, k)), x.dtype)
+        for j in range(n):
+            np.multiply(x[:, j : j + 1], current[:, start[j] :], out=higher[:, first[j] : first[j + 1]])
+        current = higher
+        if k in wanted:
+            found[k] = current
+    return found
+
+
+def evaluate(polynomial: Mapping[int, np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Values at points.
+
+    Parameters
+    ----------
+    polynomial : mapping degree → ndarray, shape (…, count(n, degree))
+        Must not be empty.
+    x : ndarray, shape (N, n)
+
+    Returns
+    -------
+    ndarray, shape (N, …)
+    """
+    shape = next(iter(polynomial.values())).shape[:-1]
+    total = np.zeros((len(x), int(np.prod(shape))))
+    powers = monomials(x, polynomial)
+    for k, part in polynomial.items():
+        total += powers[k] @ part.reshape(-1, part.shape[-1]).T
+    return total.reshape(len(x), *shape)
+
+
+def gradient(entries: np.ndarray, n: int, k: int) -> np.ndarray:
+    """Monomial coefficients of the n partial derivatives of a homogeneous polynomial.
+
+    ∂ᵢ of a symmetric tensor polynomial of degree k is k times the tensor with one index fixed to i.
+
+    Parameters
+    ----------
+    entries : ndarray, shape (count(n, k),)
+        *Tensor entries* (monomial coefficient divided by multiplicity).
+
+    Returns
+    -------
+    ndarray, shape (count(n, k−1), n)
+    """
+    return entries[basis.insertion(n, k)] * (k * basis.multiplicity(n, k - 1))[:, None]
+
+
+def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.ndarray:
+    """Sum of products Σ_c left_c(x) right_c(x) of homogeneous polynomials of degrees `a` and `b`.
+
+    Every pair of monomials is one entry of a matrix product; the entries are then added up by the monomial
+    they belong to. Columns of `right` that are zero are not visited.
+
+    Parameters
+    ----------
+    left : ndarray, shape (count(n, a), c)
+    right : ndarray, shape (c, count(n, b))
+
+    Returns
+    -------
+    ndarray, shape (count(n, a+b),)
+    """
+    rows, size = left.shape[0], basis.count(n, a + b)
+    if rows * right.shape[1] <= _CACHED_TABLE:
+        return np.bincount(basis.merge(n, a, b).ravel(), (left @ right).ravel(), size)
+    active = np.flatnonzero(right.any(axis=0))
+    tuples = basis.indices(n, b)
+    total = np.zeros(size)
+    step = max(1, _CHUNK // rows)
+    for begin in range(0, len(active), step):
+        columns = active[begin : begin + step]
+        table = np.broadcast_to(np.arange(rows, dtype=np.int32)[:, None], (rows, len(columns)))
+        for position in range(b):
+            table = basis.insertion(n, a + position + 1)[table, tuples[columns, position]]
+        total += np.bincount(table.ravel(), (left @ right[:, columns]).ravel(), size)
+    return total
+
+
+def add_part(polynomial: dict[int, np.ndarray], degree: int, part: np.ndarray) -> None:
+    """Add a homogeneous part to a polynomial in place."""
+    polynomial[degree] = polynomial[degree] + part if degree in polynomial else part
