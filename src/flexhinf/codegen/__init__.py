@@ -1,0 +1,23 @@
+"""Kernels: a program over traced functions becomes machine code, for one run or for many in lanes."""
+
+from __future__ import annotations
+
+from flexhinf.codegen.compile import compile_program
+from flexhinf.codegen.interpret import interpret
+from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
+from flexhinf.codegen.program import Buffer, Call, Copy, Guard, Program, Repeat, Slice
+
+__all__ = [
+    "BoundKernel",
+    "Buffer",
+    "Call",
+    "Copy",
+    "Guard",
+    "Kernel",
+    "Program",
+    "Repeat",
+    "Slice",
+    "Status",
+    "compile_program",
+    "interpret",
+]

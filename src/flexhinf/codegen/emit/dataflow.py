@@ -1,0 +1,138 @@
+"""A traced function as operations in single-assignment form, products fused into the sums that use them.
+
+Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag): the same text for
+any number of lanes then gives the same bits, at any optimisation level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass
+
+import casadi
+
+from flexhinf.codegen.unsupported import Unsupported
+
+# Fused operations, numbered beside CasADi's own (which are not negative).
+MULTIPLY_ADD = -1  # a·b + c
+MULTIPLY_SUBTRACT = -2  # a·b - c
+SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One value: a constant, an input element, or an operation on earlier values.
+
+    Attributes
+    ----------
+    code : int
+        CasADi's opcode, or a fused operation.
+    arguments : tuple of int
+        Earlier values; for OP_INPUT (argument, element).
+    constant : float
+        Value of an OP_CONST.
+    """
+
+    code: int
+    arguments: tuple[int, ...]
+    constant: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dataflow:
+    """A function as values and what leaves it.
+
+    Attributes
+    ----------
+    operations : list of Operation
+        Value k is the result of operation k. None where a product was fused away.
+    outputs : list of (int, int, int)
+        (result, element, value).
+    """
+
+    operations: list[Operation | None]
+    outputs: list[tuple[int, int, int]]
+
+
+def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
+    """Read the instructions of an SX function.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    supported : container of int
+        Opcodes that can be emitted.
+    fused : bool
+        Fuse a product with the one sum that uses it (the target has a fused multiply-add).
+
+    Returns
+    -------
+    Dataflow
+
+    Raises
+    ------
+    Unsupported
+        Naming the first opcode that is not supported.
+    """
+    operations: list[Operation | None] = []
+    outputs: list[tuple[int, int, int]] = []
+    register: dict[int, int] = {}
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        arguments = function.instruction_input(k)
+        results = function.instruction_output(k)
+        if code == casadi.OP_OUTPUT:
+            outputs.append((results[0], results[1], register[arguments[0]]))
+            continue
+        if code == casadi.OP_CONST:
+            operation = Operation(code, (), function.instruction_constant(k))
+        elif code == casadi.OP_INPUT:
+            operation = Operation(code, (arguments[0], arguments[1]))
+        elif code in supported:
+            operation = Operation(code, tuple(register[argument] for argument in arguments))
+        else:
+            raise Unsupported(
+                f"Function '{function.name()}' cannot be compiled.",
+                f"the operation {_operation_name(code)} has no machine code here",
+            )
+        register[results[0]] = len(operations)
+        operations.append(operation)
+    if fused:
+        _fuse(operations, outputs)
+    return Dataflow(operations, outputs)
+
+
+def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]]) -> None:
+    uses = [0] * len(operations)
+    for operation in operations:
+        if operation is not None and operation.code != casadi.OP_INPUT:
+            for argument in operation.arguments:
+                uses[argument] += 1
+    for _, _, value in outputs:
+        uses[value] += 1
+
+    def factors(value: int) -> tuple[int, int] | None:
+        product = operations[value]
+        if product is None or uses[value] != 1:
+            return None
+        if product.code == casadi.OP_MUL:
+            return product.arguments[0], product.arguments[1]
+        return (product.arguments[0],) * 2 if product.code == casadi.OP_SQ else None
+
+    for k, operation in enumerate(operations):
+        if operation is None or operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+            continue
+        left, right = operation.arguments
+        add = operation.code == casadi.OP_ADD
+        if (pair := factors(right)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
+            operations[right] = None
+        elif (pair := factors(left)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
+            operations[left] = None
+
+
+def _operation_name(code: int) -> str:
+    return next(
+        (name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), str(code)
+    )

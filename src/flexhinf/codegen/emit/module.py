@@ -1,0 +1,242 @@
+"""A whole program as one LLVM module: its traced functions, and an entry with the loops, copies and guards.
+
+The entry takes one pointer to the *context*, an array of 64-bit words:
+
+====================  =================================================
+words                 content
+====================  =================================================
+one per buffer        address of the array (of scratch memory for "work")
+one per count         number of turns
+one per lane          code (written)
+one per lane          step (written)
+====================  =================================================
+
+and returns the largest code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexhinf.codegen.emit.function import emit_function, load
+from flexhinf.codegen.emit.text import PREFIX, Lanes, ModuleText, Writer
+from flexhinf.codegen.program import Call, Copy, Guard, Program, Repeat, Slice, Step
+
+ENTRY = PREFIX + "run"
+"""Name of the compiled entry."""
+
+_UNROLLED = 32  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
+
+
+@dataclass(frozen=True)
+class Module:
+    """LLVM text and what it needs to be linked.
+
+    Attributes
+    ----------
+    text : str
+    library : dict of str to str
+        Emitted name to the name of the C library function behind it.
+    operations : int
+        Operations in the traced functions, a measure of the time to compile.
+    """
+
+    text: str
+    library: dict[str, str]
+    operations: int
+
+
+def emit_module(program: Program, lanes: int, fused: bool = True) -> Module:
+    """Write the LLVM module of a program.
+
+    Parameters
+    ----------
+    program : Program
+    lanes : int
+        W ≥ 1.
+    fused : bool
+        The target has a fused multiply-add.
+
+    Returns
+    -------
+    Module
+
+    Raises
+    ------
+    Unsupported
+        A traced function holds an operation that is not in the table.
+    """
+    return _Emitter(program, lanes, fused).emit()
+
+
+class _Emitter:
+    def __init__(self, program: Program, lanes: int, fused: bool) -> None:
+        self.program = program
+        self.module = ModuleText(Lanes(lanes))
+        self.lanes = self.module.lanes
+        self.fused = fused
+        self.operations = 0
+        self.functions: dict[tuple[int, tuple[bool, ...]], str] = {}
+        self.writer = Writer(self.module)
+        self.pointers: dict[str, str] = {}
+        self.turns: dict[str, str] = {}
+
+    def emit(self) -> Module:
+        writer, width = self.writer, self.lanes.width
+        words = len(self.program.buffers) + len(self.program.counts)
+        for k, buffer in enumerate(self.program.buffers):
+            self.pointers[buffer.name] = writer.let(f"load ptr, ptr {self._word(k)}, align 8")
+        for k, count in enumerate(self.program.counts, len(self.program.buffers)):
+            self.turns[count] = writer.let(f"load i64, ptr {self._word(k)}, align 8")
+        self.codes, self.steps = self._word(words), self._word(words + width)
+        writer.do(f"store {self.lanes.integer} {self.lanes.whole(0)}, ptr {self.codes}, align 8")
+        writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
+        for buffer in self.program.buffers:
+            if buffer.role == "work" and buffer.size is not None:
+                self._clear(self.pointers[buffer.name], buffer.size)
+        self._body(self.program.body, ())
+        writer.do("br label %finish")
+        writer.place("finish")
+        writer.do(f"ret i64 {self._largest_code()}")
+        head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
+        self.module.definitions[ENTRY] = "\n".join([head, *writer.lines, "}"])
+        text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
+        return Module(text, dict(self.module.library), self.operations)
+
+    def _word(self, k: int) -> str:
+        return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
+
+    def _clear(self, pointer: str, size: int) -> None:
+        name = "llvm.memset.p0.i64"
+        self.module.declarations[name] = f"declare void @{name}(ptr, i8, i64, i1)"
+        self.writer.do(
+            f"call void @{name}(ptr align 8 {pointer}, i8 0, i64 {8 * size * self.lanes.width}, i1 false)"
+        )
+
+    def _largest_code(self) -> str:
+        integer = self.lanes.integer
+        codes = self.writer.let(f"load {integer}, ptr {self.codes}, align 8")
+        if self.lanes.width == 1:
+            return codes
+        name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
+        self.module.declarations[name] = f"declare i64 @{name}({integer})"
+        return self.writer.let(f"call i64 @{name}({integer} {codes})")
+
+    def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
+        for step in body:
+            if isinstance(step, Repeat):
+                self._loop(
+                    self.turns[step.count], lambda turn, step=step: self._body(step.body, (*turns, turn))
+                )
+            elif isinstance(step, Call):
+                self._call(step, turns)
+            elif isinstance(step, Copy):
+                self._copy(step, turns)
+            else:
+                self._guard(step, turns)
+
+    def _loop(self, count: str, body) -> None:
+        """``for turn in range(count): body(turn)``; the turn lives in memory until LLVM promotes it."""
+        writer = self.writer
+        place = writer.let("alloca i64, align 8")
+        head, inside, after = writer.label("head"), writer.label("turn"), writer.label("after")
+        writer.do(f"store i64 0, ptr {place}, align 8")
+        writer.do(f"br label %{head}")
+        writer.place(head)
+        turn = writer.let(f"load i64, ptr {place}, align 8")
+        more = writer.let(f"icmp slt i64 {turn}, {count}")
+        writer.do(f"br i1 {more}, label %{inside}, label %{after}")
+        writer.place(inside)
+        body(turn)
+        writer.do(f"store i64 {writer.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
+        writer.do(f"br label %{head}")
+        writer.place(after)
+
+    def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
+        writer = self.writer
+        element = str(piece.offset)
+        for stride, turn in zip(piece.strides, turns, strict=False):
+            if stride:
+                element = writer.let(f"add nsw i64 {element}, {writer.let(f'mul nsw i64 {turn}, {stride}')}")
+        kind = "double" if self._shared(piece) else self.lanes.real
+        return writer.let(f"getelementptr {kind}, ptr {self.pointers[piece.buffer]}, i64 {element}")
+
+    def _shared(self, piece: Slice) -> bool:
+        return self.program.buffer(piece.buffer).shared
+
+    def _call(self, step: Call, turns: tuple[str, ...]) -> None:
+        shared = tuple(self._shared(piece) for piece in step.inputs)
+        key = (step.function.__hash__(), shared)
+        if key not in self.functions:
+            self.functions[key] = f"{PREFIX}function{len(self.functions)}"
+            self.operations += emit_function(
+                self.module, self.functions[key], step.function, shared, self.fused
+            )
+        pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*step.inputs, *step.outputs))
+        self.writer.do(f"call void @{self.functions[key]}({pointers})")
+
+    def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
+        writer = self.writer
+        source, target = self._address(step.source, turns), self._address(step.target, turns)
+        if self._shared(step.source) and self.lanes.width > 1:
+
+            def broadcast(element: str) -> None:
+                value = load(writer, source, element, shared=True)
+                place = writer.let(f"getelementptr {self.lanes.real}, ptr {target}, i64 {element}")
+                writer.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
+
+            self._each(step.source.size, broadcast)
+            return
+        name = "llvm.memmove.p0.p0.i64"
+        self.module.declarations[name] = f"declare void @{name}(ptr, ptr, i64, i1)"
+        size = 8 * step.source.size * self.lanes.width
+        writer.do(f"call void @{name}(ptr align 8 {target}, ptr align 8 {source}, i64 {size}, i1 false)")
+
+    def _each(self, size: int, body) -> None:
+        if size > _UNROLLED:
+            self._loop(str(size), body)
+        else:
+            for element in range(size):
+                body(str(element))
+
+    def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
+        """Collect what is not finite, and leave the straight path only if something is."""
+        writer, lanes = self.writer, self.lanes
+        source = self._address(step.source, turns)
+        shared = self._shared(step.source)
+        found = writer.let(f"alloca {lanes.boolean}, align 8")
+        writer.do(f"store {lanes.boolean} zeroinitializer, ptr {found}, align 8")
+
+        def test(element: str) -> None:
+            size = writer.intrinsic("fabs", load(writer, source, element, shared))
+            bad = writer.compare("ueq", size, lanes.constant(float("inf")))
+            sofar = writer.let(f"load {lanes.boolean}, ptr {found}, align 8")
+            joined = writer.let(f"or {lanes.boolean} {sofar}, {bad}")
+            writer.do(f"store {lanes.boolean} {joined}, ptr {found}, align 8")
+
+        self._each(step.source.size, test)
+        bad = writer.let(f"load {lanes.boolean}, ptr {found}, align 8")
+        failed, go_on = writer.label("failed"), writer.label("on")
+        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
+        writer.place(failed)
+        self._record(bad, step.code, turns[0] if turns else "0", go_on)
+        writer.place(go_on)
+
+    def _record(self, bad: str, code: int, turn: str, go_on: str) -> None:
+        """Mark the lanes that fail for the first time; stop when no lane is left."""
+        writer, lanes = self.writer, self.lanes
+        integer, boolean = lanes.integer, lanes.boolean
+        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
+        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
+        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
+        fresh = writer.let(f"and {boolean} {bad}, {alive}")
+        if lanes.width > 1:
+            first = writer.let(f"insertelement {integer} poison, i64 {turn}, i64 0")
+            mask = f"<{lanes.width} x i32> zeroinitializer"
+            turn = writer.let(f"shufflevector {integer} {first}, {integer} poison, {mask}")
+        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(code)}, {integer} {codes}")
+        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
+        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
+        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
+        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
+        writer.do(f"br i1 {left}, label %{go_on}, label %finish")

@@ -1,0 +1,167 @@
+"""Lines of LLVM text: types for one lane or many, constants, fresh names, and what the module must declare."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+PREFIX = "flexhinf_"
+"""Every emitted name starts with it: a function named `step` once bound silently to a symbol of the C library."""
+
+PURE = "nounwind willreturn memory(none)"
+"""Attributes of functions whose result depends on their arguments alone."""
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """How a number looks in the text when W of them travel together.
+
+    Parameters
+    ----------
+    width : int
+        W ≥ 1.
+    """
+
+    width: int
+
+    @property
+    def real(self) -> str:
+        """Type of a float64 in every lane."""
+        return self.type("double")
+
+    @property
+    def integer(self) -> str:
+        """Type of a 64-bit integer in every lane."""
+        return self.type("i64")
+
+    @property
+    def boolean(self) -> str:
+        """Type of a truth value in every lane."""
+        return self.type("i1")
+
+    def type(self, scalar: str) -> str:
+        """Type of a scalar in every lane."""
+        return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
+
+    def suffix(self, scalar: str = "f64") -> str:
+        """Suffix of the intrinsics on that scalar in every lane."""
+        return scalar if self.width == 1 else f"v{self.width}{scalar}"
+
+    def constant(self, value: float) -> str:
+        """The same float64 in every lane, by its bits."""
+        return self._splat("double", f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}")
+
+    def whole(self, value: int) -> str:
+        """The same integer in every lane."""
+        return self._splat("i64", str(value))
+
+    def _splat(self, scalar: str, value: str) -> str:
+        return value if self.width == 1 else f"splat ({scalar} {value})"
+
+
+@dataclass
+class ModuleText:
+    """What a module collects while functions are written: definitions, declarations, and names to link.
+
+    Attributes
+    ----------
+    lanes : Lanes
+    definitions : dict of str to str
+        Function name to text, in the order of writing.
+    declarations : dict of str to str
+        Intrinsics and foreign functions.
+    library : dict of str to str
+        Emitted name of a C library function to its own name.
+    """
+
+    lanes: Lanes
+    definitions: dict[str, str] = field(default_factory=dict)
+    declarations: dict[str, str] = field(default_factory=dict)
+    library: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return "\n".join([*self.declarations.values(), *self.definitions.values(), ""])
+
+
+class Writer:
+    """Body of one function: appends lines, hands out names.
+
+    Parameters
+    ----------
+    module : ModuleText
+    """
+
+    def __init__(self, module: ModuleText) -> None:
+        self.module = module
+        self.lanes = module.lanes
+        self.lines: list[str] = []
+        self._names = 0
+
+    def name(self) -> str:
+        """A fresh local name."""
+        self._names += 1
+        return f"%v{self._names}"
+
+    def label(self, what: str) -> str:
+        """A fresh block label, not yet placed."""
+        self._names += 1
+        return f"{what}{self._names}"
+
+    def place(self, label: str) -> None:
+        """Start a block here."""
+        self.lines.append(f"{label}:")
+
+    def do(self, line: str) -> None:
+        """A line without a result."""
+        self.lines.append(f"  {line}")
+
+    def let(self, expression: str) -> str:
+        """A line with a result; returns its name."""
+        name = self.name()
+        self.lines.append(f"  {name} = {expression}")
+        return name
+
+    def real(self, operation: str, *operands: str) -> str:
+        """An LLVM operation on floats, such as ``fadd``."""
+        return self.let(f"{operation} {self.lanes.real} {', '.join(operands)}")
+
+    def whole(self, operation: str, *operands: str) -> str:
+        """An LLVM operation on 64-bit integers, such as ``xor``."""
+        return self.let(f"{operation} {self.lanes.integer} {', '.join(operands)}")
+
+    def compare(self, predicate: str, left: str, right: str) -> str:
+        """Truth value of an LLVM comparison of floats, such as ``olt``."""
+        return self.let(f"fcmp {predicate} {self.lanes.real} {left}, {right}")
+
+    def select(self, condition: str, yes: str, no: str) -> str:
+        """`yes` where the condition holds, else `no`."""
+        real = self.lanes.real
+        return self.let(f"select {self.lanes.boolean} {condition}, {real} {yes}, {real} {no}")
+
+    def bits(self, value: str) -> str:
+        """The bits of a float."""
+        return self.let(f"bitcast {self.lanes.real} {value} to {self.lanes.integer}")
+
+    def float(self, bits: str) -> str:
+        """The float of these bits."""
+        return self.let(f"bitcast {self.lanes.integer} {bits} to {self.lanes.real}")
+
+    def intrinsic(self, name: str, *operands: str) -> str:
+        """An LLVM intrinsic on floats, such as ``floor``."""
+        real = self.lanes.real
+        full = f"llvm.{name}.{self.lanes.suffix()}"
+        self.module.declarations[full] = f"declare {real} @{full}({', '.join([real] * len(operands))})"
+        return self.call(full, *operands)
+
+    def any(self, condition: str) -> str:
+        """Does the condition hold in some lane (an i1)?"""
+        if self.lanes.width == 1:
+            return condition
+        full = f"llvm.vector.reduce.or.{self.lanes.suffix('i1')}"
+        self.module.declarations[full] = f"declare i1 @{full}({self.lanes.boolean})"
+        return self.let(f"call i1 @{full}({self.lanes.boolean} {condition})")
+
+    def call(self, function: str, *operands: str) -> str:
+        """Call a function from floats to a float."""
+        real = self.lanes.real
+        return self.let(f"call {real} @{function}({', '.join(f'{real} {operand}' for operand in operands)})")

@@ -1,0 +1,122 @@
+"""Sine and cosine: one sequence of operations for one lane and for many, so that all give the same bits.
+
+x is reduced by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4, and the
+polynomials of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. Arguments
+beyond `REACH` go to the C library.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexhinf.codegen.emit.library import library_call
+from flexhinf.codegen.emit.text import PREFIX, PURE, Writer
+
+REACH = 2.0**30
+"""Largest |x| that is reduced here: k·2/π is known to well below 1, so that |r| ≤ π/4 holds but for rounding."""
+
+# π/2 as an unevaluated sum of three float64 numbers.
+_HALF_PI = (
+    float.fromhex("0x1.921fb54442d18p+0"),
+    float.fromhex("0x1.1a62633145c07p-54"),
+    float.fromhex("-0x1.f1976b7ed8fbcp-110"),
+)
+# Adding it to |q| < 2^51 leaves the nearest integer in the low bits of the significand.
+_ROUNDER = 1.5 * 2.0**52
+# sin r = r + r³·S(r²) and cos r = 1 - r²/2 + r⁴·C(r²) on |r| ≤ π/4, highest degree first.
+_SINE = (
+    1.58969099521155010221e-10,
+    -2.50507602534068634195e-08,
+    2.75573137070700676789e-06,
+    -1.98412698298579493134e-04,
+    8.33333333332248946124e-03,
+    -1.66666666666666324348e-01,
+)
+_COSINE = (
+    -1.13596475577881948265e-11,
+    2.08757232129817482790e-09,
+    -2.75573143513906633035e-07,
+    2.48015872894767294178e-05,
+    -1.38888888888741095749e-03,
+    4.16666666666666019037e-02,
+)
+
+
+def sine(writer: Writer, value: str) -> str:
+    """Emit sin x; returns the name of the result."""
+    return writer.call(_define(writer, "sin"), value)
+
+
+def cosine(writer: Writer, value: str) -> str:
+    """Emit cos x; returns the name of the result."""
+    return writer.call(_define(writer, "cos"), value)
+
+
+def _define(caller: Writer, name: str) -> str:
+    full = f"{PREFIX}{name}_reduced"
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module)
+        real = writer.lanes.real
+        near = _near(writer, "%x", name)
+        result = _beyond(writer, "%x", near, name)
+        writer.do(f"ret {real} {result}")
+        head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
+        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+    return full
+
+
+def _near(writer: Writer, value: str, name: str) -> str:
+    """The function for |x| ≤ REACH; NaN for NaN and infinities."""
+    lanes = writer.lanes
+    size = writer.intrinsic("fabs", value)
+    shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(_ROUNDER))
+    quadrant = writer.bits(shifted)
+    turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(_ROUNDER)))
+    rest = size
+    for part in _HALF_PI:
+        rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
+    odd = writer.let(
+        f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
+    )
+    sin, cos = _polynomials(writer, rest)
+    if name == "sin":
+        result = writer.select(odd, cos, sin)
+        flip = writer.whole("xor", writer.whole("shl", quadrant, lanes.whole(62)), writer.bits(value))
+    else:
+        result = writer.select(odd, sin, cos)
+        flip = writer.whole("shl", writer.whole("add", quadrant, lanes.whole(1)), lanes.whole(62))
+    sign = writer.whole("and", flip, lanes.whole(-(2**63)))
+    return writer.float(writer.whole("xor", writer.bits(result), sign))
+
+
+def _polynomials(writer: Writer, rest: str) -> tuple[str, str]:
+    constant = writer.lanes.constant
+    square = writer.real("fmul", rest, rest)
+
+    def horner(coefficients: tuple[float, ...]) -> str:
+        value = constant(coefficients[0])
+        for coefficient in coefficients[1:]:
+            value = writer.intrinsic("fma", value, square, constant(coefficient))
+        return value
+
+    cube = writer.real("fmul", square, rest)
+    sin = writer.intrinsic("fma", horner(_SINE), cube, rest)
+    parabola = writer.intrinsic("fma", square, constant(-0.5), constant(1.0))
+    fourth = writer.real("fmul", square, square)
+    cos = writer.intrinsic("fma", horner(_COSINE), fourth, parabola)
+    return sin, cos
+
+
+def _beyond(writer: Writer, value: str, near: str, name: str) -> str:
+    """The C library for finite |x| > REACH, behind a branch that is hardly ever taken."""
+    lanes = writer.lanes
+    size = writer.intrinsic("fabs", value)
+    far = writer.compare("ogt", size, lanes.constant(REACH))
+    finite = writer.compare("olt", size, lanes.constant(math.inf))
+    far = writer.let(f"and {lanes.boolean} {far}, {finite}")
+    writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
+    writer.place("beyond")
+    exact = writer.select(far, library_call(writer, name, value), near)
+    writer.do("br label %done")
+    writer.place("done")
+    return writer.let(f"phi {lanes.real} [ {near}, %entry ], [ {exact}, %beyond ]")

@@ -1,0 +1,158 @@
+"""The same program walked with CasADi's own evaluator: the fallback, and the oracle of the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from flexhinf.codegen.kernel import Kernel, Status
+from flexhinf.codegen.program import Call, Copy, Guard, Program, Slice, Step
+
+
+def interpret(program: Program, lanes: int = 1) -> Kernel:
+    """A kernel that evaluates the program without compiling it.
+
+    Parameters
+    ----------
+    program : Program
+    lanes : int
+        Lanes are run one after the other.
+
+    Returns
+    -------
+    Kernel
+        Some microseconds per call of a traced function.
+    """
+    return InterpretedKernel(program, lanes)
+
+
+class InterpretedKernel(Kernel):
+    """See `interpret`."""
+
+    compiled = False
+
+    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int]) -> BoundWalk:
+        return BoundWalk(self, arrays, counts)
+
+
+class _Stop(Exception):
+    """A guard failed; carries the code and the index of the outermost loop."""
+
+
+Walk = Callable[[tuple[int, ...]], None]
+
+
+class BoundWalk:
+    """An interpreted program with its arrays; every lane is a column that is copied in, run, and copied back."""
+
+    def __init__(
+        self, kernel: InterpretedKernel, arrays: dict[str, np.ndarray], counts: dict[str, int]
+    ) -> None:
+        self._lanes = kernel.lanes
+        self._counts = counts
+        self._shared = {buffer.name: buffer.shared for buffer in kernel.program.buffers}
+        self._arrays = arrays
+        self._columns = {
+            buffer.name: np.zeros(buffer.size or 0)
+            if buffer.role == "work"
+            else np.empty(self._column(buffer.name, 0).size)
+            for buffer in kernel.program.buffers
+        }
+        self._work = [buffer.name for buffer in kernel.program.buffers if buffer.role == "work"]
+        self._written = [buffer.name for buffer in kernel.program.buffers if buffer.role in ("out", "state")]
+        self._walks = [self._walk(step) for step in kernel.program.body]
+        self._codes = np.zeros(kernel.lanes, dtype=np.int64)
+        self._steps = np.full(kernel.lanes, -1, dtype=np.int64)
+
+    def __call__(self) -> int:
+        """Run every lane; the largest code, 0 when all is well."""
+        for lane in range(self._lanes):
+            self._codes[lane], self._steps[lane] = self._run_lane(lane)
+        return int(self._codes.max())
+
+    @property
+    def status(self) -> Status:
+        """Status of the last call."""
+        if self._lanes == 1:
+            return Status(int(self._codes[0]), int(self._steps[0]))
+        return Status(self._codes.copy(), self._steps.copy())
+
+    def _run_lane(self, lane: int) -> tuple[int, int]:
+        for name in self._arrays:
+            self._columns[name][:] = self._column(name, lane)
+        for name in self._work:
+            self._columns[name][:] = 0.0
+        outcome = (0, -1)
+        try:
+            for walk in self._walks:
+                walk(())
+        except _Stop as stop:
+            outcome = stop.args
+        for name in self._written:
+            self._column(name, lane)[:] = self._columns[name]
+        return outcome
+
+    def _column(self, name: str, lane: int) -> np.ndarray:
+        array = self._arrays[name]
+        if self._shared[name] or self._lanes == 1:
+            return array.reshape(-1)
+        return array.reshape(-1, self._lanes)[:, lane]
+
+    def _walk(self, step: Step) -> Walk:
+        if isinstance(step, Call):
+            return self._call(step)
+        if isinstance(step, Copy):
+            source, target = self._view(step.source), self._view(step.target)
+
+            def copy(turns: tuple[int, ...]) -> None:
+                target(turns)[:] = source(turns).copy()
+
+            return copy
+        if isinstance(step, Guard):
+            watched, code = self._view(step.source), step.code
+
+            def guard(turns: tuple[int, ...]) -> None:
+                if not np.isfinite(watched(turns)).all():
+                    raise _Stop(code, turns[0] if turns else 0)
+
+            return guard
+        inner, count = [self._walk(step) for step in step.body], self._counts[step.count]
+
+        def repeat(turns: tuple[int, ...]) -> None:
+            for turn in range(count):
+                deeper = (*turns, turn)
+                for walk in inner:
+                    walk(deeper)
+
+        return repeat
+
+    def _call(self, step: Call) -> Walk:
+        arguments = [np.empty(piece.size) for piece in step.inputs]
+        results = [np.empty(piece.size) for piece in step.outputs]
+        evaluator, trigger = step.function.buffer()
+        for k, argument in enumerate(arguments):
+            evaluator.set_arg(k, memoryview(argument))
+        for k, result in enumerate(results):
+            evaluator.set_res(k, memoryview(result))
+        sources = [self._view(piece) for piece in step.inputs]
+        targets = [self._view(piece) for piece in step.outputs]
+
+        def call(turns: tuple[int, ...], _alive: object = evaluator) -> None:
+            for argument, source in zip(arguments, sources, strict=True):
+                argument[:] = source(turns)
+            trigger()
+            for target, result in zip(targets, results, strict=True):
+                target(turns)[:] = result
+
+        return call
+
+    def _view(self, piece: Slice) -> Callable[[tuple[int, ...]], np.ndarray]:
+        column = self._columns[piece.buffer]
+
+        def view(turns: tuple[int, ...]) -> np.ndarray:
+            moved = (stride * turn for stride, turn in zip(piece.strides, turns, strict=False))
+            start = piece.offset + sum(moved)
+            return column[start : start + piece.size]
+
+        return view

@@ -1,0 +1,363 @@
+"""What a kernel runs: traced functions, copies and guards over named flat arrays, inside loops.
+
+A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the interpreter
+read the very same text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+from flexhinf.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import casadi
+
+Role = Literal["in", "out", "state", "work"]
+
+
+@dataclass(frozen=True)
+class Buffer:
+    """A flat float64 array, known by name.
+
+    Parameters
+    ----------
+    name : str
+        An identifier, unique in the program.
+    size : int or None
+        Number of elements per lane; None leaves it to the array given at run time.
+    role : {"in", "out", "state", "work"}
+        "in" is only read; "out" is written; "state" is read and written; "work" belongs to the kernel: the caller
+        gives no array for it, and it is zero at the start of every run.
+    shared : bool
+        One copy for all lanes (only for "in").
+
+    Raises
+    ------
+    InvalidInput
+        Bad name, size or role; a shared buffer that is not "in"; a work buffer without a size.
+    """
+
+    name: str
+    size: int | None
+    role: Role
+    shared: bool = False
+
+    def __post_init__(self) -> None:
+        _check_identifier(self.name, "buffer")
+        if self.role not in get_args(Role):
+            raise InvalidInput(
+                f"Buffer '{self.name}' has an unknown role.",
+                f"expected one of {', '.join(get_args(Role))}, got {self.role!r}",
+                "'in' for data, 'state' for what is updated in place, 'out' for results, 'work' for scratch",
+            )
+        if self.size is not None and not (_is_integer(self.size) and self.size > 0):
+            raise InvalidInput(
+                f"Buffer '{self.name}' has no usable size.",
+                f"expected a positive integer or None, got {self.size!r}",
+                "None when the array given at run time decides",
+            )
+        if self.size is None and self.role == "work":
+            raise InvalidInput(
+                f"Work buffer '{self.name}' has no size.",
+                "the kernel makes work buffers itself and must know how long they are; got size=None",
+                "a size, or the role 'state' with an array of your own",
+            )
+        if self.shared and self.role != "in":
+            raise InvalidInput(
+                f"Buffer '{self.name}' cannot be shared.",
+                f"lanes may only share what they all read (role 'in'), got role {self.role!r}",
+                "shared=False",
+            )
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Elements ``offset + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer, k_d the index of the d-th enclosing loop.
+
+    Parameters
+    ----------
+    buffer : str
+    offset : int
+        First element, in elements.
+    size : int
+        Number of elements.
+    strides : tuple of int
+        Elements to move per turn of each enclosing `Repeat`, outermost first; ``()`` stays in place.
+
+    Raises
+    ------
+    InvalidInput
+        Negative offset, size below one, or strides that are not integers.
+    """
+
+    buffer: str
+    offset: int = 0
+    size: int = 1
+    strides: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "strides", tuple(self.strides))
+        numbers = (self.offset, self.size, *self.strides)
+        if not all(map(_is_integer, numbers)) or self.offset < 0 or self.size < 1:
+            raise InvalidInput(
+                f"A slice of '{self.buffer}' is not usable.",
+                f"expected integers with offset ≥ 0 and size ≥ 1, got offset={self.offset!r}, "
+                f"size={self.size!r}, strides={self.strides!r}",
+                "Slice(buffer, offset, size, strides)",
+            )
+
+    def __str__(self) -> str:
+        moves = "".join(f" + {stride}·k{depth}" for depth, stride in enumerate(self.strides) if stride)
+        return f"{self.buffer}[{self.offset}{moves} : +{self.size}]"
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        An SX function whose arguments and results are dense.
+    inputs, outputs : tuple of Slice
+        One per argument and per result, of the same number of elements.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice, ...]
+    outputs: tuple[Slice, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        function = self.function
+        if not function.is_a("SXFunction"):
+            raise InvalidInput(
+                f"Function '{function.name()}' cannot be compiled.",
+                f"expected a casadi.Function of SX operations, got {function.class_name()}",
+                "function.expand(), or trace it with flexhinf.scalars.trace",
+            )
+        if function.has_free():
+            raise InvalidInput(
+                f"Function '{function.name()}' has symbols that are no arguments.",
+                f"free symbols: {', '.join(function.get_free())}",
+                "pass them as arguments",
+            )
+        arguments = [function.sparsity_in(k) for k in range(function.n_in())]
+        results = [function.sparsity_out(k) for k in range(function.n_out())]
+        _check_sizes(function.name(), "argument", function.name_in(), arguments, self.inputs)
+        _check_sizes(function.name(), "result", function.name_out(), results, self.outputs)
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Copy one slice onto another of the same size (they may overlap)."""
+
+    source: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if self.source.size != self.target.size:
+            raise InvalidInput(
+                "A copy joins slices of different sizes.",
+                f"source {self.source}, target {self.target}",
+                "slices of the same size",
+            )
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Stop unless every element is finite.
+
+    Parameters
+    ----------
+    source : Slice
+    code : int
+        Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
+    """
+
+    source: Slice
+    code: int
+
+    def __post_init__(self) -> None:
+        if not _is_integer(self.code) or self.code < 1:
+            raise InvalidInput(
+                f"The guard of {self.source} has no usable code.",
+                f"expected an integer ≥ 1 (0 means that all is well), got {self.code!r}",
+                "a small positive number per kind of failure",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Repeat:
+    """Run `body` as many times as the run-time count says.
+
+    Parameters
+    ----------
+    count : str
+        Name of a count of the program.
+    body : tuple of Call, Copy, Guard or Repeat
+    """
+
+    count: str
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", tuple(self.body))
+
+
+Step: TypeAlias = Call | Copy | Guard | Repeat
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Steps over buffers, validated as a whole.
+
+    Parameters
+    ----------
+    name : str
+        An identifier.
+    buffers : tuple of Buffer
+    body : tuple of Call, Copy, Guard or Repeat
+    counts : tuple of str
+        Names of the run-time integers that `Repeat` uses.
+
+    Raises
+    ------
+    InvalidInput
+        Duplicate names, unknown buffers or counts, a write to an "in" buffer, a slice outside of a sized buffer, or
+        strides whose number is not the depth of the loop.
+    """
+
+    name: str
+    buffers: tuple[Buffer, ...]
+    body: tuple[Step, ...]
+    counts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field in ("buffers", "body", "counts"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
+        _check_identifier(self.name, "program")
+        for count in self.counts:
+            _check_identifier(count, "count")
+        names = [*(buffer.name for buffer in self.buffers), *self.counts]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InvalidInput(
+                f"Program '{self.name}' uses a name twice.",
+                f"every buffer and count needs its own name, got twice: {', '.join(twice)}",
+                "rename one of them",
+            )
+        for step, loops in self.steps():
+            self._check_step(step, len(loops))
+
+    def buffer(self, name: str) -> Buffer:
+        """The buffer of that name (KeyError when there is none)."""
+        for buffer in self.buffers:
+            if buffer.name == name:
+                return buffer
+        raise KeyError(name)
+
+    def steps(self) -> Iterator[tuple[Step, tuple[str, ...]]]:
+        """Every step with the counts of its enclosing loops, outermost first; a `Repeat` before its body."""
+        stack: list[tuple[Step, tuple[str, ...]]] = [(step, ()) for step in reversed(self.body)]
+        while stack:
+            step, loops = stack.pop()
+            yield step, loops
+            if isinstance(step, Repeat):
+                stack.extend((inner, (*loops, step.count)) for inner in reversed(step.body))
+
+    def _check_step(self, step: Step, depth: int) -> None:
+        if isinstance(step, Repeat):
+            if step.count not in self.counts:
+                raise InvalidInput(
+                    f"Program '{self.name}' repeats by an unknown count.",
+                    f"expected one of {list(self.counts)}, got {step.count!r}",
+                    f"add {step.count!r} to counts",
+                )
+            return
+        if not isinstance(step, Call | Copy | Guard):
+            raise InvalidInput(
+                f"Program '{self.name}' holds something that is no step.",
+                f"expected Call, Copy, Guard or Repeat, got {type(step).__name__}",
+                "wrap a casadi.Function in Call",
+            )
+        read, written = slices(step)
+        for piece in (*read, *written):
+            self._check_slice(piece, depth)
+        for piece in written:
+            if self.buffer(piece.buffer).role == "in":
+                raise InvalidInput(
+                    f"Program '{self.name}' writes to an input.",
+                    f"{piece} is written, but buffer '{piece.buffer}' has the role 'in'",
+                    "the role 'state' (read and written), 'out' or 'work'",
+                )
+
+    def _check_slice(self, piece: Slice, depth: int) -> None:
+        names = [buffer.name for buffer in self.buffers]
+        if piece.buffer not in names:
+            raise InvalidInput(
+                f"Program '{self.name}' uses an unknown buffer.",
+                f"expected one of {names}, got {piece.buffer!r}",
+                "declare the buffer, or correct the name",
+            )
+        if piece.strides and len(piece.strides) != depth:
+            raise InvalidInput(
+                f"A slice of '{piece.buffer}' has the wrong number of strides.",
+                f"expected one per enclosing Repeat ({depth}), outermost first, got {piece.strides}",
+                "strides of that length, with 0 for the loops that do not move it, or ()",
+            )
+        size = self.buffer(piece.buffer).size
+        if size is not None and not any(piece.strides) and piece.offset + piece.size > size:
+            raise InvalidInput(
+                f"A slice leaves buffer '{piece.buffer}'.",
+                f"{piece} ends at {piece.offset + piece.size}, the buffer has {size} elements",
+                "a smaller offset or size, or a larger buffer",
+            )
+
+
+def slices(step: Call | Copy | Guard) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+    """The slices that a step reads, and those that it writes."""
+    if isinstance(step, Call):
+        return step.inputs, step.outputs
+    if isinstance(step, Copy):
+        return (step.source,), (step.target,)
+    return (step.source,), ()
+
+
+def _is_integer(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _check_identifier(name: object, kind: str) -> None:
+    if not (isinstance(name, str) and name.isidentifier() and name.isascii()):
+        raise InvalidInput(
+            f"A {kind} has no usable name.",
+            f"expected an ASCII identifier, got {name!r}",
+            "letters, digits and underscores, not starting with a digit",
+        )
+
+
+def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: tuple[Slice, ...]) -> None:
+    if len(shapes) != len(pieces):
+        raise InvalidInput(
+            f"Function '{function}' is called with the wrong number of {kind}s.",
+            f"expected {len(shapes)} slices ({', '.join(names)}), got {len(pieces)}",
+            f"one slice per {kind}",
+        )
+    for name, shape, piece in zip(names, shapes, pieces, strict=True):
+        if not shape.is_dense():
+            raise InvalidInput(
+                f"Function '{function}' has the sparse {kind} '{name}'.",
+                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
+                "casadi.densify",
+            )
+        if shape.numel() != piece.size:
+            raise InvalidInput(
+                f"Function '{function}' does not fit the slice for its {kind} '{name}'.",
+                f"expected {shape.numel()} elements, got {piece}",
+                f"a slice of size {shape.numel()}",
+            )
