@@ -1,7 +1,8 @@
 """Small dense linear algebra on any element (``np.linalg`` takes floats only).
 
-Loops over indices, so meant for matrices of the size of a state vector. The results on floats are plain floats; a matrix
-that is not positive semidefinite gives NaN, which the callers turn into an error or a status: a kernel cannot raise.
+Loops over indices, so meant for matrices of the size of a state vector. The results on floats are plain
+floats; a matrix that is not positive semidefinite gives NaN, which the callers turn into an error or a
+status: a kernel cannot raise.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ def gram(columns: np.ndarray, weights: Any, other: np.ndarray | None = None) -> 
 def cholesky(matrix: np.ndarray) -> np.ndarray:
     """Lower L with L Lᵀ = matrix, for a positive semidefinite matrix (n, n).
 
-    A pivot that is zero to rounding gives a zero column, so exactly known states (P = 0) are allowed; a negative one
-    gives NaN.
+    A pivot that is zero to rounding gives a zero column, so exactly known states (P = 0) are allowed; a
+    negative one gives NaN.
     """
     n = len(matrix)
     factor = _empty_like(matrix)

@@ -1,7 +1,7 @@
 """Functions that are not smooth: they dispatch on the element, or refuse by name.
 
-NumPy's own ``where``, ``sign``, ``clip`` and ``maximum`` compare elements, which a symbol, a truncated polynomial or an
-interval cannot answer with yes or no.
+NumPy's own ``where``, ``sign``, ``clip`` and ``maximum`` compare elements, which a symbol, a truncated
+polynomial or an interval cannot answer with yes or no.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _dispatch(name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca
         raise InvalidInput(
             f"The function {name} is not smooth, so it is not defined on {offender.__name__} elements.",
             f"expected numbers or symbols, got {offender.__name__}",
-            "a smooth model for the synthesis (tanh instead of sign), and the piecewise one in the true plant only",
+            "a smooth model for the synthesis (tanh instead of sign); piecewise ones in the true plant only",
         )
 
     def function(*arguments: Any) -> Any:

@@ -1,7 +1,8 @@
 """A scalar CasADi expression that lives safely inside NumPy object arrays.
 
-``casadi.SX`` is itself array-like, which confuses NumPy inside object arrays; `Symbol` is the thin wrapper that
-makes slicing, ``@``, ``np.outer`` and ``np.sin`` work. What is not listed here raises: it never guesses.
+``casadi.SX`` is itself array-like, which confuses NumPy inside object arrays; `Symbol` is the thin
+wrapper which makes slicing, ``@``, ``np.outer`` and ``np.sin`` work. What is not listed here raises: it
+never guesses.
 """
 
 from __future__ import annotations
@@ -91,14 +92,16 @@ class Symbol:
     arctan2, hypot = _binary(ca.atan2), _binary(ca.hypot)
 
     def log10(self) -> Symbol:
+        """Decimal logarithm."""
         return Symbol(ca.log(self.sx) / np.log(10.0))
 
     def conjugate(self) -> Symbol:
+        """The symbol itself: it is real."""
         return self
 
     def __bool__(self) -> bool:
         raise InvalidInput(
-            "A symbolic expression has no truth value, so Python's `if`, `max`, `np.where` … cannot branch on it.",
+            "A symbolic expression has no truth value, so `if`, `max`, `np.where` cannot branch on it.",
             f"expected arithmetic or a function of flexhinf.scalars, got a branch on {self!r}",
             "flexhinf.scalars.where, maximum, minimum, clip, sign or absolute",
         )
@@ -108,7 +111,7 @@ class Symbol:
             return float(self.sx)
         raise InvalidInput(
             "A symbolic expression is not a number.",
-            f"expected arithmetic on the element, got float({self!r}) (the math module and float arrays ask for it)",
+            f"expected arithmetic on the element, got float({self!r}) (math.sin and float arrays do that)",
             "np.sin instead of math.sin; np.array([...]) of the elements instead of filling a float array",
         )
 

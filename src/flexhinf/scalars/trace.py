@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -37,7 +38,9 @@ def pack(array: Any) -> ca.SX:
     return ca.densify(ca.vertcat(*parts)) if parts else ca.SX.zeros(0, 1)
 
 
-def trace(function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None) -> ca.Function:
+def trace(
+    function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None
+) -> ca.Function:
     """Run `function` on symbols and return what it computed as a CasADi function.
 
     Parameters
@@ -69,7 +72,7 @@ def trace(function: Callable[..., Any], *shapes: Shape, name: str = "traced", na
     sizes = [output.numel() for output in outputs]
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
     edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-    split = [ca.densify(shared[int(a) : int(b)]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
     return ca.Function(name, [pack(a) for a in arguments], split)
 
 
@@ -88,7 +91,9 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
 
 
-def jacobian(function: Callable[..., Any], *shapes: Shape, name: str = "jacobian") -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+def jacobian(
+    function: Callable[..., Any], *shapes: Shape, name: str = "jacobian"
+) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 
     Returns

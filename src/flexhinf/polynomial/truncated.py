@@ -1,0 +1,271 @@
+"""Algebra of truncated multivariate polynomials: sums, products and compositions up to a total degree.
+
+A polynomial of a `Space` (n variables, degree D) is a `Support`, the ordered numbers of its monomials, and a
+vector with one value per monomial. Monomials are numbered degree after degree, each degree in the order of
+`basis.indices`, so the numbers of a full support are the places of the dense coefficient vector.
+
+Model code multiplies polynomials that depend on few of the variables, or only linearly on some of them,
+and it does so with the same supports each time it runs. Supports are therefore interned, and what depends
+on them alone (which pairs of monomials meet, and where their product goes) is worked out once and kept: a
+product is then two gathers and one summation by place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import comb
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from flexhinf.polynomial import basis
+
+__all__ = ["Space", "Support", "add", "compose", "degree_slice", "multiply", "size", "space"]
+
+#: Pairs of monomials that a space may remember (24 bytes each) before it forgets what it worked out.
+REMEMBERED_PAIRS = 12_000_000
+
+_SPACES: WeakValueDictionary[tuple[int, int], Space] = WeakValueDictionary()
+
+
+def size(n: int, degree: int) -> int:
+    """Number of monomials of degree 0 … `degree`, C(n+degree, degree); 0 for a negative degree."""
+    return comb(n + degree, degree) if degree >= 0 else 0
+
+
+def degree_slice(n: int, k: int) -> slice:
+    """Where the monomials of degree exactly `k` are in a dense coefficient vector."""
+    return slice(size(n, k - 1), size(n, k))
+
+
+@lru_cache(16)  # what the last ones have worked out is kept; older ones live as long as their polynomials do
+def space(n: int, degree: int) -> Space:
+    """The polynomials in `n` variables through total degree `degree`; the same object each time."""
+    found = _SPACES.get((n, degree))
+    if found is None:
+        found = _SPACES[n, degree] = Space(n, degree)
+    return found
+
+
+class Space:
+    """Polynomials in `n` variables, truncated after total degree `degree`. Made by `space`, which interns it.
+
+    Attributes
+    ----------
+    n, degree : int
+    size : int
+        Length of a dense coefficient vector.
+    zero, constant : Support
+        No monomial at all, and only the constant one.
+    """
+
+    def __init__(self, n: int, degree: int) -> None:
+        self.n = n
+        self.degree = degree
+        self.edges = np.array([size(n, k - 1) for k in range(degree + 2)])
+        self.size = int(self.edges[-1])
+        self.remembered = 0
+        self._supports: dict[bytes, Support] = {}
+        self.zero = self.support(np.zeros(0, np.intp))
+        self.constant = self.support(np.zeros(1, np.intp))
+
+    def support(self, monomials: np.ndarray) -> Support:
+        """The interned support of ascending monomial numbers, shape (N,)."""
+        key = monomials.astype(np.int32).tobytes()
+        found = self._supports.get(key)
+        if found is None:
+            found = self._supports.setdefault(key, Support(self, monomials))
+        return found
+
+    def remember(self, pairs: int) -> None:
+        """Count stored pairs; when they are too many, forget what every support has worked out."""
+        self.remembered += pairs
+        if self.remembered > REMEMBERED_PAIRS:
+            self.remembered = pairs
+            for support in self._supports.values():
+                support.forget()
+
+
+class Support:
+    """Which monomials of a space a polynomial has. Made by `Space.support`, so equal supports are one object.
+
+    Attributes
+    ----------
+    space : Space
+    monomials : ndarray of int, shape (N,)
+        Ascending numbers of the monomials.
+    edges : list of int
+        Monomials of degree k are at `monomials[edges[k]:edges[k + 1]]`.
+    has_constant : bool
+        Whether the first monomial is the constant one.
+    """
+
+    __slots__ = ("_compositions", "_products", "_sums", "edges", "has_constant", "monomials", "space")
+
+    def __init__(self, space: Space, monomials: np.ndarray) -> None:
+        self.space = space
+        self.monomials = monomials
+        self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
+        self.has_constant = self.edges[1] > 0
+        self._sums: dict[Support, _Sum] = {}
+        self._products: dict[tuple[Support, int, bool], _Product] = {}
+        self._compositions: list[_Product] | None = None
+
+    def forget(self) -> None:
+        """Drop what was worked out for this support."""
+        self._sums.clear()
+        self._products.clear()
+        self._compositions = None
+
+    def lowest_degree(self) -> int:
+        """Smallest degree of a monomial of the support (which is not empty)."""
+        return next(k for k in range(self.space.degree + 1) if self.edges[k + 1] > 0)
+
+    def ranks(self, k: int) -> np.ndarray:
+        """Ranks, in `basis.indices(n, k)`, of the monomials of degree `k`."""
+        return self.monomials[self.edges[k] : self.edges[k + 1]] - self.space.edges[k]
+
+    def sum(self, other: Support) -> _Sum:
+        """The union with `other`, and where each of the two is in it."""
+        found = self._sums.get(other)
+        if found is None:
+            found = self._sums[other] = _Sum(self, other)
+            self.space.remember(found.size)
+        return found
+
+    def product(self, other: Support, limit: int, constant: bool = False) -> _Product:
+        """The products with `other` through degree `limit`; `constant` adds the monomial 1 to the result."""
+        key = (other, limit, constant)
+        found = self._products.get(key)
+        if found is None:
+            found = self._products[key] = _Product(self, other, limit, constant)
+            self.space.remember(found.pairs)
+        return found
+
+    def compositions(self) -> list[_Product]:
+        """The products of Horner's rule for a series in a polynomial of this support (without constant)."""
+        if self._compositions is None:
+            lowest, degree = self.lowest_degree(), self.space.degree
+            inner, steps = self.space.constant, []
+            for k in reversed(range(degree // lowest)):
+                step = _Product(self, inner, degree - k * lowest, constant=True)
+                steps.append(step)
+                inner = step.support
+            self._compositions = steps
+            self.space.remember(sum(step.pairs for step in steps))
+        return self._compositions
+
+
+class _Sum:
+    """The union of two supports."""
+
+    __slots__ = ("left", "right", "size", "support")
+
+    def __init__(self, a: Support, b: Support) -> None:
+        union = np.union1d(a.monomials, b.monomials)
+        self.support = a.space.support(union)
+        self.size = len(union)
+        #: Places of each one in the union; None for a support that is the union itself.
+        self.left = None if a is self.support else np.searchsorted(union, a.monomials)
+        self.right = None if b is self.support else np.searchsorted(union, b.monomials)
+
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        if self.left is None:
+            if self.right is None:
+                return a + b
+            result = a.copy()
+            result[self.right] += b
+        else:
+            result = np.zeros(self.size)
+            result[self.left] = a
+            if self.right is None:
+                result += b
+            else:
+                result[self.right] += b
+        return result
+
+
+class _Product:
+    """Which pairs of monomials of two supports meet within a degree, and the place of each product."""
+
+    __slots__ = ("left", "pairs", "places", "right", "size", "support")
+
+    def __init__(self, a: Support, b: Support, limit: int, constant: bool) -> None:
+        blocks = [np.zeros((3, 0), np.intp)]
+        for i in range(limit + 1):
+            for j in range(limit + 1 - i):
+                rows, columns = slice(a.edges[i], a.edges[i + 1]), slice(b.edges[j], b.edges[j + 1])
+                if rows.start < rows.stop and columns.start < columns.stop:
+                    places = np.mgrid[rows, columns]
+                    blocks.append(np.vstack([places.reshape(2, -1), _numbers(a, i, b, j).reshape(1, -1)]))
+        self.left, self.right, target = np.hstack(blocks).astype(np.intp)
+        self.pairs = len(target)
+        present = np.zeros(a.space.size, bool)
+        present[target] = True
+        present[0] |= constant
+        monomials = np.flatnonzero(present)
+        self.support = a.space.support(monomials)
+        self.size = len(monomials)
+        self.places = (np.cumsum(present) - 1)[target]
+
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.bincount(self.places, a.take(self.left) * b.take(self.right), self.size)
+
+
+def _numbers(a: Support, i: int, b: Support, j: int) -> np.ndarray:
+    """Numbers of the products of the monomials of degree i of `a` (rows) and of degree j of `b` (columns)."""
+    n = a.space.n
+    if i > j:
+        return _numbers(b, j, a, i).T
+    tuples = basis.indices(n, i)[a.ranks(i)]
+    merged = np.broadcast_to(b.ranks(j), (len(tuples), b.edges[j + 1] - b.edges[j]))
+    for s in range(i):
+        merged = basis.insertion(n, j + s + 1)[merged, tuples[:, s, None]]
+    return merged.astype(np.intp) + a.space.edges[i + j]
+
+
+def add(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:
+    """Sum of two polynomials of one space."""
+    if a is b:
+        return a, x + y
+    plan = a.sum(b)
+    return plan.support, plan(x, y)
+
+
+def multiply(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:
+    """Product of two polynomials of one space, truncated after its degree."""
+    plan = a.product(b, a.space.degree)
+    return plan.support, plan(x, y)
+
+
+def compose(series: Sequence[float], a: Support, x: np.ndarray) -> tuple[Support, np.ndarray]:
+    """Σ seriesₖ pᵏ for a polynomial p without constant term, truncated, by Horner's rule.
+
+    The inner steps of the rule are multiplied by p again, once for each step that follows, so they are
+    needed to lower degrees only: the whole rule costs little more than its last product.
+
+    Parameters
+    ----------
+    series : sequence of float, length `degree` + 1
+        Univariate Taylor coefficients.
+    a, x : Support, ndarray
+        The polynomial p.
+
+    Returns
+    -------
+    Support, ndarray
+        Monomials whose coefficient is exactly zero are dropped (half of them, for a sine about 0).
+    """
+    if not len(a.monomials) or not a.space.degree:
+        support, result = a.space.constant, np.array([series[0]], dtype=float)
+    else:
+        steps = a.compositions()
+        support, result = steps[-1].support, np.array([series[len(steps)]], dtype=float)
+        for k, step in zip(reversed(range(len(steps))), steps, strict=True):
+            result = step(x, result)
+            result[0] = series[k]
+    if not result.all():
+        kept = np.flatnonzero(result)
+        return a.space.support(support.monomials[kept]), result[kept]
+    return support, result

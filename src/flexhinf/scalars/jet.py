@@ -1,0 +1,336 @@
+"""A truncated multivariate polynomial that lives inside NumPy object arrays.
+
+Model code run on jets gives its Taylor coefficients about a point, exactly, with no finite differences.
+What is not listed here raises: it never guesses. Functions that are not smooth are refused by name
+(`flexhinf.scalars.piecewise`, and every comparison).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.polynomial import univariate
+from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
+
+__all__ = ["Jet", "coefficients", "jets"]
+
+
+def _number(value: Any) -> float | None:
+    """A real number as a float; None for anything else (NumPy then broadcasts)."""
+    if type(value) is float:
+        return value
+    return float(value) if isinstance(value, (Real, np.bool_)) else None
+
+
+def _elementary(name: str) -> Callable[[Jet], Jet]:
+    series = univariate.FUNCTIONS[name]
+
+    def method(self: Jet) -> Jet:
+        return self._compose(series)
+
+    return method
+
+
+SMOOTH = "a smooth model for the synthesis (tanh instead of sign); piecewise ones in the true plant only"
+ARRAYS = "np.sin instead of math.sin; np.array([...]) of the elements instead of filling a float array"
+
+
+def _refused(name: str, advice: str = SMOOTH) -> Callable[..., Any]:
+    def method(self: Jet, *others: Any) -> Any:
+        raise InvalidInput(
+            f"A truncated polynomial is not a number: `{name}` is not defined on it.",
+            f"expected arithmetic and smooth functions, got {name} on {self!r}",
+            advice,
+        )
+
+    return method
+
+
+class Jet:
+    """One scalar truncated polynomial in the deviations from a point, made by `jets` or `from_coefficients`.
+
+    Parameters
+    ----------
+    support : Support
+        Its monomials (the others are zero), which also know the number of variables and the degree.
+    values : ndarray, shape (N,)
+        Their coefficients; never changed afterwards.
+    """
+
+    __slots__ = ("support", "values")
+    __hash__ = None  # type: ignore[assignment]  # == is refused, so a Jet cannot be a key
+
+    def __init__(self, support: Support, values: np.ndarray) -> None:
+        self.support = support
+        self.values = values
+
+    @staticmethod
+    def from_coefficients(vector: Any, n: int, degree: int) -> Jet:
+        """The jet with a dense coefficient vector, shape (C(n+degree, degree),), degree after degree."""
+        vector = np.asarray(vector, dtype=float)
+        if vector.shape != (size(n, degree),):
+            raise InvalidInput(
+                "The coefficient vector does not fit the number of variables and the degree.",
+                f"expected ({size(n, degree)},) for n = {n} and degree {degree}, got {vector.shape}",
+                "one coefficient per monomial of degree 0 … degree",
+            )
+        present = np.flatnonzero(vector)
+        return Jet(space(n, degree).support(present), vector[present])
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return self.support.space.n
+
+    @property
+    def degree(self) -> int:
+        """Degree after which everything is dropped."""
+        return self.support.space.degree
+
+    @property
+    def constant(self) -> float:
+        """The value at the point."""
+        return float(self.values[0]) if self.support.has_constant else 0.0
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Dense monomial coefficients (C(n+degree, degree),), degree after degree, in basis order."""
+        dense = np.zeros(self.support.space.size)
+        dense[self.support.monomials] = self.values
+        return dense
+
+    # arithmetic
+
+    def _beside(self, other: Jet) -> None:
+        if self.support.space is not other.support.space:
+            raise InvalidInput(
+                "Two truncated polynomials of different kinds cannot be combined.",
+                f"expected the same variables and degree, got {self!r} and {other!r}",
+                "the elements of one call of jets(point, degree)",
+            )
+
+    def _shifted(self, amount: float) -> Jet:
+        if self.support.has_constant:
+            values = self.values.copy()
+            values[0] += amount
+            return Jet(self.support, values)
+        if amount == 0.0:
+            return self
+        return Jet(*add(self.support, self.values, self.support.space.constant, np.array([amount])))
+
+    def _scaled(self, factor: float) -> Jet:
+        if factor == 0.0:
+            return Jet(self.support.space.zero, np.zeros(0))
+        return Jet(self.support, self.values * factor)
+
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, Jet):
+            self._beside(other)
+            return Jet(*add(self.support, self.values, other.support, other.values))
+        number = _number(other)
+        return NotImplemented if number is None else self._shifted(number)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        if isinstance(other, Jet):
+            self._beside(other)
+            return Jet(*add(self.support, self.values, other.support, -other.values))
+        number = _number(other)
+        return NotImplemented if number is None else self._shifted(-number)
+
+    def __rsub__(self, other: Any) -> Any:
+        number = _number(other)
+        return NotImplemented if number is None else (-self)._shifted(number)
+
+    def __neg__(self) -> Jet:
+        return Jet(self.support, -self.values)
+
+    def __pos__(self) -> Jet:
+        return self
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Jet):
+            self._beside(other)
+            return Jet(*multiply(self.support, self.values, other.support, other.values))
+        number = _number(other)
+        return NotImplemented if number is None else self._scaled(number)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, Jet):
+            self._beside(other)
+            return self * other._power(-1.0)
+        number = _number(other)
+        if number is None:
+            return NotImplemented
+        if number == 0.0:
+            raise InvalidInput(
+                "A truncated polynomial was divided by zero.",
+                f"expected a number different from zero, got {self!r} / {number}",
+                "parameters that are not zero",
+            )
+        return Jet(self.support, self.values / number)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        number = _number(other)
+        return NotImplemented if number is None else self._power(-1.0)._scaled(number)
+
+    def __pow__(self, other: Any) -> Any:
+        if isinstance(other, Jet):
+            self._beside(other)
+            if other.support is other.support.space.constant:
+                return self._power(other.constant)
+            return (self.log() * other).exp()
+        number = _number(other)
+        return NotImplemented if number is None else self._power(number)
+
+    def __rpow__(self, other: Any) -> Any:
+        number = _number(other)
+        if number is None:
+            return NotImplemented
+        return (self * float(univariate.log(number, 0)[0])).exp()
+
+    def _power(self, exponent: float) -> Jet:
+        if exponent == 2.0:
+            return self * self
+        if exponent == 3.0:
+            return self * self * self
+        return self._compose(lambda x, degree: univariate.power(x, exponent, degree))
+
+    # functions; NumPy's ufuncs on object arrays call the method of the same name
+
+    def _compose(self, series: univariate.Series) -> Jet:
+        support, values = self.support, self.values
+        if support.has_constant:
+            outer = series(float(values[0]), support.space.degree)
+            support, values = support.space.support(support.monomials[1:]), values[1:]
+        else:
+            outer = series(0.0, support.space.degree)
+        return Jet(*compose(outer.tolist(), support, values))
+
+    sin, cos, tan = _elementary("sin"), _elementary("cos"), _elementary("tan")
+    arcsin, arccos, arctan = _elementary("arcsin"), _elementary("arccos"), _elementary("arctan")
+    sinh, cosh, tanh = _elementary("sinh"), _elementary("cosh"), _elementary("tanh")
+    arcsinh, arccosh, arctanh = _elementary("arcsinh"), _elementary("arccosh"), _elementary("arctanh")
+    exp, log, sqrt = _elementary("exp"), _elementary("log"), _elementary("sqrt")
+    expm1, log1p, log10 = _elementary("expm1"), _elementary("log1p"), _elementary("log10")
+
+    def arctan2(self, other: Any) -> Any:
+        """Angle of the point (other, self), off the origin and off the half-line where the angle jumps."""
+        x = other if isinstance(other, Jet) else _number(other)
+        if x is None:
+            return NotImplemented
+        x0, y0 = (x.constant if isinstance(x, Jet) else x), self.constant
+        if y0 == 0.0 and x0 <= 0.0:
+            raise InvalidInput(
+                "The function arctan2 has no Taylor series at the point of the expansion.",
+                f"expected a point off the half-line y = 0, x <= 0, got (y, x) = ({y0:g}, {x0:g})",
+                "another point of expansion, or the angle measured from another axis",
+            )
+        # rotated by the angle of the point itself, so that the quotient is small and its divisor positive
+        return ((self * x0 - x * y0) / (x * x0 + self * y0)).arctan() + math.atan2(y0, x0)
+
+    def hypot(self, other: Any) -> Any:
+        """√(self² + other²), off the origin."""
+        if not isinstance(other, Jet) and _number(other) is None:
+            return NotImplemented
+        return (self * self + other * other).sqrt()
+
+    def conjugate(self) -> Jet:
+        """The jet itself: its coefficients are real."""
+        return self
+
+    # what a polynomial cannot answer
+
+    __bool__, __float__, __int__ = _refused("bool"), _refused("float", ARRAYS), _refused("int", ARRAYS)
+    __lt__, __le__, __gt__, __ge__ = _refused("<"), _refused("<="), _refused(">"), _refused(">=")
+    __eq__, __ne__ = _refused("=="), _refused("!=")  # type: ignore[assignment]
+    __abs__ = _refused("abs")
+
+    def __repr__(self) -> str:
+        return f"Jet({self.n} variables, degree {self.degree}, value {self.constant:.6g})"
+
+
+def jets(point: Any, degree: int) -> np.ndarray:
+    """The coordinates about a point: pointᵢ + xᵢ, to run model code on.
+
+    Parameters
+    ----------
+    point : array_like, shape (n,)
+        Where to expand, finite.
+    degree : int
+        Total degree that is kept, ≥ 0.
+
+    Returns
+    -------
+    ndarray of Jet, shape (n,)
+
+    Raises
+    ------
+    InvalidInput
+        For a point that is not a finite vector, or a degree that is not a whole number ≥ 0.
+    """
+    point = np.asarray(point, dtype=float)
+    if point.ndim != 1 or not len(point) or not np.isfinite(point).all():
+        raise InvalidInput(
+            "The point of the expansion cannot be used.",
+            f"expected a vector of finite numbers, got {np.array2string(point, threshold=10)}",
+            "one coordinate per variable",
+        )
+    if not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or degree < 0:
+        raise InvalidInput(
+            "The degree of the expansion cannot be used.",
+            f"expected a whole number >= 0, got {degree!r}",
+            "for example 3",
+        )
+    home = space(len(point), int(degree))
+    result = np.empty(len(point), dtype=object)
+    for i, value in enumerate(point.tolist()):
+        parts = [(0, value)] * (value != 0.0) + [(1 + i, 1.0)] * (degree > 0)
+        monomials = np.array([number for number, _ in parts], dtype=np.intp)
+        result[i] = Jet(home.support(monomials), np.array([v for _, v in parts], dtype=float))
+    return result
+
+
+def coefficients(array: Any, n: int, degree: int) -> np.ndarray:
+    """Monomial coefficients of an array of jets and numbers (a number is a constant polynomial).
+
+    Parameters
+    ----------
+    array : array_like of Jet or float, shape (...)
+    n, degree : int
+        Variables and degree of the jets.
+
+    Returns
+    -------
+    ndarray, shape (..., C(n+degree, degree))
+
+    Raises
+    ------
+    InvalidInput
+        For an element that is neither, or a jet with other variables or another degree.
+    """
+    array = np.asarray(array, dtype=object)
+    home = space(n, degree)
+    result = np.zeros((array.size, home.size))
+    for row, element in zip(result, array.ravel()):
+        if isinstance(element, Jet) and element.support.space is home:
+            row[element.support.monomials] = element.values
+            continue
+        number = None if isinstance(element, Jet) else _number(element)
+        if number is None:
+            raise InvalidInput(
+                "An element is not a polynomial of the asked kind.",
+                f"expected numbers and jets in {n} variables of degree {degree}, got {element!r}",
+                "the results of code that ran on jets(point, degree)",
+            )
+        row[0] = number
+    return result.reshape(*array.shape, home.size)
