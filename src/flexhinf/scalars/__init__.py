@@ -4,7 +4,7 @@ from flexhinf.scalars.jet import Jet, coefficients, jets
 from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
 from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
 from flexhinf.scalars.symbol import Symbol
-from flexhinf.scalars.trace import apply, jacobian, pack, symbols, trace, unpack
+from flexhinf.scalars.trace import apply, drop_empty, jacobian, pack, symbols, trace, unpack
 
 __all__ = [
     "Jet",
@@ -13,6 +13,7 @@ __all__ = [
     "apply",
     "cholesky",
     "clip",
+    "drop_empty",
     "coefficients",
     "gram",
     "jacobian",

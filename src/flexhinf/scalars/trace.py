@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 
-__all__ = ["apply", "jacobian", "pack", "symbols", "trace", "unpack"]
+__all__ = ["apply", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
 
 Shape = int | tuple[int, ...]
 
@@ -115,3 +115,12 @@ def jacobian(
         return y, dy.reshape(rows, columns)
 
     return value_and_jacobian
+
+
+def drop_empty(function: ca.Function) -> ca.Function:
+    """The function without its arguments of length zero, which no buffer can hold."""
+    arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
+    kept = [a for a in arguments if a.numel()]
+    if len(kept) == len(arguments):
+        return function
+    return ca.Function(function.name(), kept, function.call(arguments), {"cse": True})

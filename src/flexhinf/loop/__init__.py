@@ -1,0 +1,19 @@
+"""Closed loops: commands and disturbances, sampling, controller, trajectory, figures of merit."""
+
+from flexhinf.loop.closed_loop import BlackBox, Loop
+from flexhinf.loop.controller import Controller
+from flexhinf.loop.references import Constant, Quintic, Samples, Signal, Sine, Step
+from flexhinf.loop.trajectory import Trajectory
+
+__all__ = [
+    "BlackBox",
+    "Constant",
+    "Controller",
+    "Loop",
+    "Quintic",
+    "Samples",
+    "Signal",
+    "Sine",
+    "Step",
+    "Trajectory",
+]

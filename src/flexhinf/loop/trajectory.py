@@ -1,0 +1,100 @@
+"""What a run leaves behind: labelled signals with units, figures of merit, and a plot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.loop.controller import Controller
+from flexhinf.loop.metrics import loop_metrics
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+__all__ = ["Trajectory"]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Signals of one run.
+
+    Attributes
+    ----------
+    time : ndarray, (N,)
+        s.
+    signals : dict of str to ndarray, (N, k)
+        state, estimate, output, input, reference, disturbance.
+    names, units : dict of str to tuple of str
+        Of each signal's columns.
+    settings : dict
+        What was run.
+    """
+
+    time: np.ndarray
+    signals: dict[str, np.ndarray]
+    names: dict[str, tuple[str, ...]]
+    units: dict[str, tuple[str, ...]]
+    settings: dict[str, Any]
+
+    @staticmethod
+    def of(
+        plant: Any, controller: Controller, time: np.ndarray, signals: dict[str, np.ndarray], settings: dict
+    ) -> Trajectory:
+        """Label the recorded arrays of a run."""
+        names = {
+            "state": tuple(getattr(plant, "states", ())),
+            "estimate": controller.states,
+            "output": controller.measured,
+            "input": tuple(controller.law.input_names),
+            "reference": controller.tracked,
+            "disturbance": tuple(getattr(plant, "disturbances", ())),
+        }
+        names = {kind: names[kind] for kind in signals}
+        table = dict(getattr(plant, "units", {}))
+        units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
+        return Trajectory(time, signals, names, units, settings)
+
+    @property
+    def data(self) -> xr.Dataset:
+        """The run as an xarray Dataset.
+
+        Dimension ``time`` (s), and for each variable a dimension ``<variable>_name`` whose coordinate holds the names
+        of the columns, with their units beside it as ``<variable>_unit``.
+        """
+        import xarray as xr
+
+        variables, coordinates = {}, {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
+        for kind, values in self.signals.items():
+            dimension = f"{kind}_name"
+            variables[kind] = (("time", dimension), values, {"units": ", ".join(self.units[kind])})
+            coordinates[dimension] = (dimension, list(self.names[kind]))  # type: ignore[assignment]
+            coordinates[f"{kind}_unit"] = (dimension, list(self.units[kind]))  # type: ignore[assignment]
+        return xr.Dataset(variables, coordinates, {k: str(v) for k, v in self.settings.items()})
+
+    def signal(self, kind: str, name: str) -> np.ndarray:
+        """One column (N,), for example ``signal("state", "link_position")``."""
+        return self.signals[kind][:, self.names[kind].index(name)]
+
+    def tracked(self, name: str) -> np.ndarray:
+        """The true value of a tracked state (N,): from the plant, or as measured where the plant hides its state."""
+        for kind in ("state", "output", "estimate"):
+            if name in self.names.get(kind, ()):
+                return self.signal(kind, name)
+        raise KeyError(name)
+
+    def metrics(self, name: str | None = None) -> dict[str, Any]:
+        """Figures of merit of the first (or the named) tracked state.
+
+        overshoot_percent, settling_time_s (None if never settled), steady_state_error, peak_input, tracking_rmse,
+        estimation_rmse (one per estimated state; empty where the true state is not known).
+        """
+        return loop_metrics(self, name)
+
+    def plot(self) -> Figure:
+        """Tracked positions with command and estimate above, inputs below."""
+        from flexhinf.loop.plot import plot_trajectory
+
+        return plot_trajectory(self)

@@ -1,0 +1,69 @@
+"""The operating point: where the plant rests with some of its states at a wanted pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput, NumericalFailure
+
+if TYPE_CHECKING:
+    from flexhinf.plant.plant import Plant
+
+__all__ = ["equilibrium", "pose_values"]
+
+ITERATIONS = 50
+
+
+def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
+    """One value per name, from a mapping or a sequence."""
+    if isinstance(pose, Mapping):
+        unknown = [name for name in pose if name not in names]
+        if unknown:
+            raise InvalidInput(
+                f"The pose names {unknown[0]!r}.", f"expected names out of {list(names)}", "one of these"
+            )
+        return np.array([float(pose.get(name, 0.0)) for name in names])
+    values = np.atleast_1d(np.asarray(pose, dtype=float))
+    if values.shape != (len(names),) or not np.all(np.isfinite(values)):
+        raise InvalidInput(
+            "The pose does not fit the plant.",
+            f"expected {len(names)} finite values for {list(names)}, got {values}",
+            "one value per integrated state",
+        )
+    return values
+
+
+def equilibrium(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """State x* and input u* with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
+
+    Raises
+    ------
+    NumericalFailure
+        If there is no such point (found), with the state that keeps moving.
+    """
+    n = plant.n
+    fixed = [plant.index(name) for name in names]
+    free = [i for i in range(n) if i not in fixed]
+    x, u = np.zeros(n), np.zeros(len(plant.inputs))
+    x[fixed] = values
+    for _ in range(ITERATIONS):
+        rate = plant.derivative(x, u)
+        a, b, _, _ = plant.linearise(x, u)
+        step = np.linalg.lstsq(np.hstack([a[:, free], b]), -rate, rcond=None)[0]
+        x[free] += step[: len(free)]
+        u += step[len(free) :]
+        if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, np.abs(x).max(), np.abs(u).max()):
+            break
+    rate = plant.derivative(x, u)
+    worst = int(np.argmax(np.abs(rate)))
+    scale = max(1.0, float(np.abs(a).max() * np.abs(x).max(initial=0.0)))
+    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > 1e-9 * scale:
+        raise NumericalFailure(
+            "The plant has no equilibrium at this pose.",
+            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.3g} at the best point found",
+            "a pose that the inputs can hold",
+        )
+    return x, u

@@ -1,0 +1,196 @@
+"""The problem of Eq. (3): ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), in deviations from an operating point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.equilibrium import equilibrium, pose_values
+from flexhinf.plant.penalty import Penalty
+from flexhinf.plant.plant import Plant
+
+if TYPE_CHECKING:
+    from flexhinf.plant.polynomial_plant import PolynomialPlant
+
+__all__ = ["GeneralisedPlant"]
+
+#: Largest rate at the operating point, relative to the plant's own rates, that still counts as rest.
+REST_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralisedPlant:
+    """A plant with integrals of the tracking error, a penalty and disturbance channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        The physics, at its nominal parameters.
+    penalty : Penalty
+        Eq. (11) for the paper's arm. Acts on deviations from the operating point.
+    integrate : sequence of str
+        States whose tracking error is integrated: ė = x_i − x_d. They become the last states, named ``NAME_integral``.
+    command : {"disturbance", None}
+        With "disturbance" the command x_d enters as the disturbance of the synthesis through ė, the paper's g1.
+    disturbances : sequence of str, optional
+        Channels of the plant that are disturbances of the synthesis too. By default all of them without
+        a command, and none with it (the paper's choice).
+    pose : sequence or mapping, optional
+        Wanted values of the integrated states; the operating point is the equilibrium there. None: the origin.
+
+    Raises
+    ------
+    InvalidInput, NumericalFailure
+        If names do not fit, nothing disturbs, or the operating point is not an equilibrium.
+    """
+
+    plant: Plant
+    penalty: Penalty
+    integrate: tuple[str, ...] = ()
+    command: str | None = None
+    disturbances: Sequence[str] | None = None
+    pose: Any = None
+
+    def __post_init__(self) -> None:
+        if self.command not in ("disturbance", None):
+            raise InvalidInput(
+                "The command can enter the synthesis in one way only.",
+                f"expected command='disturbance' or None, got {self.command!r}",
+                "command='disturbance' for the paper's problem",
+            )
+        for name in self.integrate:
+            self.plant.index(name)
+        if self.command and not self.integrate:
+            raise InvalidInput(
+                "The command enters through the integral of the tracking error, and no state is integrated.",
+                "expected integrate=(...) with command='disturbance', got integrate=()",
+                "integrate=('link_position',)",
+            )
+        channels = self.disturbances
+        if channels is None:
+            channels = () if self.command else self.plant.disturbances
+        channels = (channels,) if isinstance(channels, str) else tuple(channels)
+        unknown = [name for name in channels if name not in self.plant.disturbances]
+        if unknown or not (channels or self.command):
+            raise InvalidInput(
+                f"There is no disturbance {unknown[0]!r}." if unknown else "Nothing disturbs this problem.",
+                f"expected names out of {list(self.plant.disturbances)}, got {list(channels)}",
+                "disturbances=(...), or command='disturbance'",
+            )
+        object.__setattr__(self, "disturbances", channels)
+        self.penalty.r2(len(self.plant.inputs))
+        if not callable(self.penalty.states):
+            self.penalty.weights(self.state_names)
+        self._check_rest()
+
+    # Names ----------------------------------------------------------------------------------------------------
+    @cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """Plant states, then one integral per integrated state."""
+        return (*self.plant.states, *(f"{name}_integral" for name in self.integrate))
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of u."""
+        return tuple(self.plant.inputs)
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """Names of d: commands first, then channels of the plant."""
+        commands = tuple(f"{name}_command" for name in self.integrate) if self.command else ()
+        return (*commands, *(self.disturbances or ()))
+
+    # Operating point ------------------------------------------------------------------------------------------
+    @cached_property
+    def _rest(self) -> tuple[np.ndarray, np.ndarray]:
+        if self.pose is None:
+            return np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))
+        return equilibrium(self.plant, self.integrate, pose_values(self.pose, self.integrate))
+
+    @cached_property
+    def operating_point(self) -> np.ndarray:
+        """x*, plant states then integrals (zero), shape (n,)."""
+        return np.concatenate([self._rest[0], np.zeros(len(self.integrate))])
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """u*, shape (m,)."""
+        return self._rest[1]
+
+    def _check_rest(self) -> None:
+        rate = self.plant.derivative(*self._rest)
+        worst = int(np.argmax(np.abs(rate)))
+        if not np.all(np.isfinite(rate)) or abs(rate[worst]) > REST_TOLERANCE * max(
+            1.0, self.plant.fastest_mode(*self._rest)
+        ):
+            raise InvalidInput(
+                "The operating point is not an equilibrium: f(x*) is not zero.",
+                f"expected 0, got d/dt {self.plant.states[worst]} = {rate[worst]:.6g}",
+                "pose=(...): the equilibrium at that pose is computed",
+            )
+
+    # The problem ----------------------------------------------------------------------------------------------
+    @property
+    def r2(self) -> np.ndarray:
+        """R2 of Eq. (4), (m, m)."""
+        return self.penalty.r2(len(self.plant.inputs))
+
+    def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
+        n, commands = self.plant.n, len(self.integrate) if self.command else 0
+        torques: list[Any] = [0.0] * len(self.plant.disturbances)
+        for place, name in enumerate(self.disturbances or ()):
+            torques[tuple(self.plant.disturbances).index(name)] = d[commands + place]
+        rates = self.plant.flow(x[:n], u, np.array(torques), p)
+        errors = []
+        for place, name in enumerate(self.integrate):
+            i = self.plant.index(name)
+            errors.append(x[i] - self._rest[0][i] - (d[place] if self.command else 0.0))
+        return np.array([*rates, *errors])
+
+    def penalty_output(self, x: Any, p: Any) -> Any:
+        """h(x) on any element; x is the deviation from the operating point, integrals included."""
+        return self.penalty.evaluate(x, self.state_names, p)
+
+    def expand(self, degree: int) -> PolynomialPlant:
+        """Exact Taylor expansion about the operating point: f and h to `degree`, g1 and g2 to `degree` − 1."""
+        from flexhinf.plant.expansion import expand_problem
+
+        return expand_problem(self, degree)
+
+    @cached_property
+    def _traced_fields(self) -> Any:
+        """f, g1, g2, h as one CasADi function of the deviation x, at the nominal parameters."""
+        import casadi as ca
+
+        from flexhinf.scalars import pack, symbols, trace
+
+        n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
+        named = self.plant.parameters.named
+        flow = trace(
+            lambda x, u, d, p: self.flow(x, u, d, named(p)), n, m, k, self.plant.parameters.size, name="flow"
+        )
+        x = symbols("x", n)
+        u, d = ca.SX.sym("u", m), ca.SX.sym("d", k)
+        p = self.plant.parameters.vector()
+        rate = flow(pack(x + self.operating_point), u, d, ca.DM(p))
+        rest = [ca.DM(self.operating_input), ca.DM.zeros(k)]
+        f, g1, g2 = (
+            ca.substitute(v, ca.vertcat(u, d), ca.vertcat(*rest))
+            for v in (rate, ca.jacobian(rate, d), ca.jacobian(rate, u))
+        )
+        h = pack(self.penalty_output(x, named(p)))
+        outputs = [f, ca.vec(ca.densify(g1).T), ca.vec(ca.densify(g2).T), h]  # C order
+        return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
+
+    def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
+        points = np.atleast_2d(np.asarray(x, dtype=float))
+        f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
+        count, n = points.shape
+        return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h

@@ -1,0 +1,125 @@
+"""Parameters are an argument of the model, never read from ``self``: a vector for kernels, attributes for the reader."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+
+__all__ = ["ParameterTable", "Parameters"]
+
+
+class Parameters:
+    """The parameters of a model as attributes: ``p.stiffness``."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise InvalidInput(
+            f"The model asks for a parameter that it was not given: {name!r}.",
+            f"expected one of {sorted(self.__dict__)}",
+            _nearest(name, self.__dict__),
+        )
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Nominal values, and the order in which they stand in a kernel's parameter vector.
+
+    Parameters
+    ----------
+    values : mapping of str to float or array
+        Finite nominal values, in SI units.
+
+    Raises
+    ------
+    InvalidInput
+        For a value that is not a finite number, or a name that is not an identifier.
+    """
+
+    values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        checked = {}
+        for name, value in self.values.items():
+            if not str(name).isidentifier():
+                raise InvalidInput(
+                    f"The parameter name {name!r} cannot be an attribute.",
+                    "expected a Python identifier",
+                    "letters, digits and underscores",
+                )
+            try:
+                array = np.array(value, dtype=float)
+            except (TypeError, ValueError):
+                array = np.array(np.nan)
+            if not np.all(np.isfinite(array)):
+                raise InvalidInput(
+                    f"The parameter {name!r} is not finite.",
+                    f"expected finite numbers, got {value!r}",
+                    "correct the value; a limit that does not exist is left out rather than infinite",
+                )
+            array.setflags(write=False)
+            checked[str(name)] = array
+        object.__setattr__(self, "values", checked)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order of the vector."""
+        return tuple(self.values)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of the vector."""
+        return sum(value.size for value in self.values.values())
+
+    def vector(self) -> np.ndarray:
+        """Nominal values, flat (size,)."""
+        if not self.values:
+            return np.zeros(0)
+        return np.concatenate([value.ravel() for value in self.values.values()])
+
+    def named(self, vector: Any) -> Parameters:
+        """A vector (size,) of numbers or elements, by name."""
+        vector = np.asarray(vector)
+        named, start = {}, 0
+        for name, value in self.values.items():
+            part = vector[start : start + value.size]
+            named[name] = part.reshape(value.shape) if value.ndim else part[0]
+            start += value.size
+        return Parameters(named)
+
+    def flat(self, parameters: Parameters) -> np.ndarray:
+        """Named parameters back as a vector (size,): the inverse of `named`."""
+        parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
+        """A copy with some values changed; shapes must stay."""
+        for name, value in changes.items():
+            if name not in self.values:
+                raise InvalidInput(
+                    f"There is no parameter {name!r}.",
+                    f"expected one of {list(self.names)}",
+                    _nearest(name, self.values),
+                )
+            if np.shape(value) != self.values[name].shape:
+                raise InvalidInput(
+                    f"The parameter {name!r} has the wrong shape.",
+                    f"expected {self.values[name].shape}, got {np.shape(value)}",
+                    "one number for each nominal number",
+                )
+        return ParameterTable({**self.values, **changes})
+
+
+def _nearest(name: str, known: Any) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"{close[0]!r}" if close else "the name as it stands in the parameters"

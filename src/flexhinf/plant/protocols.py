@@ -1,0 +1,77 @@
+"""What a closed loop asks of a law and of an estimator. Rooms that know only this can be exchanged freely."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from flexhinf.plant.plant import Plant
+
+__all__ = ["Estimator", "Gaussian", "Law"]
+
+
+class Gaussian(NamedTuple):
+    """A belief about the state: mean (n,) and covariance (n, n), of numbers or of any element."""
+
+    mean: Any
+    covariance: Any
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A state feedback u = u* + k(x − x*), readable on any element.
+
+    The states are those of the plant followed by one integral ``NAME_integral`` per tracked state.
+    """
+
+    @property
+    def state_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def input_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def operating_point(self) -> np.ndarray: ...
+
+    @property
+    def operating_input(self) -> np.ndarray: ...
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Numbers the law is made of, flat: data of a kernel, so a new γ recompiles nothing."""
+        ...
+
+    @property
+    def law_key(self) -> str:
+        """What distinguishes the code of two laws (not their data)."""
+        ...
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), shape (m,), for a deviation x (n,) of numbers or of any element."""
+        ...
+
+
+class Estimator(Protocol):
+    """A recursive estimator as two pure functions of frozen values."""
+
+    plant: Plant
+    period: float
+    process_noise: np.ndarray
+    measurement_noise: np.ndarray
+    initial: Gaussian
+
+    @property
+    def estimator_key(self) -> str:
+        """What distinguishes the code of two estimators (not their data)."""
+        ...
+
+    def time_update(self, belief: Gaussian, u: Any, p: Any, process_noise: Any) -> Gaussian:
+        """x(k|k) → x(k+1|k)."""
+        ...
+
+    def measurement_update(
+        self, belief: Gaussian, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> Gaussian:
+        """x(k|k−1) → x(k|k)."""
+        ...

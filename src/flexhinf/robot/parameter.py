@@ -1,0 +1,52 @@
+"""A physical number with its unit, tolerance and source."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from flexhinf.errors import InvalidInput
+
+__all__ = ["Parameter"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of a table like the paper's Tables 1 and 2.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        Nominal value, in `unit` (SI).
+    tolerance : float
+        Half width of the interval of possible values, in per cent of the nominal value.
+    unit, source : str
+        Where the number comes from, or "assumption".
+    """
+
+    name: str
+    value: float
+    tolerance: float = 0.0
+    unit: str = ""
+    source: str = "assumption"
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise InvalidInput(
+                f"The parameter {self.name!r} is not finite.",
+                f"expected a finite number, got {self.value!r}",
+                "correct the value",
+            )
+        if not (math.isfinite(self.tolerance) and 0.0 <= self.tolerance < 100.0):
+            raise InvalidInput(
+                f"The tolerance of {self.name!r} is not a percentage.",
+                f"expected 0 to below 100 per cent, got {self.tolerance!r}",
+                "12 for ±12 %",
+            )
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Smallest and largest possible value."""
+        half = abs(self.value) * self.tolerance / 100.0
+        return self.value - half, self.value + half
