@@ -21,7 +21,7 @@ _CHUNK = 4_000_000  # products formed at a time when no table is kept
 def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
     """All monomials of the given degrees at the points `x`.
 
-    Each monomial is one variable times a monomial of one degree less; elements may be of any type that multiplies.
+    Each is one variable times a monomial of one degree less, so elements may be of any type that multiplies.
 
     Parameters
     ----------

@@ -1,0 +1,8 @@
+"""Nonlinear H∞ synthesis: Riccati, attenuation level, Hamilton–Jacobi–Isaacs, regions of validity."""
+
+from flexhinf.hinf.gamma import smallest_gamma
+from flexhinf.hinf.hji import linear_law, solve_hji
+from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.storage import load_solution
+
+__all__ = ["HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji"]

@@ -1,0 +1,88 @@
+"""The smallest feasible attenuation level γ* of Eq. (5), for the linear part, by bisection."""
+
+from __future__ import annotations
+
+from flexhinf.errors import NoFeasibleGamma
+from flexhinf.hinf.conditions import disturbance_reaches_output
+from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.plant.problem import Problem
+
+__all__ = ["linear_smallest_gamma", "smallest_gamma"]
+
+_RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
+_FACTOR = 4.0
+_WIDEST = 60  # factors of four tried on either side of the first guess
+
+
+def smallest_gamma(problem: Problem) -> float:
+    """Smallest γ for which the Riccati equation of Eq. (8) has a stabilising solution P ≥ 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        A generalised plant or a `PolynomialPlant`.
+
+    Returns
+    -------
+    float
+        γ*, to a relative 1e-8; 0.0 when the disturbance cannot reach z.
+
+    Raises
+    ------
+    NotStabilisable, NotDetectable
+        The state and the mode are named.
+    NoFeasibleGamma
+        Not even γ = ∞ (no disturbance) has a stabilising solution.
+
+    Notes
+    -----
+    At γ* either the Hamiltonian matrix has eigenvalues on the imaginary axis, or P has grown without bound
+    while they stay off it. So existence itself is bisected, in coordinates balanced anew for every level.
+    """
+    return linear_smallest_gamma(LinearPart.of(problem.expand(1)))
+
+
+def linear_smallest_gamma(linear: LinearPart) -> float:
+    """The same for a linear part at hand."""
+    linear.check()
+    if not _feasible(linear, float("inf")):
+        raise NoFeasibleGamma(
+            "No attenuation level works for this problem.",
+            "even without disturbance (gamma = inf) the Riccati equation has no stabilising solution",
+            "weights and inputs of comparable size; check the units of the model",
+        )
+    _, balanced = linear.scaled(float("inf"))
+    if not disturbance_reaches_output(balanced.a, balanced.b1, balanced.c):
+        return 0.0
+    low, high = _bracket(linear)
+    while high - low > _RELATIVE * high:
+        middle = (low + high) / 2
+        if not low < middle < high:
+            break
+        low, high = (low, middle) if _feasible(linear, middle) else (middle, high)
+    return high
+
+
+def _feasible(linear: LinearPart, gamma: float) -> bool:
+    _, balanced = linear.scaled(gamma)
+    return balanced.riccati(gamma, polish=False) is not None
+
+
+def _bracket(linear: LinearPart) -> tuple[float, float]:
+    """An infeasible and a feasible level, a factor of four apart."""
+    high = 1.0
+    if _feasible(linear, high):
+        for _ in range(_WIDEST):
+            if not _feasible(linear, high / _FACTOR):
+                return high / _FACTOR, high
+            high /= _FACTOR
+        return 0.0, high
+    for _ in range(_WIDEST):
+        high *= _FACTOR
+        if _feasible(linear, high):
+            return high / _FACTOR, high
+    raise NoFeasibleGamma(
+        "No attenuation level works for this problem.",
+        f"no stabilising solution up to gamma = {high:.3g}, although there is one without disturbance",
+        "d reaches z through a mode almost out of reach of the input: look at weights, units, inputs",
+    )

@@ -1,0 +1,69 @@
+"""How much memory a solve needs, told before it starts."""
+
+from __future__ import annotations
+
+import os
+from itertools import pairwise
+
+from flexhinf.errors import InvalidInput
+from flexhinf.polynomial.basis import count
+
+__all__ = ["check_memory", "estimate_memory"]
+
+
+def estimate_memory(size: tuple[int, int, int, int], degree: int) -> int:
+    """Bytes needed at the peak by `solve_hji`, tables included.
+
+    Parameters
+    ----------
+    size : tuple of int
+        States, disturbances, inputs, penalised outputs.
+    degree : int
+        Degree of V.
+
+    Notes
+    -----
+    The largest arrays are the two half-transformed tensors count(n, k−s) × count(n, s) of a change of
+    variables, the insertion tables, and the gradients of the lower degrees.
+    """
+    n, md, m, _ = size
+    tables = sum(4 * n * count(n, k - 1) + (8 + 2 * k + 4) * count(n, k) for k in range(1, degree + 1))
+    lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
+    halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
+    transform = 16 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
+    values = 8 * 6 * count(n, degree)
+    chunks = 100_000_000 if count(n, degree) > 100_000 else 0
+    return tables + lower + transform + values + chunks
+
+
+def check_memory(size: tuple[int, int, int, int], degree: int) -> int:
+    """Estimate in bytes; refuses what would not fit.
+
+    Raises
+    ------
+    InvalidInput
+        With the estimate and what is available.
+    """
+    needed, available = estimate_memory(size, degree), available_memory()
+    if needed > available:
+        raise InvalidInput(
+            f"Degree {degree} in {size[0]} states does not fit in memory.",
+            f"about {needed / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available",
+            f"degree {degree - 1} needs about {estimate_memory(size, degree - 1) / 1e9:.3g} GB",
+        )
+    return needed
+
+
+def available_memory() -> int:
+    """Bytes that can be had without swapping, as far as the system tells."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as table:
+            for line in table:
+                if line.startswith("MemAvailable:"):
+                    return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 1 << 62

@@ -1,0 +1,125 @@
+"""The recursion over degrees: V_2 from Riccati, every higher V_k from one homological equation.
+
+Insert V = V_2 + V_3 + … into V_x f + q + ½ Σ_c s_c w_c² = 0 with w = V_x g (one polynomial per channel). At
+degree k the unknown V_k appears twice, in V_k,x A x and in w_1 · V_k,x g(0): together V_k,x A_cl x with the
+closed loop A_cl = A + M P. Everything else is known from lower degrees:
+
+    V_k,x A_cl x + Σ_{i<k} V_i,x f_{k+1−i} + q_k + ½ Σ_{a+b=k} s · w_a w_b = 0     (w_{k−1} without V_k,x
+    g(0)).
+
+Degrees whose known part is empty vanish exactly: an odd plant has no V_3, V_5, …
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from flexhinf.hinf.game import Parts, ScaledGame
+from flexhinf.hinf.riccati import RiccatiSolution
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import add_part, gradient, product
+from flexhinf.polynomial.homological import HomologicalEquation
+
+__all__ = ["DegreeRecord", "solve_degrees"]
+
+
+@dataclass(frozen=True)
+class DegreeRecord:
+    """How one degree of V was found.
+
+    Attributes
+    ----------
+    degree : int
+    method : str
+        "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity".
+    residual : float
+        Relative, measured on what is returned.
+    seconds : float
+        Wall time.
+    """
+
+    degree: int
+    method: str
+    residual: float
+    seconds: float
+
+
+def solve_degrees(
+    game: ScaledGame, riccati: RiccatiSolution, seconds: float, advance: Callable[[int], None]
+) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
+    """All degrees of V in scaled coordinates.
+
+    Parameters
+    ----------
+    game : ScaledGame
+    riccati : RiccatiSolution
+        Of the scaled linear part.
+    seconds : float
+        What the Riccati equation took, for the record.
+    advance : callable
+        Told each degree once it is done.
+
+    Returns
+    -------
+    value : dict degree → ndarray, shape (count(n, degree),)
+        Tensor entries; vanishing degrees are missing.
+    records : tuple of DegreeRecord
+    condition : float
+        Condition number of the closed loop's eigenvectors.
+    """
+    n = game.n
+    equation = HomologicalEquation(riccati.closed_loop)
+    value: Parts = {2: riccati.p[np.triu_indices(n)] / 2}
+    records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
+    gradients: Parts = {2: gradient(value[2], n, 2)}
+    rows: Parts = {1: gradients[2] @ game.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
+    for k in range(3, game.degree + 1):
+        begin = perf_counter()
+        rest = _channel_rows(game, gradients, k)
+        if rest is not None:
+            rows[k - 1] = rest
+        known = _known_part(game, gradients, rows, k)
+        if known is None:
+            records.append(DegreeRecord(k, "zero by parity", 0.0, perf_counter() - begin))
+        else:
+            solution = equation.solve(known / basis.multiplicity(n, k), k)
+            value[k] = solution.entries
+            if k < game.degree:
+                gradients[k] = gradient(value[k], n, k)
+                add_part(rows, k - 1, gradients[k] @ game.g[0][:, :, 0])
+            records.append(DegreeRecord(k, solution.method, solution.residual, perf_counter() - begin))
+        advance(k)
+    return value, tuple(records), equation.condition if game.degree > 2 else float("nan")
+
+
+def _channel_rows(game: ScaledGame, gradients: Parts, k: int) -> np.ndarray | None:
+    """w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}; None if there is nothing."""
+    total = None
+    for i, slope in gradients.items():
+        fields = game.g.get(k - i)
+        if k - i < 1 or fields is None:
+            continue
+        if total is None:
+            total = np.zeros((basis.count(game.n, k - 1), len(game.signs)))
+        for channel in np.flatnonzero(fields.any(axis=(0, 2))):
+            total[:, channel] += product(slope, fields[:, channel], game.n, i - 1, k - i)
+    return total
+
+
+def _known_part(game: ScaledGame, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
+    """Monomial coefficients of all that is known at degree k; None if there is nothing."""
+    n = game.n
+    terms = [game.q[k]] if k in game.q else []
+    for i, slope in gradients.items():
+        if k + 1 - i >= 2 and k + 1 - i in game.f:
+            terms.append(product(slope, game.f[k + 1 - i], n, i - 1, k + 1 - i))
+    for a, left in rows.items():
+        b = k - a
+        if b <= a and b in rows:
+            weights = game.signs * (0.5 if a == b else 1.0)
+            terms.append(product(left, (rows[b] * weights).T, n, a, b))
+    return sum(terms[1:], start=terms[0]) if terms else None

@@ -1,0 +1,113 @@
+"""The quadratic part of Eq. (8): a Riccati equation with an indefinite quadratic term.
+
+    AᵀP + PA + Q + P M P = 0,   M = g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ,   A + M P stable,   P ≥ 0.
+
+The stable invariant subspace of the Hamiltonian matrix (ordered real Schur form) gives P to about 1e-10,
+which would cap every higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["RiccatiSolution", "solve_riccati"]
+
+_AXIS = 1e-13  # eigenvalues this close to the imaginary axis, relative to the norm times n, lie on it
+_ISOTROPY = 1e-6  # asymmetry of U1ᵀU2 beyond which the subspace mixes a mode with its mirror image
+_NEGATIVE = 1e-9  # most negative eigenvalue of P, relative to the largest, that still counts as zero
+_LARGEST = 1e14  # bound on the norm of P, relative to the norm of the Hamiltonian matrix
+_NEWTON_STEPS = 6
+
+
+@dataclass(frozen=True)
+class RiccatiSolution:
+    """A stabilising solution P ≥ 0.
+
+    Attributes
+    ----------
+    p : ndarray, shape (n, n)
+    closed_loop : ndarray, shape (n, n)
+        A + M P, both the law and the worst disturbance applied.
+    residual : float
+        Norm of the left-hand side relative to the largest of its terms.
+    """
+
+    p: np.ndarray
+    closed_loop: np.ndarray
+    residual: float
+
+
+def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray, polish: bool = True) -> RiccatiSolution | None:
+    """Stabilising P ≥ 0, or None where there is none.
+
+    Parameters
+    ----------
+    a, m, q : ndarray, shape (n, n)
+        In balanced coordinates. `m` is symmetric and indefinite, `q` symmetric positive semidefinite.
+    polish : bool
+        Newton steps; existence alone does not need them.
+
+    Notes
+    -----
+    Feasibility is lost in two ways as γ falls: eigenvalues of the Hamiltonian matrix reach the imaginary
+    axis, or the stable subspace loses its graph form (P grows without bound and comes back negative). Both
+    are looked at.
+    """
+    from scipy.linalg import schur
+
+    n = len(a)
+    hamiltonian = np.block([[a, m], [-q, -a.T]])
+    size = float(np.linalg.norm(hamiltonian))
+    if not np.isfinite(size):
+        return None
+    triangular, vectors, stable = schur(hamiltonian, sort="lhp", check_finite=False)
+    if stable != n or _distance_to_axis(triangular) <= _AXIS * n * size:
+        return None
+    upper, lower = vectors[:n, :n], vectors[n:, :n]
+    cross = upper.T @ lower
+    if np.linalg.norm(cross - cross.T) > _ISOTROPY * max(float(np.linalg.norm(cross)), 1e-10):
+        return None
+    try:
+        p = np.linalg.solve(upper.T, lower.T).T
+    except np.linalg.LinAlgError:
+        return None
+    p = (p + p.T) / 2
+    eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])
+    if eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST * size:
+        return None
+    return _polished(a, m, q, p) if polish else RiccatiSolution(p, a + m @ p, np.nan)
+
+
+def _distance_to_axis(triangular: np.ndarray) -> float:
+    """Smallest |Re λ| of a real Schur form: the standard 2×2 blocks carry the real part on their diagonal."""
+    return float(np.abs(np.diag(triangular)).min())
+
+
+def _polished(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
+    """Newton steps while the residual falls; the best iterate is kept."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    left, scale = _riccati_residual(a, m, q, p)
+    for _ in range(_NEWTON_STEPS):
+        step = solve_continuous_lyapunov((a + m @ p).T, -left)
+        candidate = p + (step + step.T) / 2
+        next_left, next_scale = _riccati_residual(a, m, q, candidate)
+        if not np.linalg.norm(next_left) < np.linalg.norm(left):
+            break
+        gained = np.linalg.norm(next_left) < 0.25 * np.linalg.norm(left)
+        p, left, scale = candidate, next_left, next_scale
+        if not gained:
+            break
+    closed_loop = a + m @ p
+    if np.linalg.eigvals(closed_loop).real.max() >= 0:
+        return None
+    return RiccatiSolution(p, closed_loop, float(np.linalg.norm(left)) / scale)
+
+
+def _riccati_residual(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, float]:
+    linear, quadratic = p @ a, p @ m @ p
+    left = linear + linear.T + q + (quadratic + quadratic.T) / 2
+    scale = max(np.linalg.norm(term) for term in (linear, q, quadratic))
+    return left, float(scale) or 1.0

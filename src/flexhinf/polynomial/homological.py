@@ -1,0 +1,143 @@
+"""The homological equation V_x(x) A x + r(x) = 0 for homogeneous V and r of degree k, A stable.
+
+In eigenvector coordinates, x = T z, the equation is a division by λ_{i1} + … + λ_{ik}. Its error grows like
+cond(T)^k; one step of refinement repairs that while cond(T)^k ε ≪ 1, and nothing does past it. In complex
+Schur coordinates the equation is triangular and solved by substitution (`triangular.py`): backward stable
+for any A, defective ones included, at a few times the cost. The residual of what is returned is always
+measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import gradient
+from flexhinf.polynomial.transform import change_variables
+from flexhinf.polynomial.triangular import substitute
+
+__all__ = ["HomologicalEquation", "HomologicalSolution"]
+
+_HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
+_SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
+_REFINE = 1e-14  # residual above which a large solution is refined
+_ACCEPT = 3e-14  # residual above which the eigenvector route is given up
+
+
+@dataclass(frozen=True)
+class HomologicalSolution:
+    """Solution of one degree.
+
+    Attributes
+    ----------
+    entries : ndarray, shape (count(n, k),)
+        Tensor entries of V_k.
+    method : str
+        "eigenbasis", "eigenbasis, refined" or "Schur".
+    residual : float
+        ‖V_x A x + r‖ / (‖A‖ ‖V‖ + ‖r‖), norms of the tensor entries.
+    """
+
+    entries: np.ndarray
+    method: str
+    residual: float
+
+
+@dataclass(frozen=True)
+class HomologicalEquation:
+    """The equation for one matrix A, shape (n, n), eigenvalues in the open left half plane."""
+
+    matrix: np.ndarray
+
+    @cached_property
+    def eigenbasis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Eigenvalues (n,), eigenvectors T (n, n) and T⁻¹ (n, n)."""
+        eigenvalues, vectors = np.linalg.eig(self.matrix)
+        try:
+            return eigenvalues, vectors, np.linalg.inv(vectors)
+        except np.linalg.LinAlgError:
+            return eigenvalues, vectors, np.full_like(vectors, np.inf)
+
+    @cached_property
+    def condition(self) -> float:
+        """cond(T), in the 2-norm; infinite for a defective matrix."""
+        _, vectors, inverse = self.eigenbasis
+        if not np.isfinite(inverse).all():
+            return np.inf
+        return float(np.linalg.norm(vectors, 2) * np.linalg.norm(inverse, 2))
+
+    @cached_property
+    def schur_form(self) -> tuple[np.ndarray, np.ndarray]:
+        """Upper triangular T and unitary U, both complex (n, n), A = U T Uᴴ."""
+        from scipy.linalg import schur
+
+        triangular, unitary = schur(self.matrix, output="complex")
+        return triangular, unitary
+
+    def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
+        """V of degree `k`, from the tensor entries of r.
+
+        Parameters
+        ----------
+        known : ndarray, shape (count(n, k),)
+        """
+        if self.condition**k * np.finfo(float).eps < _HOPELESS:
+            solution = self._by_eigenbasis(known, k)
+            if solution.residual <= _ACCEPT:
+                return solution
+        return self._by_schur(known, k)
+
+    def residual(self, entries: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
+        """Tensor entries of V_x A x + r."""
+        n = len(self.matrix)
+        rates = gradient(entries, n, k) @ self.matrix
+        table = basis.insertion(n, k)
+        if table.size <= _SMALL * 100:
+            total = np.bincount(table.ravel(), rates.ravel(), basis.count(n, k))
+        else:
+            total = np.zeros(basis.count(n, k))
+            for j in range(n):
+                total[table[:, j]] += rates[:, j]  # insertion of a fixed index never repeats a tuple
+        return total / basis.multiplicity(n, k) + known
+
+    def _relative(self, residual: np.ndarray, entries: np.ndarray, known: np.ndarray) -> float:
+        scale = np.linalg.norm(self.matrix, 2) * np.linalg.norm(entries) + np.linalg.norm(known)
+        return float(np.linalg.norm(residual) / scale) if scale > 0 else 0.0
+
+    def _by_eigenbasis(self, known: np.ndarray, k: int) -> HomologicalSolution:
+        entries = self._divide(known, k)
+        residual = self.residual(entries, known, k)
+        relative = self._relative(residual, entries, known)
+        first = HomologicalSolution(entries, "eigenbasis", relative)
+        if (relative <= _REFINE and len(known) > _SMALL) or not np.isfinite(relative):
+            return first
+        entries = entries + self._divide(residual, k)
+        refined = self._relative(self.residual(entries, known, k), entries, known)
+        return HomologicalSolution(entries, "eigenbasis, refined", refined) if refined < relative else first
+
+    def _divide(self, known: np.ndarray, k: int) -> np.ndarray:
+        eigenvalues, vectors, inverse = self.eigenbasis
+        n = len(self.matrix)
+        sums = eigenvalues[basis.indices(n, k)].sum(axis=1)
+        return change_variables(-change_variables(known, n, k, vectors) / sums, n, k, inverse).real
+
+    def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
+        triangular, unitary = self.schur_form
+        n = len(self.matrix)
+
+        def inverse(right: np.ndarray) -> np.ndarray:
+            rotated = substitute(triangular, -change_variables(right, n, k, unitary), k)
+            return change_variables(rotated, n, k, unitary.conj().T).real
+
+        entries = inverse(known)
+        residual = self.residual(entries, known, k)
+        relative = self._relative(residual, entries, known)
+        if len(known) <= _SMALL:
+            refined = entries + inverse(residual)
+            after = self._relative(self.residual(refined, known, k), refined, known)
+            if after < relative:
+                entries, relative = refined, after
+        return HomologicalSolution(entries, "Schur", relative)

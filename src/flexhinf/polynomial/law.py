@@ -1,0 +1,66 @@
+"""A feedback law as plain data: monomials and their coefficients, as a kernel evaluates it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import monomials
+
+__all__ = ["PolynomialLaw"]
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialLaw:
+    """u_i(x) = Σ_a coefficients[i, a] x^exponents[a], x and u deviations from the operating point.
+
+    Attributes
+    ----------
+    n : int
+        Number of states.
+    degrees : tuple of int
+        Degrees that occur, ascending. The exponents are all monomials of these degrees, degree by degree.
+    coefficients : ndarray, shape (m, Nmon)
+    """
+
+    n: int
+    degrees: tuple[int, ...]
+    coefficients: np.ndarray
+
+    def __post_init__(self) -> None:
+        expected = sum(basis.count(self.n, k) for k in self.degrees)
+        if self.coefficients.ndim != 2 or self.coefficients.shape[1] != expected:
+            raise InvalidInput(
+                "The coefficients of the law do not fit its monomials.",
+                f"expected shape (inputs, {expected}), got {self.coefficients.shape}",
+                f"one column per monomial of degrees {self.degrees} in {self.n} states",
+            )
+
+    @property
+    def exponents(self) -> np.ndarray:
+        """Exponent vectors, shape (Nmon, n)."""
+        return np.concatenate([basis.exponents(self.n, k) for k in self.degrees])
+
+    def evaluate(self, x: np.ndarray, coefficients: np.ndarray | None = None) -> np.ndarray:
+        """The law at one state, on any element type.
+
+        Every monomial is one variable times a monomial of one degree less, shared by all inputs.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            Floats, or objects that multiply and add (symbols, intervals).
+        coefficients : ndarray, shape (m, Nmon), optional
+            Instead of the law's own; a new law with the same monomials then needs no recompilation.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        x = np.asarray(x)
+        coefficients = self.coefficients if coefficients is None else np.asarray(coefficients)
+        powers = monomials(x[None, :], self.degrees)
+        return coefficients @ np.concatenate([powers[k][0] for k in self.degrees])
