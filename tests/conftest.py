@@ -9,7 +9,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # small matrices: more threads only cost, and tests already run side by side
+    os.environ.setdefault(
+        _name, "1"
+    )  # small matrices: more threads only cost, and tests already run side by side
 
 settings.register_profile(
     "flexhinf",

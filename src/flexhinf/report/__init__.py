@@ -1,0 +1,60 @@
+"""Figures, tables, one self-contained HTML page, and the folder they are written to as a whole."""
+
+from flexhinf.report.blocks import Bullets, Figure, FigureRow, Listing, Note, Paragraph
+from flexhinf.report.claims import Claim, Claims, summary
+from flexhinf.report.figure import (
+    figure_to_svg,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    quantile_band,
+    reference_line,
+    settling_band,
+    time_response,
+)
+from flexhinf.report.folder import check, is_report, write
+from flexhinf.report.json_text import to_json
+from flexhinf.report.page import KeyNumber, Page, Section
+from flexhinf.report.palette import INK, MUTED, SERIES
+from flexhinf.report.settings import Provenance, Setting, Settings, versions
+from flexhinf.report.table import Column, Table
+from flexhinf.report.text import number
+
+__all__ = [
+    "INK",
+    "MUTED",
+    "SERIES",
+    "Bullets",
+    "Claim",
+    "Claims",
+    "Column",
+    "Figure",
+    "FigureRow",
+    "KeyNumber",
+    "Listing",
+    "Note",
+    "Page",
+    "Paragraph",
+    "Provenance",
+    "Section",
+    "Setting",
+    "Settings",
+    "Table",
+    "check",
+    "figure_to_svg",
+    "house_style",
+    "is_report",
+    "label",
+    "legend",
+    "new_figure",
+    "number",
+    "quantile_band",
+    "reference_line",
+    "settling_band",
+    "summary",
+    "time_response",
+    "to_json",
+    "versions",
+    "write",
+]

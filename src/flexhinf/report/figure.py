@@ -1,0 +1,293 @@
+"""Matplotlib in the style of the house: SVG, the same bytes from the same numbers, colours for all readers.
+
+Matplotlib's object interface is used, and only when a figure is drawn: importing this module costs nothing.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.report.palette import GRID, INK, MUTED, SERIES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "figure_to_svg",
+    "house_style",
+    "label",
+    "legend",
+    "new_figure",
+    "quantile_band",
+    "reference_line",
+    "settling_band",
+    "time_response",
+]
+
+_STYLE: dict[str, object] = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 9.5,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "axes.xmargin": 0.01,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "legend.handlelength": 2.2,
+    "lines.linewidth": 1.7,
+    "lines.solid_capstyle": "round",
+    "path.simplify": True,
+    "path.simplify_threshold": 0.2,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",  # text stays text: it can be read out, searched and copied
+    "svg.hashsalt": "flexhinf",
+}
+_PATH = re.compile(r'\bd="[^"]*"')
+_DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
+_METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Matplotlib's own defaults and the style of the house, whatever the user's settings are; then back.
+
+    The functions of this file run in it; what else is drawn on their axes should too.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        yield
+
+
+@house_style()
+def new_figure(
+    rows: int = 1, *, width: float = 7.2, height: float | None = None
+) -> tuple[Figure, list[Axes]]:
+    """A figure of stacked panels over one axis of time.
+
+    Parameters
+    ----------
+    rows : int
+        Number of panels, one above the other.
+    width, height : float
+        In inches; without a height each panel gets what suits its number.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+    axes : list of matplotlib.axes.Axes
+        From top to bottom; the lowest bears the label of time.
+    """
+    from matplotlib.figure import Figure
+
+    with house_style():
+        figure = Figure(
+            figsize=(width, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)), layout="constrained"
+        )
+        axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+        axes[-1].set_xlabel("time (s)")
+        figure.align_ylabels(axes)
+    return figure, axes
+
+
+@house_style()
+def label(axes: Axes, quantity: str, unit: str, title: str = "") -> None:
+    """Name what the vertical axis shows, with its unit; an optional title stands above the panel."""
+    axes.set_ylabel(f"{quantity} ({unit})" if unit else quantity)
+    if title:
+        axes.set_title(title)
+
+
+@house_style()
+def time_response(
+    axes: Axes,
+    time: np.ndarray,
+    measured: np.ndarray,
+    estimated: np.ndarray | None = None,
+    *,
+    name: str = "",
+    colour: str = SERIES[0],
+) -> None:
+    """One signal over time: as measured a solid line, as estimated a dashed one on top of it.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    time : (N,) array
+        In seconds.
+    measured, estimated : (N,) array
+        In the unit of the axis.
+    name : str
+        For the legend, where the two become "name, measured" and "name, estimated".
+    colour : str
+        One of `SERIES`.
+
+    Raises
+    ------
+    InvalidInput
+        Lengths differ.
+    """
+    _same_length(time, measured, estimated)
+    lead = f"{name}, " if name else ""
+    if estimated is None:
+        axes.plot(time, measured, color=colour, label=name or None)
+        return
+    axes.plot(time, measured, color=colour, linewidth=3.2, alpha=0.4, label=f"{lead}measured")
+    axes.plot(time, estimated, color=colour, linewidth=1.4, dashes=(4.0, 2.2), label=f"{lead}estimated")
+
+
+@house_style()
+def reference_line(axes: Axes, time: np.ndarray, reference: np.ndarray, name: str = "command") -> None:
+    """The command, thin and dotted, behind the responses."""
+    _same_length(time, reference)
+    axes.plot(time, reference, color=MUTED, linewidth=1.2, linestyle=(0, (1.0, 1.6)), zorder=1.5, label=name)
+
+
+@house_style()
+def settling_band(axes: Axes, target: float, step: float, tolerance: float = 0.02) -> None:
+    """The band of `tolerance` times the step around its target, inside which a response counts as settled."""
+    half = abs(tolerance * step)
+    axes.axhspan(
+        target - half,
+        target + half,
+        color=MUTED,
+        alpha=0.22,
+        linewidth=0,
+        zorder=0.5,
+        label=f"±{100 * tolerance:.3g} % of step",
+    )
+
+
+@house_style()
+def quantile_band(
+    axes: Axes,
+    time: np.ndarray,
+    runs: np.ndarray,
+    *,
+    worst: int | None = None,
+    worst_name: str = "worst run",
+    quantiles: tuple[float, float] = (0.05, 0.95),
+    name: str = "",
+    colour: str = SERIES[0],
+) -> None:
+    """Many runs at once: at each time extremes, a band between two quantiles, and the median; one run apart.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    time : (N,) array
+        In seconds.
+    runs : (R, N) array
+        One row per run, in the unit of the axis.
+    worst : int, optional
+        The row to draw by itself.
+    worst_name : str
+        What the legend says of it: name its parameters here.
+    quantiles : (float, float)
+        Lower and upper, between 0 and 1.
+    name : str
+        For the legend.
+    colour : str
+        One of `SERIES`.
+
+    Raises
+    ------
+    InvalidInput
+        `runs` does not have one column per time, or a number in it is not finite.
+    """
+    runs = np.asarray(runs, dtype=float)
+    if runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all():
+        raise InvalidInput(
+            "A band needs one row per run and one finite number per time.",
+            f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
+            "leave diverged runs out, and count them beside the figure",
+        )
+    lower, median, upper = np.quantile(runs, (quantiles[0], 0.5, quantiles[1]), axis=0)
+    lead = f"{name}: " if name else ""
+    share = f"{100 * (quantiles[1] - quantiles[0]):.3g} %"
+    extremes = f"{lead}all {len(runs)} runs"
+    axes.fill_between(
+        time, runs.min(axis=0), runs.max(axis=0), color=colour, alpha=0.15, linewidth=0, label=extremes
+    )
+    axes.fill_between(
+        time, lower, upper, color=colour, alpha=0.3, linewidth=0, label=f"{lead}{share} of runs"
+    )
+    axes.plot(time, median, color=colour, label=f"{lead}median")
+    if worst is not None:
+        axes.plot(time, runs[worst], color=INK, linewidth=1.1, dashes=(5.0, 1.5), label=worst_name)
+
+
+@house_style()
+def legend(axes: Axes) -> None:
+    """A legend above the panel, where it hides nothing, in as many columns as fit."""
+    handles, names = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    wrapped = ["\n".join(textwrap.wrap(name, 70)) for name in names]
+    room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 70.0  # pt, beside tick and axis labels
+    rows = next(
+        (count for count in range(1, len(names)) if _legend_width(wrapped, count) <= room), len(names)
+    )
+    axes.legend(
+        handles,
+        wrapped,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=-(-len(names) // rows),
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
+
+
+def _legend_width(names: Sequence[str], rows: int) -> float:
+    """About how wide a legend of so many rows is, in points; Matplotlib fills it column by column."""
+    columns = np.array_split([max(map(len, name.split("\n"))) for name in names], -(-len(names) // rows))
+    return sum(5.4 * max(letters) + 42.0 for letters in columns)
+
+
+@house_style()
+def figure_to_svg(figure: Figure) -> str:
+    """A figure as an SVG document; the same figure gives the same bytes, and no date is in them."""
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata=_METADATA)
+    rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
+    return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+
+
+def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:
+    shapes = [np.shape(signal) for signal in signals if signal is not None]
+    if any(shape != np.shape(time) for shape in shapes):
+        raise InvalidInput(
+            "A signal and its times differ in length.",
+            f"time {np.shape(time)}, signals {shapes}",
+            "one value per time",
+        )

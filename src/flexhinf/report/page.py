@@ -1,0 +1,143 @@
+"""One self-contained HTML page: no network, no scripts, light and dark, fit to be printed.
+
+From top to bottom: what was asked, the verdict in one line, the numbers that matter; sections with figures
+and tables; then every assumption and setting, versions, seed and the command that makes the page again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+
+from flexhinf.errors import InvalidInput
+from flexhinf.report.blocks import Block, check_id
+from flexhinf.report.claims import Claims
+from flexhinf.report.palette import DARK, LIGHT
+from flexhinf.report.settings import Provenance, Settings
+from flexhinf.report.text import escape, prose, scalar
+
+__all__ = ["KeyNumber", "Page", "Section"]
+
+
+@dataclass(frozen=True)
+class KeyNumber:
+    """One of the few numbers at the top of a page."""
+
+    label: str
+    value: object
+    unit: str = ""
+    note: str = ""
+
+    def html(self) -> str:
+        """The number as an entry of the strip."""
+        unit = f' <span class="unit">{escape(self.unit)}</span>' if self.unit else ""
+        note = f'<dd class="small">{prose(self.note)}</dd>' if self.note else ""
+        return f"<div><dt>{prose(self.label)}</dt><dd>{escape(scalar(self.value))}{unit}</dd>{note}</div>"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and the blocks under it; `id` is its anchor."""
+
+    title: str
+    blocks: Sequence[Block]
+    id: str
+
+    def __post_init__(self) -> None:
+        check_id(self.id)
+
+    def html(self) -> str:
+        """The section as HTML."""
+        body = "\n".join(block.html() for block in self.blocks)
+        return f'<section id="{self.id}">\n<h2>{prose(self.title)}</h2>\n{body}\n</section>'
+
+    def ids(self) -> tuple[str, ...]:
+        """Its own anchor and those of its blocks."""
+        return (self.id, *(name for block in self.blocks for name in block.ids()))
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Parameters
+    ----------
+    title : str
+    asked : str
+        What was asked, in one or two sentences.
+    verdict : str
+        What came out, in one line.
+    sections : sequence of Section
+    settings : Settings
+        Every assumption and setting.
+    provenance : Provenance
+        Command, seed, versions.
+    numbers : sequence of KeyNumber, optional
+        The numbers that matter, at the top.
+
+    Raises
+    ------
+    InvalidInput
+        Two parts of the page have the same anchor, or a claim points at a figure that is not there.
+    """
+
+    title: str
+    asked: str
+    verdict: str
+    sections: Sequence[Section]
+    settings: Settings
+    provenance: Provenance
+    numbers: Sequence[KeyNumber] = field(default=())
+
+    def __post_init__(self) -> None:
+        names = [name for section in self.sections for name in section.ids()]
+        twice = sorted(
+            {name for name in names if names.count(name) > 1} | ({"settings", "again"} & set(names))
+        )
+        if twice:
+            raise InvalidInput(
+                "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
+                f"used more than once: {', '.join(twice)}",
+                "another id",
+            )
+        blocks = [block for section in self.sections for block in section.blocks]
+        claims = [claim for block in blocks if isinstance(block, Claims) for claim in block.claims]
+        lost = sorted({name for claim in claims for name in claim.figures} - set(names))
+        if lost:
+            raise InvalidInput(
+                "A claim points at a figure that is not on the page.",
+                f"not found: {', '.join(lost)}",
+                "the id of a figure of this page",
+            )
+
+    def html(self) -> str:
+        """The whole page as text; the same page gives the same text."""
+        tail = (
+            Section("Settings", (self.settings,), "settings"),
+            Section("How to make this again", (self.provenance,), "again"),
+        )
+        sections = (*self.sections, *tail)
+        contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
+        strip = "".join(entry.html() for entry in self.numbers)
+        strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
+        body = "\n".join(section.html() for section in sections)
+        return (
+            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
+            f"<title>{escape(self.title)}</title>\n<style>\n{_style()}</style>\n</head>\n<body>\n<main>\n<header>\n"
+            f'<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
+            f'<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
+            f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
+        )
+
+
+def _style() -> str:
+    """The style sheet, the palette's colours as variables before it."""
+    light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
+    dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
+    sheet = resources.files("flexhinf.report").joinpath("page.css").read_text(encoding="utf-8")
+    # Paper is light: the dark colours are for screens only.
+    screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
+    return f":root {{\n{light}}}\n{screen}{sheet}"

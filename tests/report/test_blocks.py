@@ -1,0 +1,54 @@
+"""Blocks: figures are inlined safely, names are checked."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexhinf import report
+from flexhinf.errors import InvalidInput
+
+SVG = (
+    '<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" width="9pt" viewBox="0 0 9 9">'
+    '<metadata>http://example.org</metadata><defs><path id="a"/></defs><use xlink:href="#a"/>'
+    '<g clip-path="url(#a)" style="stroke: #0072b2"/></svg>\n'
+)
+
+
+def test_a_drawing_gets_names_of_its_own_and_the_colours_of_the_page() -> None:
+    html = report.Figure("figure-03", SVG, "What is seen.", "Figure 3").html()
+    assert 'id="figure-03-a"' in html
+    assert 'href="#figure-03-a"' in html
+    assert "url(#figure-03-a)" in html
+    assert "var(--series-1)" in html
+    assert "http" not in html
+    assert "width=" not in html
+    assert 'aria-labelledby="figure-03-caption"' in html
+    assert "<strong>Figure 3.</strong> What is seen." in html
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "<script>1</script>",
+        '<image href="http://example.org/a.png"/>',
+        '<g onclick="x()"/>',
+        '<g style="fill: url(http://example.org)"/>',
+        "<foreignObject/>",
+        '<a xlink:href="javascript:x()"/>',
+    ],
+)
+def test_a_drawing_that_runs_or_fetches_is_refused(inside: str) -> None:
+    with pytest.raises(InvalidInput, match="neither run a script nor fetch"):
+        report.Figure("figure-03", SVG.replace("<defs>", inside + "<defs>"), "")
+
+
+@pytest.mark.parametrize("svg", ["", "<p>no drawing</p>", "<svg></svg>", '<svg viewBox="0 0 1 1">'])
+def test_what_is_no_drawing_is_refused(svg: str) -> None:
+    with pytest.raises(InvalidInput, match="SVG document"):
+        report.Figure("figure-03", svg, "")
+
+
+@pytest.mark.parametrize("name", ["", "3", "Figure", "a b", 'a"b', "a\n"])
+def test_an_anchor_that_would_break_the_page_is_refused(name: str) -> None:
+    with pytest.raises(InvalidInput, match="anchor"):
+        report.Figure(name, SVG, "")

@@ -1,0 +1,42 @@
+"""Claims: four verdicts, each with a word, a sign and a colour."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexhinf import report
+from flexhinf.errors import InvalidInput
+
+
+@pytest.mark.parametrize(
+    ("verdict", "sign"), [("holds", "✓"), ("fails", "✗"), ("ties", "≈"), ("not judged", "○")]
+)
+def test_a_verdict_is_told_by_more_than_its_colour(verdict: str, sign: str) -> None:
+    html = report.Claims([report.Claim("c", "t", verdict, "e")]).html()  # type: ignore[arg-type]
+    assert f'class="badge {verdict.replace(" ", "-")}"' in html
+    assert sign in html
+    assert f"</span> {verdict}</span>" in html
+
+
+def test_another_verdict_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="expected one of holds, fails, ties, not judged"):
+        report.Claim("c", "t", "maybe", "e")  # type: ignore[arg-type]
+
+
+def test_what_the_metrics_hold() -> None:
+    claim = report.Claim("c", "t", "fails", "e", "more weight", ("figure-09",))
+    assert claim.as_dict() == {
+        "id": "c",
+        "text": "t",
+        "verdict": "fails",
+        "evidence": "e",
+        "repair": "more weight",
+    }
+    assert "repair" not in report.Claim("c", "t", "holds", "e").as_dict()
+
+
+def test_the_summary_counts() -> None:
+    verdicts = ["holds", "holds", "holds", "fails", "fails", "not judged", "not judged"]
+    claims = [report.Claim(f"c{index}", "t", verdict, "e") for index, verdict in enumerate(verdicts)]  # type: ignore[arg-type]
+    assert report.summary(claims) == "Of 7 claims 3 hold, 2 fail, 2 are not judged."
+    assert report.summary([]) == "No claim was judged."

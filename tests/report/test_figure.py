@@ -1,0 +1,98 @@
+"""Figures: the same bytes from the same numbers, labels with units, nothing hidden."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+
+from flexhinf import report
+from flexhinf.errors import InvalidInput
+
+TIME = np.linspace(0.0, 1.0, 11)
+
+
+def drawn() -> str:
+    figure, (upper, lower) = report.new_figure(2)
+    report.time_response(upper, TIME, TIME, TIME**2, name="NL-H∞")
+    report.reference_line(upper, TIME, np.ones(11))
+    report.settling_band(upper, target=1.0, step=-1.0)
+    report.quantile_band(lower, TIME, np.outer([1.0, 2.0, 4.0], TIME), worst=2, worst_name="worst")
+    report.label(upper, "link position", "°", "Step")
+    report.label(lower, "motor voltage", "V")
+    report.legend(upper)
+    report.legend(lower)
+    return report.figure_to_svg(figure)
+
+
+def test_the_same_numbers_give_the_same_bytes_whatever_the_users_style() -> None:
+    first = drawn()
+    with matplotlib.rc_context({"lines.linewidth": 9.0, "svg.hashsalt": "other", "font.size": 20.0}):
+        assert drawn() == first
+
+
+def test_a_figure_says_what_it_shows_and_bears_no_date() -> None:
+    svg = drawn()
+    for words in (
+        "link position (°)",
+        "motor voltage (V)",
+        "time (s)",
+        "NL-H∞, measured",
+        "NL-H∞, estimated",
+    ):
+        assert words in svg
+    for words in ("command", "±2 % of step", "all 3 runs", "90 % of runs", "median", "worst"):
+        assert words in svg
+    assert "dc:date" not in svg
+
+
+def test_drawing_leaves_the_users_style_alone() -> None:
+    before = dict(matplotlib.rcParams)
+    drawn()
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_estimated_is_dashed_and_measured_solid() -> None:
+    _, (panel,) = report.new_figure(1)
+    report.time_response(panel, TIME, TIME, TIME, name="a")
+    solid, dashed = panel.get_lines()
+    assert not solid.is_dashed()
+    assert dashed.is_dashed()
+    assert solid.get_color() == dashed.get_color()
+
+
+def test_the_band_holds_the_runs() -> None:
+    _, (panel,) = report.new_figure(1)
+    runs = np.outer(np.linspace(1.0, 2.0, 101), np.ones(11))
+    report.quantile_band(panel, TIME, runs)
+    heights = [collection.get_paths()[0].vertices[:, 1] for collection in panel.collections]
+    assert [(round(h.min(), 12), round(h.max(), 12)) for h in heights] == [(1.0, 2.0), (1.05, 1.95)]
+
+
+def test_a_wide_legend_takes_more_rows_rather_than_the_panels_room() -> None:
+    figure, (panel,) = report.new_figure(1)
+    for index in range(6):
+        report.time_response(panel, TIME, TIME, name=f"a law with rather a long name {index}")
+    report.legend(panel)
+    report.figure_to_svg(figure)
+    legend = panel.get_legend()
+    assert legend.get_window_extent().width <= figure.bbox.width
+    assert panel.get_position().width > 0.8
+
+
+def test_signals_of_other_lengths_are_refused() -> None:
+    _, (panel,) = report.new_figure(1)
+    with pytest.raises(InvalidInput, match="differ in length"):
+        report.time_response(panel, TIME, TIME, TIME[1:])
+    with pytest.raises(InvalidInput, match=r"expected \(runs, 11\), got \(3, 10\)"):
+        report.quantile_band(panel, TIME, np.ones((3, 10)))
+    with pytest.raises(InvalidInput, match="1 not finite"):
+        report.quantile_band(panel, TIME, np.where(np.arange(11) == 4, np.nan, np.ones((1, 11))))
+
+
+def test_matplotlib_is_loaded_only_to_draw() -> None:
+    code = "import sys; import flexhinf.report; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,147 @@
+"""The page: nothing unescaped, nothing fetched, every anchor there once, the same bytes every time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from html.parser import HTMLParser
+
+import pytest
+
+from flexhinf import report
+from flexhinf.errors import InvalidInput
+
+VOID = {"meta", "br", "hr", "img", "input", "link"}
+HOSTILE = "<script>alert(\"1\")</script> & 'quoted' <img src=x onerror=y>"
+
+
+class Reader(HTMLParser):
+    """Collects elements, attributes and text, and checks that elements close in order."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.elements: Counter[str] = Counter()
+        self.attributes: list[tuple[str, str]] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements[tag] += 1
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements[tag] += 1
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def read(html: str) -> Reader:
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def page_of(*blocks: report.Paragraph, **changes: object) -> report.Page:
+    content = {
+        "title": "t",
+        "asked": "a",
+        "verdict": "v",
+        "sections": (report.Section("s", blocks, "s"),),
+        "settings": report.Settings({}),
+        "provenance": report.Provenance(["flexhinf"], None, {"flexhinf": "0"}),
+    }
+    return report.Page(**{**content, **changes})  # type: ignore[arg-type]
+
+
+def test_the_page_is_well_formed_and_fetches_nothing(page_html: str) -> None:
+    reader = read(page_html)
+    assert not {"script", "link", "iframe", "img", "object", "base"} & set(reader.elements)
+    assert "http" not in page_html
+    assert "@import" not in page_html
+    assert all(
+        value.startswith("#") for name, value in reader.attributes if name in {"href", "xlink:href", "src"}
+    )
+    assert not [name for name, _ in reader.attributes if name.startswith("on")]
+
+
+def test_every_anchor_is_there_once_and_every_reference_arrives(page_html: str) -> None:
+    reader = read(page_html)
+    ids = Counter(value for name, value in reader.attributes if name == "id")
+    assert max(ids.values()) == 1
+    wanted = {value[1:] for name, value in reader.attributes if name in {"href", "xlink:href"}}
+    wanted |= {value for name, value in reader.attributes if name == "aria-labelledby"}
+    assert len(wanted) > 8
+    assert wanted <= set(ids)
+
+
+def test_the_same_page_gives_the_same_bytes(make_page: Callable[..., report.Page], page_html: str) -> None:
+    assert make_page().html() == page_html
+
+
+def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str) -> None:
+    order = [
+        page_html.index(text)
+        for text in (
+            "Reproduce Figures 3–12",
+            "Of 4 claims 1 holds, 1 fails, 1 ties, 1 is not judged.",
+            "linear law: 31.5 %",
+            'id="figure-03"',
+            "Every assumption and setting (6)",
+            "flexhinf paper --out &#x27;my report&#x27;",
+        )
+    ]
+    assert order == sorted(order)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        page_of(title=HOSTILE),
+        page_of(asked=HOSTILE),
+        page_of(verdict=HOSTILE),
+        page_of(numbers=(report.KeyNumber(HOSTILE, HOSTILE, HOSTILE, HOSTILE),)),
+        page_of(sections=(report.Section(HOSTILE, (), "s"),)),
+        page_of(report.Paragraph(HOSTILE)),
+        page_of(report.Note(f"`{HOSTILE}`")),
+        page_of(report.Bullets((HOSTILE,))),
+        page_of(report.Listing(HOSTILE)),
+        page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
+        page_of(report.Claims([report.Claim("c", HOSTILE, "fails", HOSTILE, HOSTILE)])),
+        page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
+        page_of(provenance=report.Provenance([HOSTILE], 0, {HOSTILE: HOSTILE})),
+    ],
+)
+def test_text_from_outside_never_becomes_an_element(page: report.Page) -> None:
+    reader = read(page.html())
+    assert not {"script", "img"} & set(reader.elements)
+    assert any("<script>" in words for words in reader.words)
+
+
+def test_an_anchor_used_twice_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="used more than once: s"):
+        page_of(sections=(report.Section("a", (), "s"), report.Section("b", (), "s")))
+    with pytest.raises(InvalidInput, match="settings"):
+        page_of(sections=(report.Section("a", (), "settings"),))
+
+
+def test_a_claim_that_points_nowhere_is_refused() -> None:
+    claim = report.Claim("c", "t", "holds", "e", figures=("figure-03",))
+    with pytest.raises(InvalidInput, match="not found: figure-03"):
+        page_of(report.Claims([claim]))
+
+
+def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_html: str) -> None:
+    dark = page_html[page_html.index("prefers-color-scheme: dark") :]
+    used = {part.split(")")[0] for part in page_html.split("var(--")[1:]}
+    assert {"ink", "muted", "grid", "series-1", "series-2"} <= used
+    assert all(f"--{role}:" in dark for role in used)
+    assert "@media (prefers-color-scheme: dark)" not in page_html

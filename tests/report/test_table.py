@@ -1,0 +1,52 @@
+"""Tables and the numbers in them."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from flexhinf import report
+from flexhinf.errors import InvalidInput
+
+
+def cells(table: report.Table) -> list[str]:
+    return re.findall(r"<td[^>]*>(.*?)</td>", table.html())
+
+
+def test_units_stand_in_the_header_and_numbers_are_marked_for_the_right() -> None:
+    html = report.Table(
+        ["law", report.Column("settling time", "s", 2)], [["NL-H∞", 2.0], ["linear", None]]
+    ).html()
+    assert '<th scope="col" class="number">settling time <span class="unit">s</span></th>' in html
+    assert '<td class="number">2.00</td>' in html
+    assert '<td class="number">–</td>' in html
+    assert "<td>NL-H∞</td>" in html
+
+
+def test_a_column_of_comparable_numbers_has_common_decimals() -> None:
+    assert cells(report.Table(["a"], [[12.3456], [1.5], [-0.25]])) == ["12.35", "1.50", "−0.25"]
+
+
+def test_a_column_of_wide_range_keeps_the_digits_of_each() -> None:
+    assert cells(report.Table(["a"], [[1e-9], [1234.5]])) == ["1·10⁻⁹", "1234"]
+
+
+def test_kinds_of_cells() -> None:
+    row = [np.float64(2.5), True, np.array([1, 2]), "x < y", math.inf]
+    assert cells(report.Table(list("abcde"), [row])) == ["2.500", "yes", "1, 2", "x &lt; y", "∞"]
+
+
+def test_a_number_that_is_none_is_said_to_be_so() -> None:
+    assert cells(report.Table(["a"], [[math.nan], [1.0]])) == ["not a number", "1.000"]
+
+
+def test_a_small_negative_number_is_not_minus_zero() -> None:
+    assert report.number(-0.001, decimals=2) == "0.00"
+
+
+def test_a_row_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="expected 2 cells, got 1 in row 1"):
+        report.Table(["a", "b"], [[1, 2], [3]])
