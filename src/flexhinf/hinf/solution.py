@@ -71,6 +71,16 @@ class HJISolution:
         """The point x is measured from, shape (n,)."""
         return self.expansion.operating_point
 
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return self.expansion.input_names
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """The input at the operating point, shape (m,)."""
+        return self.expansion.operating_input
+
     @cached_property
     def gamma_star(self) -> float:
         """Smallest feasible attenuation level of the problem (computed when first asked for)."""
@@ -154,6 +164,25 @@ class HJISolution:
                     add_part(parts, i - 1 + p, -np.linalg.solve(self.expansion.r2, np.array(columns)))
         degrees = tuple(sorted(parts))
         return PolynomialLaw(n, degrees, np.concatenate([parts[k] for k in degrees], axis=1))
+
+    # As a law of a closed loop (`flexhinf.plant.Law`) ----------------------------------------------
+    @cached_property
+    def _law_table(self) -> PolynomialLaw:
+        return self.law_polynomial()
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Coefficients of the law, flat: data of a kernel, so another γ compiles nothing."""
+        return self._law_table.coefficients.ravel()
+
+    @property
+    def law_key(self) -> str:
+        """What distinguishes this law's code from another's: its monomials."""
+        return f"polynomial {self._law_table.n} {self._law_table.degrees}"
+
+    def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+        """The law at one deviation x (n,) on any element, with its coefficients as an argument."""
+        return self._law_table.evaluate(x, np.asarray(data).reshape(self._law_table.coefficients.shape))
 
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:

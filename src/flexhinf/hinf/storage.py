@@ -42,12 +42,14 @@ def save_solution(solution: HJISolution, path: str | os.PathLike[str]) -> None:
         "gamma": repr(solution.gamma),
         "degree": solution.degree,
         "states": list(plant.state_names),
+        "inputs": list(plant.input_names),
         "polynomial": isinstance(solution.problem, PolynomialPlant),
         "condition": repr(solution.condition),
         "memory": solution.memory,
         "records": [asdict(record) for record in solution.records],
     }
     arrays = {"P": solution.P, "r2": plant.r2, "operating_point": plant.operating_point}
+    arrays["operating_input"] = plant.operating_input
     arrays |= {f"V_{k}": part for k, part in solution.value_parts.items()}
     exact = solution.problem if isinstance(solution.problem, PolynomialPlant) else plant
     for name in _FIELDS:
@@ -136,6 +138,8 @@ def _assembled(arrays: dict[str, Any], problem: Problem | None) -> HJISolution:
         r2=arrays["r2"],
         state_names=header["states"],
         operating_point=arrays["operating_point"],
+        input_names=header["inputs"],
+        operating_input=arrays["operating_input"],
     )
     value = _gather(arrays, "V")
     if 2 not in value or any(k > degree or part.shape != (count(n, k),) for k, part in value.items()):

@@ -227,6 +227,8 @@ def expand_problem(problem: GeneralisedPlant, degree: int) -> PolynomialPlant:
         problem.r2,
         state_names=problem.state_names,
         operating_point=problem.operating_point,
+        input_names=problem.input_names,
+        operating_input=problem.operating_input,
     )
 
 

@@ -37,6 +37,10 @@ class PolynomialPlant:
         Defaults to x1 … xn.
     operating_point : array_like, shape (n,), optional
         The point the deviations are measured from (only kept, not used).
+    input_names : sequence of str, optional
+        Defaults to u1 … um.
+    operating_input : array_like, shape (m,), optional
+        The input at the operating point (only kept, not used).
 
     Attributes
     ----------
@@ -58,6 +62,8 @@ class PolynomialPlant:
     r2: np.ndarray
     state_names: tuple[str, ...]
     operating_point: np.ndarray
+    input_names: tuple[str, ...]
+    operating_input: np.ndarray
 
     def __init__(
         self,
@@ -69,6 +75,8 @@ class PolynomialPlant:
         *,
         state_names: Sequence[str] | None = None,
         operating_point: Any = None,
+        input_names: Sequence[str] | None = None,
+        operating_input: Any = None,
     ) -> None:
         if not isinstance(f, Mapping) or not f:
             raise InvalidInput(
@@ -86,6 +94,8 @@ class PolynomialPlant:
             r2=r2,
             state_names=state_names,
             operating_point=operating_point,
+            input_names=input_names,
+            operating_input=operating_input,
         )
 
     @classmethod
@@ -100,6 +110,8 @@ class PolynomialPlant:
         *,
         state_names: Sequence[str] | None = None,
         operating_point: Any = None,
+        input_names: Sequence[str] | None = None,
+        operating_input: Any = None,
     ) -> PolynomialPlant:
         """The same from homogeneous parts: degree → monomial coefficients along the last axis.
 
@@ -113,7 +125,15 @@ class PolynomialPlant:
         """
         plant = cls.__new__(cls)
         parts = {"f": dict(f), "g1": dict(g1), "g2": dict(g2), "h": dict(h)}
-        plant._set(n, **parts, r2=r2, state_names=state_names, operating_point=operating_point)
+        plant._set(
+            n,
+            **parts,
+            r2=r2,
+            state_names=state_names,
+            operating_point=operating_point,
+            input_names=input_names,
+            operating_input=operating_input,
+        )
         return plant
 
     def _set(
@@ -126,15 +146,12 @@ class PolynomialPlant:
         r2: Any,
         state_names: Sequence[str] | None,
         operating_point: Any,
+        input_names: Sequence[str] | None,
+        operating_input: Any,
     ) -> None:
-        names = tuple(state_names) if state_names is not None else tuple(f"x{i + 1}" for i in range(n))
-        if len(names) != n:
-            raise InvalidInput(
-                "The number of state names is not the number of states.",
-                f"expected {n} names, got {len(names)}: {', '.join(names)}",
-                "one name per state, in the order of f's rows",
-            )
         r2 = _positive_definite(r2)
+        names = _names("state", state_names, "x", n)
+        inputs = _names("input", input_names, "u", len(r2))
         parts = {
             "f": _checked("f", f, n, (n,), 1),
             "g1": _checked("g1", g1, n, (n, None), 0),
@@ -143,18 +160,15 @@ class PolynomialPlant:
         }
         _check_rest("f", parts["f"], names)
         _check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
-        point = np.zeros(n) if operating_point is None else np.array(operating_point, dtype=float)
-        if point.shape != (n,) or not np.isfinite(point).all():
-            raise InvalidInput(
-                "The operating point does not fit the plant.",
-                f"expected {n} finite numbers, got {point!r}",
-                "leave it out for the origin",
-            )
+        point = _point("state", operating_point, n)
+        rest = _point("input", operating_input, len(r2))
         for name, value in parts.items():
             object.__setattr__(self, f"{name}_parts", value)
         object.__setattr__(self, "r2", r2)
         object.__setattr__(self, "state_names", names)
         object.__setattr__(self, "operating_point", point)
+        object.__setattr__(self, "input_names", inputs)
+        object.__setattr__(self, "operating_input", rest)
 
     @property
     def size(self) -> tuple[int, int, int, int]:
@@ -174,6 +188,8 @@ class PolynomialPlant:
             r2=self.r2,
             state_names=self.state_names,
             operating_point=self.operating_point,
+            input_names=self.input_names,
+            operating_input=self.operating_input,
         )
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -181,6 +197,28 @@ class PolynomialPlant:
         x = np.asarray(x, dtype=float)
         f, g1, g2, h = (evaluate(p, x) for p in (self.f_parts, self.g1_parts, self.g2_parts, self.h_parts))
         return f, g1, g2, h
+
+
+def _names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
+    names = tuple(f"{letter}{i + 1}" for i in range(count)) if given is None else tuple(given)
+    if len(names) != count:
+        raise InvalidInput(
+            f"The number of {kind} names is not the number of {kind}s.",
+            f"expected {count} names, got {len(names)}: {', '.join(names)}",
+            f"one name per {kind}, in the order of {letter}",
+        )
+    return names
+
+
+def _point(kind: str, given: Any, count: int) -> np.ndarray:
+    point = np.zeros(count) if given is None else np.array(given, dtype=float)
+    if point.shape != (count,) or not np.isfinite(point).all():
+        raise InvalidInput(
+            f"The operating point does not fit the plant's {kind}s.",
+            f"expected {count} finite numbers, got {point!r}",
+            "leave it out for the origin",
+        )
+    return point
 
 
 def _positive_definite(r2: Any) -> np.ndarray:
