@@ -12,6 +12,7 @@ from flexhinf.codegen import compile_program
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller import Controller
 from flexhinf.loop.program import CONTROL_FAILED, LoopSizes, loop_program
+from flexhinf.loop.shared import share
 from flexhinf.loop.sampling import sample_disturbance, sample_noise, sample_signal, signal_name
 from flexhinf.loop.trajectory import Trajectory
 from flexhinf.plant import Plant, sub_steps
@@ -118,8 +119,10 @@ class Loop:
     @cached_property
     def kernel(self) -> Any:
         """The whole run as one compiled kernel."""
-        assert isinstance(self.true_plant, Plant)
-        return compile_program(loop_program(self.true_plant, self.controller, self._sizes))
+        plant, controller, sizes = self.true_plant, self.controller, self._sizes
+        assert isinstance(plant, Plant)
+        key = ("loop", plant.code_key, controller.code_key, sizes)
+        return share(key, lambda: compile_program(loop_program(plant, controller, sizes)))
 
     def start(self, initial_state: Any) -> np.ndarray:
         """The true plant's initial state (n,): an array, a mapping by name, or None for the law's operating point."""

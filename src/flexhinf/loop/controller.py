@@ -16,6 +16,7 @@ import numpy as np
 from flexhinf.codegen import Buffer, Call, Guard, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.layout import Layout
+from flexhinf.loop.shared import share
 from flexhinf.plant import Estimator, Gaussian, Law
 from flexhinf.scalars import clip, drop_empty, jacobian, trace, where
 
@@ -244,6 +245,13 @@ class Controller:
             )
         return mean
 
+    @property
+    def code_key(self) -> tuple[object, ...]:
+        """What distinguishes this controller's code from another's (not its data)."""
+        estimator = self.estimator
+        model = None if estimator is None else (estimator.estimator_key, estimator.plant.code_key)
+        return ("controller", self.law.law_key, tuple(self.law.state_names), len(self.law.input_names), model)
+
     # The step ---------------------------------------------------------------------------------------------------
     @cached_property
     def traced(self) -> Any:
@@ -255,7 +263,8 @@ class Controller:
             return u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured), len(self.tracked), self.memory.size, self.data.size)
-        return trace(step, *sizes, name="controller", names=("y", "r", "memory", "data"))
+        names = ("y", "r", "memory", "data")
+        return share((self.code_key, sizes), lambda: trace(step, *sizes, name="controller", names=names))
 
     @cached_property
     def _bound(self) -> tuple[Callable[[], int], np.ndarray, np.ndarray, np.ndarray]:
@@ -281,7 +290,8 @@ class Controller:
         arrays["data"][:] = self.data_vector()
         arrays["memory"] = self._memory
         self._estimate = arrays["estimate"]
-        return compile_program(program).bind(arrays, {}), arrays["y"], arrays["r"], arrays["u"]
+        kernel = share(("step", self.code_key, tuple(sizes.values())), lambda: compile_program(program))
+        return kernel.bind(arrays, {}), arrays["y"], arrays["r"], arrays["u"]
 
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); a plain number will do for one signal.

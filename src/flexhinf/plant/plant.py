@@ -116,6 +116,12 @@ class Plant:
             )
         return tuple(self.states).index(name)
 
+    @property
+    def code_key(self) -> tuple[object, ...]:
+        """What distinguishes this plant's code from another's (not its parameter values)."""
+        shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
+        return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
+
     def with_parameters(self, **changes: Any) -> Plant:
         """The same plant with other parameter values; nothing is compiled again."""
         changed = replace(self, parameters=self.parameters.replaced(changes))
