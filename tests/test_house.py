@@ -1,0 +1,168 @@
+"""The house itself: its floors, its locks, its texts."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+MACHINE = re.compile(r"(?:^|[^A-Za-z0-9_.])/(?:home|root|work|Users|farm|mnt|opt)/", re.MULTILINE)
+
+
+def texts(repository: Path) -> list[Path]:
+    """The repository's own files: tracked or about to be, or everything where there is no git."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=repository,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode == 0:
+        found = [repository / name for name in listed.stdout.split("\0") if name]
+    else:
+        parts = ("src", "tests", "docs", "benchmarks", "examples", ".ci")
+        found = [file for part in parts for file in (repository / part).rglob("*")]
+        found += list(repository.iterdir())
+    return [file for file in found if file.is_file() and b"\0" not in file.read_bytes()[:4096]]
+
+
+def lint_imports(root: Path) -> subprocess.CompletedProcess[str]:
+    script = "import sys; from importlinter.cli import lint_imports_command; lint_imports_command()"
+    return subprocess.run(
+        [sys.executable, "-c", script, "--no-logo", "--no-cache"],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root / "src")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_imports_only_go_down(repository: Path) -> None:
+    outcome = lint_imports(repository)
+    assert outcome.returncode == 0, outcome.stdout + outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "complaint"),
+    [
+        ("utils.py", "", "flexhinf.utils"),
+        ("errors.py", "import flexhinf.report\n", "flexhinf.errors -> flexhinf.report"),
+        ("hinf/__init__.py", "import flexhinf.robot\n", "flexhinf.hinf -> flexhinf.robot"),
+    ],
+)
+def test_the_contract_catches_what_it_is_there_for(
+    repository: Path, tmp_path: Path, file: str, content: str, complaint: str
+) -> None:
+    shutil.copytree(repository / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(repository / "pyproject.toml", tmp_path)
+    (tmp_path / "src" / "flexhinf" / file).write_text(content, encoding="utf-8")
+    outcome = lint_imports(tmp_path)
+    assert outcome.returncode == 1
+    assert complaint in outcome.stdout
+
+
+def test_no_text_names_a_path_of_somebodys_machine(repository: Path) -> None:
+    found = {
+        str(file.relative_to(repository)): match.group()
+        for file in texts(repository)
+        if file.suffix != ".svg" and (match := MACHINE.search(file.read_text(encoding="utf-8")))
+    }
+    assert found == {}
+
+
+def test_a_file_is_one_concept_of_at_most_400_lines(repository: Path) -> None:
+    python = [file for file in texts(repository) if file.suffix == ".py"]
+    lengths = {str(file): len(file.read_text(encoding="utf-8").splitlines()) for file in python}
+    assert len(lengths) > 20
+    assert {name: length for name, length in lengths.items() if length > 400} == {}
+
+
+def test_every_test_directory_mirrors_a_room(repository: Path) -> None:
+    rooms = {path.name for path in (repository / "src" / "flexhinf").iterdir()}
+    mirrored = {path.name for path in (repository / "tests").iterdir() if path.is_dir()} - {"__pycache__"}
+    assert mirrored <= rooms | {"benchmarks", "examples"}
+
+
+def test_locks_hold_hashes_and_no_address_and_agree(repository: Path) -> None:
+    pins = {}
+    for name in ("requirements.lock", "requirements-dev.lock"):
+        text = (repository / name).read_text(encoding="utf-8")
+        assert "://" not in text
+        assert "index-url" not in text
+        pinned = re.findall(r"^(\S+==\S+)((?: ; [^\\\n]*)?) \\\n    --hash=sha256:", text, re.MULTILINE)
+        lines = [line for line in text.splitlines() if line and not line.startswith((" ", "#"))]
+        assert len(pinned) == len(lines)
+        pins[name] = {pin for pin, _ in pinned}
+    assert pins["requirements.lock"] <= pins["requirements-dev.lock"]
+    assert any(pin.startswith("flit-core==") for pin in pins["requirements.lock"])
+
+
+def test_locks_hold_everything_the_project_asks_for(repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+    def name_of(requirement: str) -> str:
+        return re.split(r"[^A-Za-z0-9_.-]", requirement)[0].lower().replace("_", "-")
+
+    run = (repository / "requirements.lock").read_text(encoding="utf-8")
+    dev = (repository / "requirements-dev.lock").read_text(encoding="utf-8")
+    assert [r for r in project["dependencies"] if f"\n{name_of(r)}==" not in f"\n{run}"] == []
+    assert [
+        r for r in project["optional-dependencies"]["test"] if f"\n{name_of(r)}==" not in f"\n{dev}"
+    ] == []
+
+
+def test_every_key_cited_is_in_the_references(repository: Path) -> None:
+    bibliography = (repository / "docs" / "references.bib").read_text(encoding="utf-8")
+    known = set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
+    cited: dict[str, str] = {}
+    for file in (repository / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+                keys = re.findall(r"\[([a-z]+(?:19|20)\d\d[a-z]?)\]", ast.get_docstring(node) or "")
+                cited.update(dict.fromkeys(keys, str(file)))
+    assert cited
+    assert {key: file for key, file in cited.items() if key not in known} == {}
+
+
+def test_importing_the_package_loads_no_heavy_library() -> None:
+    heavy = ("scipy", "casadi", "llvmlite", "matplotlib", "xarray", "typer")
+    code = f"import sys, flexhinf; print([name for name in {heavy!r} if name in sys.modules])"
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert outcome.stdout.strip() == "[]"
+
+
+def test_every_public_name_can_be_imported() -> None:
+    import flexhinf as fh
+
+    # The names of this stage, as the API promises them; robots from files, campaigns and proofs come later.
+    promised = [
+        "paper_arm",
+        "Plant",
+        "PolynomialPlant",
+        "smallest_gamma",
+        "solve_hji",
+        "linear_law",
+        "load_solution",
+        "HJISolution",
+        "InfeasibleGamma",
+        "UnscentedKalmanFilter",
+        "ExtendedKalmanFilter",
+        "Controller",
+        "Loop",
+        "Step",
+        "Sine",
+        "Quintic",
+        "Samples",
+    ]
+    missing = [name for name in promised if not hasattr(fh, name) or name not in fh.__all__]
+    assert missing == []
+    assert [name for name in fh.__all__ if not hasattr(fh, name)] == []
