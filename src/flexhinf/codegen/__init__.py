@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.compile import compile_program
-from flexhinf.codegen.interpret import interpret
+from flexhinf.codegen.compiler import compile_program
+from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.program import Buffer, Call, Copy, Guard, Program, Repeat, Slice
 

@@ -18,9 +18,9 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     ----------
     program : Program
     arrays : mapping
-        One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size` elements is
-        taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer that is not shared is
-        the lane, so its shape is (size, W) or (…, W).
+        One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size`
+        elements is taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer
+        that is not shared is the lane, so its shape is (size, W) or (…, W).
     lanes : int
 
     Returns
@@ -31,8 +31,8 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     Raises
     ------
     InvalidInput
-        Missing or unknown name; wrong type, dtype, layout or number of elements; a read-only array to be written; a
-        written array that shares memory with another one.
+        Missing or unknown name; wrong type, dtype, layout or number of elements; a read-only array to be
+        written; a written array that shares memory with another one.
     """
     expected = {buffer.name: buffer for buffer in program.buffers if buffer.role != "work"}
     if set(arrays) != set(expected):

@@ -1,8 +1,9 @@
-"""Object code kept on disk, by the hash of what it was made from. A file that is not exactly right is not used.
+"""Object code kept on disk, by the hash of what it was made from; only a file that is exactly right is used.
 
-The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder. A file holds a
-magic line, the key, the SHA-256 of the object code, and the object code. It is used only if it belongs to the user and
-all three agree; it is written under another name and then renamed, so that no reader sees half of it.
+The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder. A
+file holds a magic line, the key, the SHA-256 of the object code, and the object code. It is used only if it
+belongs to the user and all three agree; it is written under another name and then renamed, so that no reader
+sees half of it.
 """
 
 from __future__ import annotations

@@ -61,8 +61,9 @@ class Kernel(ABC):
 
     Notes
     -----
-    With one lane a run stops at the guard that fails. With several, the lane that failed is marked and its numbers
-    mean nothing from there on, while the others go on undisturbed; the run stops when all have failed.
+    With one lane a run stops at the guard that fails. With several, the lane that failed is marked and its
+    numbers mean nothing from there on, while the others go on undisturbed; the run stops when all have
+    failed.
     """
 
     compiled: bool
@@ -83,7 +84,8 @@ class Kernel(ABC):
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in place.
+            One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in
+            place.
         counts : mapping of str to int
             Turns of every loop of the program.
 
@@ -103,8 +105,8 @@ class Kernel(ABC):
     def bind(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> BoundKernel:
         """Check the arrays once; return a callable without arguments that runs on them and returns the code.
 
-        The callable keeps the arrays alive and reads whatever they hold when it is called. One bound kernel is for
-        one thread at a time; bind again for another.
+        The callable keeps the arrays alive and reads whatever they hold when it is called. One bound kernel
+        is for one thread at a time; bind again for another.
 
         Raises
         ------

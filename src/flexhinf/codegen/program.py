@@ -1,7 +1,7 @@
 """What a kernel runs: traced functions, copies and guards over named flat arrays, inside loops.
 
-A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the interpreter
-read the very same text.
+A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the
+interpreter read the very same text.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Buffer:
     size : int or None
         Number of elements per lane; None leaves it to the array given at run time.
     role : {"in", "out", "state", "work"}
-        "in" is only read; "out" is written; "state" is read and written; "work" belongs to the kernel: the caller
-        gives no array for it, and it is zero at the start of every run.
+        "in" is only read; "out" is written; "state" is read and written; "work" belongs to the kernel: the
+        caller gives no array for it, and it is zero at the start of every run.
     shared : bool
         One copy for all lanes (only for "in").
 
@@ -75,7 +75,7 @@ class Buffer:
 
 @dataclass(frozen=True)
 class Slice:
-    """Elements ``offset + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer, k_d the index of the d-th enclosing loop.
+    """Elements ``offset + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer; k_d counts the d-th loop around.
 
     Parameters
     ----------
@@ -228,8 +228,8 @@ class Program:
     Raises
     ------
     InvalidInput
-        Duplicate names, unknown buffers or counts, a write to an "in" buffer, a slice outside of a sized buffer, or
-        strides whose number is not the depth of the loop.
+        Duplicate names, unknown buffers or counts, a write to an "in" buffer, a slice outside of a sized
+        buffer, or strides whose number is not the depth of the loop.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """A traced function as operations in single-assignment form, products fused into the sums that use them.
 
-Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag): the same text for
-any number of lanes then gives the same bits, at any optimisation level.
+Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag): the same
+text for any number of lanes then gives the same bits, at any optimisation level.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]
             return None
         if product.code == casadi.OP_MUL:
             return product.arguments[0], product.arguments[1]
-        return (product.arguments[0],) * 2 if product.code == casadi.OP_SQ else None
+        return (product.arguments[0], product.arguments[0]) if product.code == casadi.OP_SQ else None
 
     for k, operation in enumerate(operations):
         if operation is None or operation.code not in (casadi.OP_ADD, casadi.OP_SUB):

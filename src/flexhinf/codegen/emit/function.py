@@ -36,7 +36,8 @@ def emit_function(
 
     Notes
     -----
-    Every store comes after every load, so a result may overwrite an argument; the pointers carry no ``noalias``.
+    Every store comes after every load, so a result may overwrite an argument; the pointers carry no
+    ``noalias``.
     """
     flow = read_dataflow(function, OPCODES, fused)
     writer = Writer(module)

@@ -8,8 +8,8 @@ from flexhinf.codegen.emit.text import PREFIX, PURE, Writer
 def library_call(writer: Writer, name: str, *operands: str) -> str:
     """Emit a call of the C function `name` in every lane; returns the name of the result.
 
-    The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not replace it
-    by something that depends on the number of lanes.
+    The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
+    replace it by something that depends on the number of lanes.
     """
     module = writer.module
     foreign = PREFIX + name

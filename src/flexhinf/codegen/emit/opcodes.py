@@ -1,7 +1,8 @@
 """CasADi's operations as LLVM operations: the one table.
 
-Every rule follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them one by
-one. Functions of the C library are called lane by lane: the same bits as CasADi, for any number of lanes.
+Every rule follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them
+one by one. Functions of the C library are called lane by lane: the same bits as CasADi, for any number of
+lanes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Lines of LLVM text: types for one lane or many, constants, fresh names, and what the module must declare."""
+"""Lines of LLVM text: types for one lane or many, constants, fresh names, and what the module declares."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import struct
 from dataclasses import dataclass, field
 
 PREFIX = "flexhinf_"
-"""Every emitted name starts with it: a function named `step` once bound silently to a symbol of the C library."""
+"""Every emitted name starts with it: a function named `step` once bound to a symbol of the C library."""
 
 PURE = "nounwind willreturn memory(none)"
 """Attributes of functions whose result depends on their arguments alone."""

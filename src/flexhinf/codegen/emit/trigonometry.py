@@ -1,8 +1,8 @@
 """Sine and cosine: one sequence of operations for one lane and for many, so that all give the same bits.
 
-x is reduced by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4, and the
-polynomials of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. Arguments
-beyond `REACH` go to the C library.
+x is reduced by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4,
+and the polynomials of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes
+one. Arguments beyond `REACH` go to the C library.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from flexhinf.codegen.emit.library import library_call
 from flexhinf.codegen.emit.text import PREFIX, PURE, Writer
 
 REACH = 2.0**30
-"""Largest |x| that is reduced here: k·2/π is known to well below 1, so that |r| ≤ π/4 holds but for rounding."""
+"""Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
 
 # π/2 as an unevaluated sum of three float64 numbers.
 _HALF_PI = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from functools import cache
 
-from flexhinf.codegen.interpret import interpret
+from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import Kernel
 from flexhinf.codegen.program import Program
 from flexhinf.codegen.unsupported import Unsupported
@@ -25,8 +25,9 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
     Returns
     -------
     Kernel
-        ``kernel.compiled`` tells whether it is machine code. An operation without machine code, or a machine on
-        which LLVM does not work, gives an interpreted kernel, and a notice through `logging`, once per reason.
+        ``kernel.compiled`` tells whether it is machine code. An operation without machine code, or a machine
+        on which LLVM does not work, gives an interpreted kernel, and a notice through `logging`, once per
+        reason.
 
     Raises
     ------
@@ -35,8 +36,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
     Notes
     -----
-    The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own rule,
-    no operation may be reordered, and sin and cos are the same sequence of operations for any W.
+    The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
+    rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
     fallback = interpret(program, lanes)
     try:
@@ -64,4 +65,4 @@ def _compile(program: Program, lanes: int) -> Kernel:
 
 @cache
 def _notice(reason: str) -> None:
-    _LOGGER.warning("%s; it runs on CasADi's evaluator instead, slower, with the same results.", reason)
+    _LOGGER.warning("%s; it runs on CasADi's evaluator instead, which is slower.", reason)

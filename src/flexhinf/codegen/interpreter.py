@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ Walk = Callable[[tuple[int, ...]], None]
 
 
 class BoundWalk:
-    """An interpreted program with its arrays; every lane is a column that is copied in, run, and copied back."""
+    """An interpreted program with its arrays; every lane is copied in, run, and copied back."""
 
     def __init__(
         self, kernel: InterpretedKernel, arrays: dict[str, np.ndarray], counts: dict[str, int]
@@ -130,15 +131,18 @@ class BoundWalk:
     def _call(self, step: Call) -> Walk:
         arguments = [np.empty(piece.size) for piece in step.inputs]
         results = [np.empty(piece.size) for piece in step.outputs]
+        evaluator: Any
         evaluator, trigger = step.function.buffer()
         for k, argument in enumerate(arguments):
-            evaluator.set_arg(k, memoryview(argument))
+            evaluator.set_arg(k, argument.data)
         for k, result in enumerate(results):
-            evaluator.set_res(k, memoryview(result))
+            evaluator.set_res(k, result.data)
         sources = [self._view(piece) for piece in step.inputs]
         targets = [self._view(piece) for piece in step.outputs]
 
-        def call(turns: tuple[int, ...], _alive: object = evaluator) -> None:
+        def call(
+            turns: tuple[int, ...], _alive: Any = evaluator
+        ) -> None:  # trigger does not own the evaluator
             for argument, source in zip(arguments, sources, strict=True):
                 argument[:] = source(turns)
             trigger()

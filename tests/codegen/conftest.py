@@ -1,0 +1,39 @@
+"""Kernels of single functions, with a cache of their own."""
+
+import casadi
+import numpy as np
+import pytest
+
+from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """No test reads or writes the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def pointwise():
+    """``pointwise(function, *columns, lanes)``: a function of scalars on every point, compiled."""
+
+    def evaluate(function: casadi.Function, *columns: np.ndarray, lanes: int = 1) -> np.ndarray:
+        points = len(columns[0])
+        names = [f"in{k}" for k in range(len(columns))]
+        buffers = [*(Buffer(name, None, "in") for name in names), Buffer("out", None, "out")]
+        call = Call(function, tuple(Slice(name, 0, 1, (1,)) for name in names), (Slice("out", 0, 1, (1,)),))
+        program = Program("pointwise", tuple(buffers), (Repeat("points", (call,)),), ("points",))
+        kernel = compile_program(program, lanes)
+        assert kernel.compiled
+        turns = -(-points // lanes)
+        arrays = {
+            name: np.resize(np.asarray(column, dtype=float), (turns, lanes))
+            for name, column in zip(names, columns, strict=True)
+        }
+        arrays["out"] = np.zeros((turns, lanes))
+        assert kernel.run(arrays, {"points": turns}).fine
+        return arrays["out"].reshape(-1)[:points]
+
+    return evaluate

@@ -1,0 +1,74 @@
+"""Sine and cosine against 200-bit arithmetic."""
+
+import casadi
+import mpmath
+import numpy as np
+import pytest
+
+from flexhinf.codegen.emit.trigonometry import REACH
+
+X = casadi.SX.sym("x")
+FUNCTIONS = {name: casadi.Function(name, [X], [getattr(casadi, name)(X)]) for name in ("sin", "cos")}
+
+
+def worst_ulp(name: str, points: np.ndarray, values: np.ndarray) -> float:
+    """Largest distance to the exact value, in units of its last place."""
+    with mpmath.workprec(1300):  # enough for the largest float64
+        exact = [getattr(mpmath, name)(mpmath.mpf(float(point))) for point in points]
+        return max(
+            float(abs(mpmath.mpf(float(value)) - truth)) / np.spacing(abs(float(truth)))
+            for value, truth in zip(values, exact, strict=True)
+        )
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize(
+    "bounds", [(0, 0.8), (0, 10), (0, 1e5), (1e5, REACH), (0.9 * REACH, 1.1 * REACH), (1e20, 1e300)]
+)
+def test_error_is_below_two_units_in_the_last_place(name, bounds, pointwise):
+    random = np.random.default_rng(3)
+    points = random.uniform(*bounds, 1500) * random.choice([-1.0, 1.0], 1500)
+    assert worst_ulp(name, points, pointwise(FUNCTIONS[name], points)) < 2.0
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_relative_error_holds_beside_multiples_of_a_quarter_turn(name, pointwise):
+    turns = np.concatenate([np.arange(400), np.random.default_rng(4).integers(400, int(REACH * 0.6), 600)])
+    with mpmath.workprec(200):
+        nearest = np.array([float(int(turn) * mpmath.pi / 4) for turn in turns])
+    points = np.concatenate([nearest, np.nextafter(nearest, np.inf), np.nextafter(nearest, 0.0)])
+    assert worst_ulp(name, points, pointwise(FUNCTIONS[name], points)) < 2.0
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_special_arguments(lanes, pointwise):
+    points = np.array([0.0, -0.0, 5e-324, -5e-324, 1e-300, np.inf, -np.inf, np.nan])
+    sine = pointwise(FUNCTIONS["sin"], points, lanes=lanes)
+    cosine = pointwise(FUNCTIONS["cos"], points, lanes=lanes)
+    np.testing.assert_array_equal(sine[:5], points[:5])
+    np.testing.assert_array_equal(np.signbit(sine[:2]), [False, True])
+    np.testing.assert_array_equal(cosine[:5], np.ones(5))
+    assert np.isnan(sine[5:]).all()
+    assert np.isnan(cosine[5:]).all()
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_far_argument_in_one_lane_does_not_change_its_neighbours(name, pointwise):
+    near = np.random.default_rng(5).uniform(-50.0, 50.0, 64)
+    mixed = near.copy()
+    mixed[::8] = 1e200
+    expected, got = pointwise(FUNCTIONS[name], near, lanes=1), pointwise(FUNCTIONS[name], mixed, lanes=8)
+    kept = mixed == near
+    np.testing.assert_array_equal(got[kept], expected[kept])
+    assert worst_ulp(name, mixed[:1], got[:1]) < 1.0
+
+
+@pytest.mark.property
+def test_symmetry_is_exact(pointwise):
+    points = np.random.default_rng(6).uniform(0.0, 1e5, 2000)
+    for name, sign in (("sin", -1.0), ("cos", 1.0)):
+        np.testing.assert_array_equal(
+            pointwise(FUNCTIONS[name], -points), sign * pointwise(FUNCTIONS[name], points)
+        )

@@ -1,0 +1,114 @@
+"""Running and binding, compiled and interpreted alike."""
+
+import gc
+import threading
+import weakref
+
+import casadi
+import numpy as np
+import pytest
+
+from flexhinf.codegen import Buffer, Call, Guard, Program, Repeat, Slice, compile_program, interpret
+
+BOTH = pytest.mark.parametrize("make", [compile_program, interpret])
+X, U = casadi.SX.sym("x"), casadi.SX.sym("u")
+STEP = casadi.Function("step", [X, U], [X + casadi.log(U)])
+PROGRAM = Program(
+    "sum",
+    (Buffer("x", 1, "state"), Buffer("u", 1, "in")),
+    (
+        Repeat(
+            "n",
+            (Call(STEP, (Slice("x"), Slice("u")), (Slice("x"),)), Guard(Slice("x"), 3)),
+        ),
+    ),
+    ("n",),
+)
+
+
+@BOTH
+def test_a_bound_kernel_reads_what_the_arrays_hold_now(make):
+    x, u = np.zeros(1), np.ones(1)
+    bound = make(PROGRAM).bind({"x": x, "u": u}, {"n": 2})
+    assert bound() == 0
+    assert x[0] == 0.0
+    u[0] = np.e
+    assert bound() == 0
+    assert x[0] == 2.0
+    assert bound.status.fine
+
+
+@BOTH
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_a_bound_kernel_tells_failure_and_forgets_it(make, lanes):
+    x, u = np.zeros((1, lanes)), np.ones((1, lanes))
+    bound = make(PROGRAM, lanes).bind({"x": x, "u": u}, {"n": 2})
+    u[0, 0] = -1.0
+    assert bound() == 3
+    assert np.ravel(bound.status.code)[0] == 3
+    assert np.ravel(bound.status.step)[0] == 0
+    assert (np.ravel(bound.status.code)[1:] == 0).all()
+    u[:], x[:] = 1.0, 0.0
+    assert bound() == 0
+    assert bound.status.fine
+
+
+@BOTH
+def test_a_status_does_not_change_with_the_next_run(make):
+    x, u = np.zeros((1, 2)), np.array([[1.0, -1.0]])
+    bound = make(PROGRAM, 2).bind({"x": x, "u": u}, {"n": 1})
+    bound()
+    status = bound.status
+    u[:], x[:] = 1.0, 0.0
+    bound()
+    np.testing.assert_array_equal(status.code, [0, 3])
+
+
+@BOTH
+def test_a_bound_kernel_keeps_its_arrays_and_its_code(make):
+    x, u = np.zeros(1), np.full(1, np.e)
+    watched = weakref.ref(x)
+    bound = make(PROGRAM).bind({"x": x, "u": u}, {"n": 1})
+    del x, u
+    gc.collect()
+    assert bound() == 0
+    kept = watched()
+    assert kept is not None
+    assert kept[0] == 1.0
+    del bound, kept
+    gc.collect()
+    assert watched() is None
+
+
+def test_two_kernels_of_one_program_live_side_by_side():
+    first, second = compile_program(PROGRAM), compile_program(PROGRAM)
+    del first
+    gc.collect()
+    x = np.zeros(1)
+    assert second.run({"x": x, "u": np.full(1, np.e)}, {"n": 4}).fine
+    assert x[0] == 4.0
+
+
+def test_a_run_lets_other_threads_work():
+    x, u = np.zeros(1), np.ones(1)
+    bound = compile_program(PROGRAM).bind({"x": x, "u": u}, {"n": 20_000_000})
+    thread = threading.Thread(target=bound)
+    thread.start()
+    turns = 0
+    while thread.is_alive():
+        turns += 1
+    assert turns > 1000
+
+
+def test_threads_run_one_kernel_on_arrays_of_their_own():
+    kernel = compile_program(PROGRAM)
+    columns = [np.zeros(1) for _ in range(4)]
+    bound = [
+        kernel.bind({"x": x, "u": np.full(1, np.e)}, {"n": 1000 * (k + 1)}) for k, x in enumerate(columns)
+    ]
+    threads = [threading.Thread(target=one) for one in bound]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [x[0] for x in columns] == [1000.0, 2000.0, 3000.0, 4000.0]
