@@ -109,7 +109,7 @@ class Support:
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
         self._sums: dict[Support, _Sum] = {}
-        self._products: dict[tuple[Support, int, bool], _Product] = {}
+        self._products: dict[Support, _Product] = {}
         self._compositions: list[_Product] | None = None
 
     def forget(self) -> None:
@@ -134,27 +134,27 @@ class Support:
             self.space.remember(found.size)
         return found
 
-    def product(self, other: Support, limit: int, constant: bool = False) -> _Product:
-        """The products with `other` through degree `limit`; `constant` adds the monomial 1 to the result."""
-        key = (other, limit, constant)
-        found = self._products.get(key)
+    def product(self, other: Support) -> _Product:
+        """The products with `other` through the degree of the space."""
+        found = self._products.get(other)
         if found is None:
-            found = self._products[key] = _Product(self, other, limit, constant)
+            found = self._products[other] = _Product(self, other, self.space.degree)
             self.space.remember(found.pairs)
         return found
 
     def compositions(self) -> list[_Product]:
         """The products of Horner's rule for a series in a polynomial of this support (without constant)."""
-        if self._compositions is None:
-            lowest, degree = self.lowest_degree(), self.space.degree
-            inner, steps = self.space.constant, []
-            for k in reversed(range(degree // lowest)):
-                step = _Product(self, inner, degree - k * lowest, constant=True)
-                steps.append(step)
-                inner = step.support
-            self._compositions = steps
-            self.space.remember(sum(step.pairs for step in steps))
-        return self._compositions
+        if self._compositions is not None:
+            return self._compositions
+        lowest, degree = self.lowest_degree(), self.space.degree
+        inner, steps = self.space.constant, []
+        for k in reversed(range(degree // lowest)):
+            step = _Product(self, inner, degree - k * lowest, constant=True)
+            steps.append(step)
+            inner = step.support
+        self._compositions = steps
+        self.space.remember(sum(step.pairs for step in steps))
+        return steps
 
 
 class _Sum:
@@ -187,11 +187,14 @@ class _Sum:
 
 
 class _Product:
-    """Which pairs of monomials of two supports meet within a degree, and the place of each product."""
+    """Which pairs of monomials of two supports meet within a degree, and the place of each product.
+
+    With `constant` the result has the constant monomial in any case.
+    """
 
     __slots__ = ("left", "pairs", "places", "right", "size", "support")
 
-    def __init__(self, a: Support, b: Support, limit: int, constant: bool) -> None:
+    def __init__(self, a: Support, b: Support, limit: int, constant: bool = False) -> None:
         blocks = [np.zeros((3, 0), np.intp)]
         for i in range(limit + 1):
             for j in range(limit + 1 - i):
@@ -235,7 +238,7 @@ def add(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, 
 
 def multiply(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:
     """Product of two polynomials of one space, truncated after its degree."""
-    plan = a.product(b, a.space.degree)
+    plan = a.product(b)
     return plan.support, plan(x, y)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, wraps
 
 import numpy as np
 
@@ -33,6 +33,21 @@ def _require(condition: bool, name: str, point: float, domain: str) -> None:
         f"expected an argument {domain} there, got {point:.17g}",
         "another point of expansion, or a form of the model that is smooth at this one",
     )
+
+
+def _finite(series: Series) -> Series:
+    """Refuse a point that is not finite, or where the function leaves the finite numbers."""
+
+    @wraps(series)
+    def checked(x: float, degree: int) -> np.ndarray:
+        _require(math.isfinite(x), series.__name__, x, "that is finite")
+        try:
+            return series(x, degree)
+        except OverflowError:
+            _require(False, series.__name__, x, "whose result is finite")
+            raise
+
+    return checked
 
 
 def _cycle(values: tuple[float, ...], degree: int) -> np.ndarray:
@@ -187,13 +202,21 @@ def sqrt(x: float, degree: int) -> np.ndarray:
 
 def power(x: float, exponent: float, degree: int) -> np.ndarray:
     """x^exponent: any x for a whole exponent ≥ 0, x ≠ 0 for a negative one, x > 0 for a fraction."""
-    whole = float(exponent).is_integer()
-    if whole and exponent >= 0:
+    name = "1/x" if exponent == -1 else f"x**{exponent:g}"
+    _require(math.isfinite(x) and math.isfinite(exponent), name, x, "that is finite, and so the exponent,")
+    try:
+        return _power(x, float(exponent), degree, name)
+    except OverflowError:
+        _require(False, name, x, "whose result is finite")
+        raise
+
+
+def _power(x: float, exponent: float, degree: int, name: str) -> np.ndarray:
+    if exponent.is_integer() and exponent >= 0:
         top = int(exponent)
         return np.array([math.comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)])
-    name = "1/x" if exponent == -1 else f"x**{exponent:g}"
-    if whole:
-        _require(x != 0.0 and math.isfinite(x), name, x, "different from zero")
+    if exponent.is_integer():
+        _require(x != 0.0, name, x, "different from zero")
     else:
         _require(x > 0.0, name, x, "> 0")
     result = np.empty(degree + 1)
@@ -205,7 +228,7 @@ def power(x: float, exponent: float, degree: int) -> np.ndarray:
 
 #: The functions of one variable, by NumPy's name.
 FUNCTIONS: dict[str, Series] = {
-    f.__name__: f
+    f.__name__: _finite(f)
     for f in (
         sin, cos, tan, sinh, cosh, tanh, arcsin, arccos, arctan, arcsinh, arccosh, arctanh,
         exp, expm1, log, log1p, log10, sqrt,

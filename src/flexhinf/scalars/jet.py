@@ -253,7 +253,7 @@ class Jet:
     __bool__, __float__, __int__ = _refused("bool"), _refused("float", ARRAYS), _refused("int", ARRAYS)
     __lt__, __le__, __gt__, __ge__ = _refused("<"), _refused("<="), _refused(">"), _refused(">=")
     __eq__, __ne__ = _refused("=="), _refused("!=")  # type: ignore[assignment]
-    __abs__ = _refused("abs")
+    __abs__, __floor__, __ceil__ = _refused("abs"), _refused("floor"), _refused("ceil")
 
     def __repr__(self) -> str:
         return f"Jet({self.n} variables, degree {self.degree}, value {self.constant:.6g})"

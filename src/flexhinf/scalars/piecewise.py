@@ -58,7 +58,11 @@ sign = _dispatch("sign", np.sign, ca.sign)
 absolute = _dispatch("absolute", np.abs, ca.fabs)
 clip = _dispatch("clip", np.clip, lambda x, low, high: ca.fmin(ca.fmax(x, low), high))
 
-where.__doc__ = "``a`` where the condition holds, else ``b``; both branches are evaluated."
+where.__doc__ = """``a`` where the condition holds, else ``b``; both branches are evaluated.
+
+A condition on symbols compares elements (``x[0] > 0``), or arrays by ``np.greater(x, y, dtype=object)``:
+the operators of NumPy's arrays want yes or no.
+"""
 maximum.__doc__ = "The larger of two elements."
 minimum.__doc__ = "The smaller of two elements."
 sign.__doc__ = "−1, 0 or 1."

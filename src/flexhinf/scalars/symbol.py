@@ -88,7 +88,7 @@ class Symbol:
     arcsinh, arccosh, arctanh = _unary(ca.asinh), _unary(ca.acosh), _unary(ca.atanh)
     exp, log, sqrt = _unary(ca.exp), _unary(ca.log), _unary(ca.sqrt)
     expm1, log1p = _unary(ca.expm1), _unary(ca.log1p)
-    floor, ceil = _unary(ca.floor), _unary(ca.ceil)
+    __floor__, __ceil__ = _unary(ca.floor), _unary(ca.ceil)  # np.floor and np.ceil go through the math module
     arctan2, hypot = _binary(ca.atan2), _binary(ca.hypot)
 
     def log10(self) -> Symbol:
@@ -103,7 +103,8 @@ class Symbol:
         raise InvalidInput(
             "A symbolic expression has no truth value, so `if`, `max`, `np.where` cannot branch on it.",
             f"expected arithmetic or a function of flexhinf.scalars, got a branch on {self!r}",
-            "flexhinf.scalars.where, maximum, minimum, clip, sign or absolute",
+            "flexhinf.scalars.where, maximum, minimum, clip, sign or absolute; to compare whole arrays, "
+            "np.greater(x, y, dtype=object)",
         )
 
     def __float__(self) -> float:

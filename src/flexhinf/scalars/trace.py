@@ -73,7 +73,8 @@ def trace(
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
     edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
-    return ca.Function(name, [pack(a) for a in arguments], split)
+    results_named = [f"o{k}" for k in range(len(split))]
+    return ca.Function(name, [pack(a) for a in arguments], split, labels, results_named)
 
 
 def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexhinf.scalars import cholesky, coefficients, gram, jets, solve_lower, solve_lower_transposed, trace
+
+
+def positive_definite(n: int, seed: int) -> np.ndarray:
+    root = np.random.default_rng(seed).normal(size=(n, n))
+    return root @ root.T + 0.1 * np.eye(n)
+
+
+def on_symbols(code, *arrays) -> np.ndarray:
+    result = trace(code, *[a.shape for a in arrays])(*[a.ravel() for a in arrays])
+    return np.asarray(result, dtype=float).ravel()
+
+
+sizes_and_seeds = (st.integers(1, 7), st.integers(0, 2**32 - 1))
+
+
+@pytest.mark.oracle
+@given(*sizes_and_seeds)
+def test_cholesky_is_scipys(n, seed):
+    matrix = positive_definite(n, seed)
+    factor = cholesky(matrix)
+    assert factor.dtype == float
+    np.testing.assert_allclose(factor, scipy.linalg.cholesky(matrix, lower=True), rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(np.triu(factor, 1), 0)
+
+
+@pytest.mark.oracle
+@given(*sizes_and_seeds)
+def test_triangular_solves_are_scipys(n, seed):
+    rng = np.random.default_rng(seed)
+    factor = np.tril(rng.normal(size=(n, n)), -1) + np.diag(rng.uniform(0.5, 2, n))
+    for right in (rng.normal(size=n), rng.normal(size=(n, 3))):
+        expected = scipy.linalg.solve_triangular(factor, right, lower=True)
+        np.testing.assert_allclose(solve_lower(factor, right), expected, rtol=1e-9, atol=1e-9)
+        expected = scipy.linalg.solve_triangular(factor, right, lower=True, trans="T")
+        np.testing.assert_allclose(solve_lower_transposed(factor, right), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_solves_read_only_the_lower_triangle():
+    factor = np.array([[2.0, 99.0], [1.0, 4.0]])
+    np.testing.assert_allclose(solve_lower(factor, np.array([2.0, 5.0])), [1.0, 1.0])
+    np.testing.assert_allclose(solve_lower_transposed(factor, np.array([3.0, 4.0])), [1.0, 1.0])
+
+
+def test_known_states_give_zero_columns():
+    matrix = np.zeros((3, 3))
+    np.testing.assert_array_equal(cholesky(matrix), matrix)
+    matrix[1, 1] = 4.0
+    np.testing.assert_array_equal(cholesky(matrix), np.diag([0.0, 2.0, 0.0]))
+
+
+def test_a_matrix_of_low_rank():
+    columns = np.array([[1.0, 0.0], [2.0, 1.0], [3.0, -1.0], [4.0, 2.0]])
+    matrix = columns @ columns.T
+    factor = cholesky(matrix)
+    np.testing.assert_allclose(factor @ factor.T, matrix, atol=1e-12)
+    np.testing.assert_array_equal(factor[:, 2:], 0)
+
+
+def test_a_matrix_that_is_not_positive_gives_nan():
+    assert np.isnan(cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))).any()
+    assert np.isnan(cholesky(np.array([[-1.0]]))).all()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("n", [1, 3, 5])
+def test_on_symbols_they_equal_the_floats(n):
+    matrix = positive_definite(n, n)
+    factor, right = cholesky(matrix), np.random.default_rng(n).normal(size=(n, 2))
+    np.testing.assert_allclose(on_symbols(cholesky, matrix), factor.ravel(), rtol=1e-13)
+    for solve in (solve_lower, solve_lower_transposed):
+        np.testing.assert_allclose(on_symbols(solve, factor, right), solve(factor, right).ravel(), rtol=1e-12)
+    np.testing.assert_array_equal(on_symbols(cholesky, np.zeros((n, n))), np.zeros(n * n))
+    assert np.isnan(on_symbols(cholesky, -matrix)).any()
+
+
+@pytest.mark.oracle
+def test_solves_on_jets_invert_the_product():
+    x = jets([0.5, -0.2], 4)
+    factor = np.array([[2 + x[0], 0.0], [x[1], 1 + x[0] * x[1]]], dtype=object)
+    right = np.array([np.sin(x[0]), x[1]])
+    for code, matrix in ((solve_lower, factor), (solve_lower_transposed, factor.T)):
+        again = matrix @ code(factor, right)
+        np.testing.assert_allclose(coefficients(again, 2, 4), coefficients(right, 2, 4), atol=1e-14)
+
+
+@pytest.mark.oracle
+def test_gram_is_the_weighted_sum():
+    rng = np.random.default_rng(0)
+    columns, other, weights = rng.normal(size=(3, 7)), rng.normal(size=(2, 7)), rng.normal(size=7)
+    expected = sum(w * np.outer(a, a) for w, a in zip(weights, columns.T, strict=True))
+    result = gram(columns, weights)
+    np.testing.assert_allclose(result, expected, rtol=1e-13)
+    np.testing.assert_array_equal(result, result.T)
+    expected = sum(w * np.outer(a, b) for w, a, b in zip(weights, columns.T, other.T, strict=True))
+    np.testing.assert_allclose(gram(columns, weights, other), expected, rtol=1e-13)
+    np.testing.assert_allclose(on_symbols(gram, columns, weights), result.ravel(), rtol=1e-13)

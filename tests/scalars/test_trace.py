@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+from flexhinf.errors import InvalidInput
+from flexhinf.scalars import Symbol, apply, drop_empty, jacobian, pack, symbols, trace, unpack
+
+
+def model(x, a, p):
+    """Matrix and vector arguments, a matrix and a vector as results."""
+    return np.outer(x, a @ x) * p[0], np.sin(a.T @ x) / (1 + p[1] ** 2)
+
+
+POINT = (np.array([0.3, -1.2]), np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([0.7, -0.4]))
+
+
+@pytest.mark.oracle
+def test_a_traced_function_computes_what_the_code_computes():
+    traced = trace(model, 2, (2, 2), 2, name="model", names=("x", "a", "p"))
+    assert (traced.name(), traced.name_in()) == ("model", ["x", "a", "p"])
+    results = traced(*[p.ravel() for p in POINT])
+    for result, expected in zip(results, model(*POINT), strict=True):
+        np.testing.assert_allclose(np.asarray(result).ravel(), expected.ravel(), rtol=1e-15)
+
+
+def test_arguments_and_results_are_dense_columns_in_c_order():
+    traced = trace(lambda a: (a, a.T, np.array([[0.0, 1.0]])), (2, 3))
+    assert traced.size_in(0) == (6, 1)
+    assert [traced.size_out(i) for i in range(3)] == [(6, 1), (6, 1), (2, 1)]
+    assert all(traced.sparsity_out(i).is_dense() for i in range(3))
+    a = np.arange(6.0).reshape(2, 3)
+    for result, expected in zip(traced(a.ravel()), (a, a.T, np.array([0.0, 1.0])), strict=True):
+        np.testing.assert_array_equal(np.asarray(result).ravel(), expected.ravel())
+
+
+def test_common_subexpressions_are_computed_once():
+    def wasteful(x):
+        return np.array([np.sin(x[0]) + 1, np.sin(x[0]) * 2]), np.array([np.sin(x[0]) ** 3])
+
+    traced = trace(wasteful, 1)
+    operations = [traced.instruction_id(k) for k in range(traced.n_instructions())]
+    assert operations.count(ca.OP_SIN) == 1
+
+
+def test_scalars_numbers_and_nothing_are_results_too():
+    traced = trace(lambda x: (x[0] * 2, 3.0, np.zeros(0)), 1)
+    a, b, c = traced(2.0)
+    assert (float(a), float(b), c.numel()) == (4.0, 3.0, 0)
+    assert traced.size_out(2) == (0, 1)
+
+
+def test_no_argument_and_an_empty_one():
+    assert float(trace(lambda: np.array([2.0]))()["o0"]) == 2.0
+    traced = trace(lambda x, d: x + np.sum(d), 2, 0)
+    np.testing.assert_array_equal(np.asarray(traced([1.0, 2.0], [])).ravel(), [1, 2])
+
+
+def test_branching_code_is_refused():
+    with pytest.raises(InvalidInput, match="no truth value"):
+        trace(lambda x: x if x[0] > 0 else -x, 1)
+    with pytest.raises(InvalidInput, match="not a number"):
+        trace(lambda x: np.asarray(x, dtype=float), 2)
+
+
+def test_pack_and_unpack_are_inverse():
+    x = symbols("x", (2, 3))
+    assert x.shape == (2, 3)
+    assert isinstance(x[1, 2], Symbol)
+    again = unpack(pack(x), (2, 3))
+    assert all(ca.is_equal(a.sx, b.sx, 3) for a, b in zip(x.ravel(), again.ravel(), strict=True))
+    mixed = pack([x[0, 0], 2.0, np.float64(0.0)])
+    assert mixed.shape == (3, 1)
+    assert mixed.is_dense()
+    assert pack(np.zeros((0, 2))).shape == (0, 1)
+
+
+def test_symbols_of_an_integer_shape():
+    assert symbols("x", 3).shape == (3,)
+    assert symbols("x", ()).shape == ()
+
+
+@pytest.mark.oracle
+def test_apply_on_numbers_and_on_symbols():
+    traced = trace(model, 2, (2, 2), 2)
+    numbers = apply(traced, *POINT)
+    for result, expected in zip(numbers, model(*POINT), strict=True):
+        assert result.dtype == float
+        np.testing.assert_allclose(result, expected.ravel(), rtol=1e-15)
+    through = trace(lambda x, p: apply(traced, x, POINT[1], p), 2, 2)
+    for result, expected in zip(through(POINT[0], POINT[2]), numbers, strict=True):
+        np.testing.assert_allclose(np.asarray(result).ravel(), expected, rtol=1e-14)
+
+
+def test_apply_with_too_few_arguments_is_refused():
+    with pytest.raises(InvalidInput, match=r"wrong number of arguments[\s\S]*expected 3, got 1"):
+        apply(trace(model, 2, (2, 2), 2), POINT[0])
+
+
+@pytest.mark.oracle
+def test_the_jacobian_is_the_derivative():
+    def flow(x, p):
+        return np.array([x[1] * np.sin(x[0]), x[0] ** 3 - p[0] * x[1], np.exp(x[0] * x[1]), p[0]])
+
+    x, p = np.array([0.4, -0.7]), np.array([2.0])
+    value, derivative = jacobian(flow, 2, 1)(x, p)
+    s, c, e = np.sin(x[0]), np.cos(x[0]), np.exp(x[0] * x[1])
+    expected = [[x[1] * c, s], [3 * x[0] ** 2, -p[0]], [x[1] * e, x[0] * e], [0.0, 0.0]]
+    np.testing.assert_allclose(value, flow(x, p), rtol=1e-15)
+    np.testing.assert_allclose(derivative, expected, rtol=1e-14)
+
+
+@pytest.mark.oracle
+def test_the_jacobian_of_a_matrix_is_in_c_order():
+    def gram(x):
+        return np.outer(x, x * x)
+
+    x = np.array([0.4, -0.7, 1.1])
+    value, derivative = jacobian(gram, 3)(x)
+    np.testing.assert_allclose(value, gram(x).ravel(), rtol=1e-15)
+    np.testing.assert_allclose(derivative, approx_fprime(x, lambda y: gram(y).ravel()), atol=1e-6)
+
+
+def test_the_jacobian_runs_on_symbols():
+    inner = jacobian(lambda x: x**3, 2)
+    outer = trace(lambda x: inner(x)[1] @ x, 2)
+    np.testing.assert_allclose(np.asarray(outer([2.0, 3.0])).ravel(), [24.0, 81.0])
+
+
+def test_empty_arguments_and_results_can_be_dropped():
+    traced = trace(lambda x, d, u: (x + u[0], np.zeros(0), u * 2), 2, 0, 1)
+    dropped = drop_empty(traced)
+    assert (dropped.n_in(), dropped.n_out()) == (2, 2)
+    sums, doubled = dropped([1.0, 2.0], [3.0])
+    np.testing.assert_array_equal(np.asarray(sums).ravel(), [4, 5])
+    assert float(doubled) == 6.0
