@@ -50,5 +50,7 @@ class LinearPart:
 
     def riccati(self, gamma: float, polish: bool = True) -> RiccatiSolution | None:
         """Stabilising P ≥ 0 at this level, or None. Expects balanced coordinates."""
-        m = (self.b1 / gamma) @ (self.b1 / gamma).T - self.b2 @ self.b2.T
-        return solve_riccati(self.a, m, self.c.T @ self.c, polish)
+        b1, b2, c = (self.b1 / gamma, self.b2, self.c)
+        if polish:  # the polished residual is formed in extended precision
+            b1, b2, c = (matrix.astype(np.longdouble) for matrix in (b1, b2, c))
+        return solve_riccati(self.a, b1 @ b1.T - b2 @ b2.T, c.T @ c, polish)

@@ -9,6 +9,7 @@ which would cap every higher degree; Newton steps, one Lyapunov equation each, b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,11 +59,15 @@ def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray, polish: bool = Tr
     from scipy.linalg import schur
 
     n = len(a)
-    hamiltonian = np.block([[a, m], [-q, -a.T]])
+    hamiltonian = np.block([[a, m], [-q, -a.T]]).astype(float)
     size = float(np.linalg.norm(hamiltonian))
     if not np.isfinite(size):
         return None
-    triangular, vectors, stable = schur(hamiltonian, sort="lhp", check_finite=False)
+    try:
+        ordered: tuple[Any, ...] = schur(hamiltonian, sort="lhp", check_finite=False)
+    except np.linalg.LinAlgError:  # an eigenvalue crossed the axis while the form was being ordered
+        return None
+    triangular, vectors, stable = ordered
     if stable != n or _distance_to_axis(triangular) <= _AXIS * n * size:
         return None
     upper, lower = vectors[:n, :n], vectors[n:, :n]
@@ -77,7 +82,7 @@ def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray, polish: bool = Tr
     eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])
     if eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST * size:
         return None
-    return _polished(a, m, q, p) if polish else RiccatiSolution(p, a + m @ p, np.nan)
+    return _polished(a, m, q, p) if polish else RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
 
 
 def _distance_to_axis(triangular: np.ndarray) -> float:
@@ -86,28 +91,51 @@ def _distance_to_axis(triangular: np.ndarray) -> float:
 
 
 def _polished(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
-    """Newton steps while the residual falls; the best iterate is kept."""
-    from scipy.linalg import solve_continuous_lyapunov
+    """Newton steps while the residual falls; the best iterate is kept.
 
+    P M P cancels where P is large, so residual and closed loop are formed in extended precision (where the
+    machine has it); the steps themselves need no more than double.
+    """
+    a, m, q = (matrix.astype(np.longdouble) for matrix in (a, m, q))
     left, scale = _riccati_residual(a, m, q, p)
     for _ in range(_NEWTON_STEPS):
-        step = solve_continuous_lyapunov((a + m @ p).T, -left)
-        candidate = p + (step + step.T) / 2
-        next_left, next_scale = _riccati_residual(a, m, q, candidate)
-        if not np.linalg.norm(next_left) < np.linalg.norm(left):
+        step = _lyapunov_step((a + m @ p).astype(float), left.astype(float))
+        if step is None:
             break
-        gained = np.linalg.norm(next_left) < 0.25 * np.linalg.norm(left)
+        candidate = p + step
+        next_left, next_scale = _riccati_residual(a, m, q, candidate)
+        if not _size(next_left) < _size(left):
+            break
+        gained = _size(next_left) < 0.25 * _size(left)
         p, left, scale = candidate, next_left, next_scale
         if not gained:
             break
-    closed_loop = a + m @ p
+    closed_loop = (a + m @ p).astype(float)
     if np.linalg.eigvals(closed_loop).real.max() >= 0:
         return None
-    return RiccatiSolution(p, closed_loop, float(np.linalg.norm(left)) / scale)
+    return RiccatiSolution(p, closed_loop, _size(left) / scale)
+
+
+def _size(matrix: np.ndarray) -> float:
+    return float(np.sqrt((matrix * matrix).sum()))
+
+
+def _lyapunov_step(closed: np.ndarray, left: np.ndarray) -> np.ndarray | None:
+    """Δ with closedᵀ Δ + Δ closed = −left; None where the equation is singular to working precision."""
+    from scipy.linalg import schur
+    from scipy.linalg.lapack import get_lapack_funcs
+
+    form: tuple[Any, ...] = schur(closed, check_finite=False)
+    triangular, vectors = form
+    (trsyl,) = get_lapack_funcs(("trsyl",), (triangular,))
+    rotated, scale, info = trsyl(triangular, triangular, -vectors.T @ left @ vectors, trana="T")
+    if info != 0 or scale == 0:
+        return None
+    step = vectors @ (rotated / scale) @ vectors.T
+    return (step + step.T) / 2
 
 
 def _riccati_residual(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, float]:
     linear, quadratic = p @ a, p @ m @ p
     left = linear + linear.T + q + (quadratic + quadratic.T) / 2
-    scale = max(np.linalg.norm(term) for term in (linear, q, quadratic))
-    return left, float(scale) or 1.0
+    return left, max(_size(term) for term in (linear, q, quadratic)) or 1.0

@@ -98,7 +98,7 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays: dict[str, Any] = {name: archive[name] for name in archive.files}
         return _assembled(arrays, problem)
     except FlexhinfError as error:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -74,8 +75,8 @@ class HomologicalEquation:
         """Upper triangular T and unitary U, both complex (n, n), A = U T Uᴴ."""
         from scipy.linalg import schur
 
-        triangular, unitary = schur(self.matrix, output="complex")
-        return triangular, unitary
+        form: tuple[Any, ...] = schur(self.matrix, output="complex")
+        return form[0], form[1]
 
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries of r.
@@ -122,7 +123,7 @@ class HomologicalEquation:
         eigenvalues, vectors, inverse = self.eigenbasis
         n = len(self.matrix)
         sums = eigenvalues[basis.indices(n, k)].sum(axis=1)
-        return change_variables(-change_variables(known, n, k, vectors) / sums, n, k, inverse).real
+        return np.real(change_variables(-change_variables(known, n, k, vectors) / sums, n, k, inverse))
 
     def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
         triangular, unitary = self.schur_form
@@ -130,7 +131,7 @@ class HomologicalEquation:
 
         def inverse(right: np.ndarray) -> np.ndarray:
             rotated = substitute(triangular, -change_variables(right, n, k, unitary), k)
-            return change_variables(rotated, n, k, unitary.conj().T).real
+            return np.real(change_variables(rotated, n, k, unitary.conj().T))
 
         entries = inverse(known)
         residual = self.residual(entries, known, k)

@@ -1,0 +1,111 @@
+"""What a solution offers: shapes, definitions, consistency."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+
+
+@pytest.fixture(scope="module")
+def solved(arm):
+    return solve_hji(arm, 2 * smallest_gamma(arm), 4)
+
+
+@pytest.fixture
+def general(random_plant):
+    plant = random_plant(np.random.default_rng(3), 3)
+    return plant, solve_hji(plant, 3 * smallest_gamma(plant), 4)
+
+
+def test_shapes_follow_the_state(solved):
+    x = np.random.default_rng(0).standard_normal((7, 5))
+    for function, shape in (("value", ()), ("residual", ()), ("gradient", (5,)), ("law", (1,))):
+        many, one = getattr(solved, function)(x), getattr(solved, function)(x[2])
+        assert many.shape == (7, *shape)
+        assert np.shape(one) == shape
+        assert many[2] == pytest.approx(one, rel=1e-13)
+    assert solved.worst_disturbance(x).shape == (7, 1)
+    assert solved.value(np.zeros((0, 5))).shape == (0,)
+    with pytest.raises(InvalidInput, match=r"\(5,\) or \(N, 5\), got \(4,\)"):
+        solved.law(np.zeros(4))
+
+
+def test_value_is_the_sum_of_its_monomials(solved):
+    x = np.random.default_rng(1).standard_normal(5)
+    total = sum(
+        c * np.prod(x**e) for k in range(2, 5) for e, c in map(_as_arrays, solved.coefficients(k).items())
+    )
+    assert solved.value(x) == pytest.approx(total, rel=1e-12)
+    assert solved.coefficients(2)[(2, 0, 0, 0, 0)] == pytest.approx(solved.P[0, 0] / 2)
+    assert solved.coefficients(2)[(1, 1, 0, 0, 0)] == pytest.approx(solved.P[0, 1])
+    assert len(solved.coefficients(4)) == 70
+    assert np.array_equal(solved.exponents(4)[0], [4, 0, 0, 0, 0])
+    with pytest.raises(InvalidInput, match="degree 5"):
+        solved.coefficients(5)
+
+
+def _as_arrays(item):
+    return np.array(item[0]), item[1]
+
+
+def test_gradient_law_disturbance_and_residual_are_their_formulas(general):
+    plant, solution = general
+    x = 0.3 * np.random.default_rng(2).standard_normal((5, 3))
+    step = 1e-6
+    slope = np.stack(
+        [(solution.value(x + step * e) - solution.value(x - step * e)) / (2 * step) for e in np.eye(3)]
+    )
+    assert solution.gradient(x) == pytest.approx(slope.T, rel=1e-6, abs=1e-6)
+    f, g1, g2, h = plant.fields(x)
+    for i, gradient in enumerate(solution.gradient(x)):
+        u = -np.linalg.solve(plant.r2, g2[i].T @ gradient)
+        d = g1[i].T @ gradient / solution.gamma**2
+        assert solution.law(x)[i] == pytest.approx(u, rel=1e-12)
+        assert solution.worst_disturbance(x)[i] == pytest.approx(d, rel=1e-12)
+        # Eq. (8) is the Hamiltonian at its saddle point
+        drift = gradient @ (f[i] + g1[i] @ d + g2[i] @ u)
+        saddle = drift + (h[i] @ h[i] + u @ plant.r2 @ u - solution.gamma**2 * d @ d) / 2
+        assert solution.residual(x)[i] == pytest.approx(saddle, rel=1e-9, abs=1e-9)
+
+
+def test_law_as_data_is_the_law_through_its_degree(solved, general):
+    x = np.random.default_rng(4).standard_normal(5)
+    data = solved.law_polynomial()
+    assert data.degrees == (1, 3)
+    assert data.coefficients.shape == (1, 40)
+    assert data.evaluate(x) == pytest.approx(solved.law(x), rel=1e-12)
+    _, solution = general
+    direction = np.random.default_rng(5).standard_normal(3)
+    errors = [
+        np.abs(solution.law(r * direction) - solution.law_polynomial().evaluate(r * direction)).max()
+        for r in (2e-2, 1e-2)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
+
+
+def test_closed_loop_is_stable_and_attains_the_level(arm):
+    """The measured gain of the linear closed loop lies between γ* and γ."""
+    star = smallest_gamma(arm)
+    solution = linear_law(arm, 1.05 * star)
+    plant = arm.expand(1)
+    gain = -np.linalg.solve(plant.r2, plant.g2_parts[0][..., 0].T @ solution.P)
+    a = plant.f_parts[1] + plant.g2_parts[0][..., 0] @ gain
+    c = np.vstack([plant.h_parts[1], np.sqrt(10.0) * gain])
+    assert np.linalg.eigvals(a).real.max() < 0
+    frequencies = np.r_[0, np.geomspace(1e-2, 1e3, 4000)]
+    peak = max(
+        np.linalg.norm(c @ np.linalg.solve(1j * w * np.eye(5) - a, plant.g1_parts[0][..., 0]), 2)
+        for w in frequencies
+    )
+    assert star * 0.999 <= peak <= solution.gamma
+
+
+def test_report_tells_method_residual_and_memory(solved):
+    report = solved.report()
+    for word in ("Riccati", "zero by parity", "eigenbasis", "condition number", "memory estimate"):
+        assert word in report
+    assert [record.degree for record in solved.records] == [2, 3, 4]
+    assert all(record.residual <= 1e-14 for record in solved.records)

@@ -1,0 +1,74 @@
+"""Solutions in files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import load_solution, smallest_gamma, solve_hji
+
+X = np.random.default_rng(0).standard_normal((4, 5))
+
+
+@pytest.fixture(scope="module")
+def solved(arm):
+    return solve_hji(arm, 2 * smallest_gamma(arm), 4)
+
+
+def test_polynomial_plant_comes_back_whole(arm, tmp_path):
+    solution = solve_hji(arm.expand(7), math.inf, 4)
+    path = tmp_path / "law.solution"
+    solution.save(path)
+    loaded = load_solution(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["law.solution"]
+    for function in ("value", "gradient", "law", "worst_disturbance", "residual"):
+        assert np.array_equal(getattr(loaded, function)(X), getattr(solution, function)(X))
+    assert (loaded.gamma, loaded.degree, loaded.state_names) == (math.inf, 4, solution.state_names)
+    assert loaded.report() == solution.report()
+
+
+def test_exact_plant_is_asked_for_when_the_file_cannot_hold_it(arm, solved, tmp_path):
+    solved.save(tmp_path / "s.npz")
+    loaded = load_solution(tmp_path / "s.npz")
+    assert np.array_equal(loaded.law(X), solved.law(X))
+    with pytest.raises(InvalidInput, match="problem="):
+        loaded.residual(X)
+    again = load_solution(tmp_path / "s.npz", problem=arm)
+    assert np.array_equal(again.residual(X), solved.residual(X))
+
+
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "text", "other archive", "newer"])
+def test_damage_is_reported_in_three_parts(solved, tmp_path, damage):
+    path = tmp_path / "s.npz"
+    solved.save(path)
+    content = bytearray(path.read_bytes())
+    if damage == "truncated":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "flipped":
+        content[len(content) // 3] ^= 0xFF
+        path.write_bytes(content)
+    elif damage == "empty":
+        path.write_bytes(b"")
+    elif damage == "text":
+        path.write_text("gamma = 2")
+    elif damage == "other archive":
+        np.savez(path, x=np.ones(3))
+    else:
+        with np.load(path) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        arrays["header"] = np.array(str(arrays["header"]).replace('"version": 1', '"version": 99'))
+        np.savez(path, **arrays)
+    with pytest.raises(InvalidInput) as caught:
+        load_solution(path)
+    assert caught.value.found
+    assert caught.value.advice
+
+
+def test_missing_file_and_unwritable_place(solved, tmp_path):
+    with pytest.raises(InvalidInput, match="no such file"):
+        load_solution(tmp_path / "none.npz")
+    with pytest.raises(InvalidInput, match="cannot be written"):
+        solved.save(tmp_path / "no folder" / "s.npz")
