@@ -330,7 +330,8 @@ def test_piecewise_functions_of_several_arguments_are_refused_by_name():
     "what",
     [
         lambda x: x > 0, lambda x: x >= 0, lambda x: x < 0, lambda x: x <= 0, lambda x: x == 0,
-        lambda x: x != 0, bool, float, int, abs, math.sin, np.abs, lambda x: max(x, 0.0), lambda x: np.maximum(x, 0.0),
+        lambda x: x != 0, bool, float, int, abs, math.sin, np.abs, lambda x: max(x, 0.0),
+        lambda x: np.maximum(x, 0.0),
         lambda x: np.array([x], dtype=float), lambda x: 1.0 if x else 0.0, lambda x: np.clip(x, -1.0, 1.0),
         lambda x: x in [0.0], np.floor, np.ceil, math.floor,
     ],

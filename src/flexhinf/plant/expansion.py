@@ -16,12 +16,14 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
 from flexhinf.polynomial.truncated import degree_slice, size
-from flexhinf.scalars.jet import coefficients, jets
+from flexhinf.scalars.jet import jets, terms
 
 if TYPE_CHECKING:
     from flexhinf.plant.generalised import GeneralisedPlant
 
 __all__ = ["ControlAffineExpansion", "expand", "expand_control_affine", "expand_problem"]
+
+STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
 
 #: A coefficient of order two in the inputs, relative to the largest one of its row, that is rounding.
 AFFINE_TOLERANCE = 1e-12
@@ -52,46 +54,43 @@ class ControlAffineExpansion:
     degree: int
 
 
-@lru_cache(32)
-def _rows(n: int, others: int, degree: int) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-    """Sort the monomials in n states and some other variables, through `degree`.
+@lru_cache(8)
+def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which field each monomial in n states and some other variables belongs to, through `degree`.
 
     Returns
     -------
-    states : ndarray of int
-        Numbers of those in the states alone, in the order of the basis of n variables.
-    linear : list of ndarray of int
-        For each other variable, the numbers of it times a monomial in the states, in the order of that one.
-    rest : ndarray of int
-        Numbers of those of order two or more in the other variables.
+    owner : ndarray of int
+        STATES for a monomial in the states alone, j for other variable j times one of those, else REST.
+    place : ndarray of int
+        Number of the monomial in the states, in the basis of n variables (0 for REST).
     """
-    states, linear, rest = [np.zeros(1, int)], [[] for _ in range(others)], [np.zeros(0, int)]
+    owner, place = [np.full(1, STATES)], [np.zeros(1, np.intp)]
     for k in range(1, degree + 1):
-        tuples, start = indices(n + others, k), size(n + others, k - 1)
-        last = tuples[:, -1]
+        tuples = indices(n + others, k)
+        last = tuples[:, -1].astype(np.intp)
         once = tuples[:, -2] < n if k > 1 else np.ones(len(tuples), bool)
-        states.append(start + np.flatnonzero(last < n))
-        rest.append(start + np.flatnonzero(~once))
-        for j in range(others):
-            linear[j].append(start + np.flatnonzero((last == n + j) & once))
-    return np.concatenate(states), [np.concatenate(part) for part in linear], np.concatenate(rest)
+        owner.append(np.where(last < n, STATES, np.where(once, last - n, REST)))
+        place.append(np.zeros(len(tuples), np.intp))
+        for field, lowest in [(STATES, size(n, k - 1)), *((j, size(n, k - 2)) for j in range(others))]:
+            found = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
+            place[-1][found] = lowest + np.arange(len(found))
+    return np.concatenate(owner), np.concatenate(place)
 
 
 def _names(names: Sequence[str] | None, letter: str, count: int) -> list[str]:
     return list(names) if names is not None else [f"{letter}[{j}]" for j in range(count)]
 
 
-def _polynomial(result: Any, n: int, degree: int, what: str) -> np.ndarray:
-    """Coefficients of what the code returned, checked to be finite."""
-    table = coefficients(result, n, degree)
-    bad = np.argwhere(~np.isfinite(table).all(axis=-1))
-    if len(bad):
+def _check_finite(rows: np.ndarray, values: np.ndarray, shape: tuple[int, ...], what: str) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        component = [int(i) for i in np.unravel_index(rows[bad][0], shape)]
         raise InvalidInput(
             f"The Taylor expansion of the {what} is not finite.",
-            f"expected finite coefficients, got NaN or infinity in component {bad[0].tolist()}",
+            f"expected finite coefficients, got NaN or infinity in component {component}",
             "finite parameters, and a point where no term overflows",
         )
-    return table
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
@@ -120,8 +119,12 @@ def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any,
     """
     x = jets(x0, degree)
     with np.errstate(all="ignore"):
-        result = function(x, parameters)
-    return _polynomial(result, len(x), degree, "function")
+        result = np.asarray(function(x, parameters), dtype=object)
+    rows, monomials, values = terms(result, len(x), degree)
+    _check_finite(rows, values, result.shape, "function")
+    table = np.zeros((result.size, size(len(x), degree)))
+    table[rows, monomials] = values
+    return table.reshape(*result.shape, table.shape[1])
 
 
 def expand_control_affine(
@@ -176,13 +179,17 @@ def expand_control_affine(
             f"expected shape ({n},), got {result.shape}",
             "np.array([...]) of the n derivatives, in the order of the states",
         )
-    table = _polynomial(result, n + m + md, inner, "flow")
-    states, linear, rest = _rows(n, m + md, inner)
-    _check_affine(table, rest, n, inner, _names(input_names, "u", m) + _names(disturbance_names, "d", md))
-    lower = size(n, degree - 1)
-    columns = [table[:, numbers[:lower]] for numbers in linear]
-    g = np.stack(columns, axis=1) if columns else np.zeros((n, 0, lower))
-    f = table[:, states[: size(n, degree)]]
+    rows, monomials, values = terms(result, n + m + md, inner)
+    _check_finite(rows, values, result.shape, "flow")
+    owner, place = (part[monomials] for part in _sorted_out(n, m + md, inner))
+    names = _names(input_names, "u", m) + _names(disturbance_names, "d", md)
+    if REST in owner:
+        _check_affine(rows, monomials, values, owner == REST, n, names)
+    f, g = np.zeros((n, size(n, degree))), np.zeros((n, m + md, size(n, degree - 1)))
+    kept = (owner == STATES) & (place < f.shape[-1])
+    f[rows[kept], place[kept]] = values[kept]
+    kept = (owner >= 0) & (place < g.shape[-1])
+    g[rows[kept], owner[kept], place[kept]] = values[kept]
     return ControlAffineExpansion(f=f, g1=g[:, m:], g2=g[:, :m], degree=degree)
 
 
@@ -232,21 +239,23 @@ def expand_problem(problem: GeneralisedPlant, degree: int) -> PolynomialPlant:
     )
 
 
-def _check_affine(table: np.ndarray, rest: np.ndarray, n: int, degree: int, names: list[str]) -> None:
-    excess = np.abs(table[:, rest])
-    if not excess.any():
+def _check_affine(
+    rows: np.ndarray, monomials: np.ndarray, values: np.ndarray, excess: np.ndarray, n: int, names: list[str]
+) -> None:
+    """Refuse terms of order two or more in the inputs (the marked ones) that are more than rounding."""
+    scale = np.zeros(rows[-1] + 1)
+    np.maximum.at(scale, rows, np.abs(values))
+    beyond = excess & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
+    if not beyond.any():
         return
-    row, place = np.unravel_index(np.argmax(excess), excess.shape)
-    scale = np.abs(table).max(axis=1)[row]
-    if excess[row, place] <= AFFINE_TOLERANCE * scale:
-        return
-    variables = n + len(names)
-    number = rest[place]
-    k = next(k for k in range(degree + 1) if number < size(variables, k))
+    worst = np.argmax(np.where(beyond, np.abs(values), 0.0))
+    variables, number, k = n + len(names), monomials[worst], 2
+    while number >= size(variables, k):
+        k += 1
     monomial = indices(variables, k)[number - size(variables, k - 1)]
     term = " * ".join(names[i - n] if i >= n else f"x[{i}]" for i in monomial)
     raise InvalidInput(
         "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-        f"expected no product of inputs, got {table[row, number]:.6g} * {term} in derivative {row}",
+        f"expected no product of inputs, got {values[worst]:.6g} * {term} in derivative {rows[worst]}",
         "the nonlinear actuator as states of its own, with the new command as input",
     )

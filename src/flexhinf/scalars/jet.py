@@ -18,7 +18,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import univariate
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
-__all__ = ["Jet", "coefficients", "jets"]
+__all__ = ["Jet", "coefficients", "jets", "terms"]
 
 
 def _number(value: Any) -> float | None:
@@ -300,8 +300,49 @@ def jets(point: Any, degree: int) -> np.ndarray:
     return result
 
 
+def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The terms that an array of jets and numbers has (a number is a constant polynomial).
+
+    Parameters
+    ----------
+    array : array_like of Jet or float, shape (...)
+    n, degree : int
+        Variables and degree of the jets.
+
+    Returns
+    -------
+    rows, monomials : ndarray of int, shape (N,)
+        Flat place of the element, and number of the monomial in its dense coefficient vector.
+    values : ndarray, shape (N,)
+
+    Raises
+    ------
+    InvalidInput
+        For an element that is neither, or a jet with other variables or another degree.
+    """
+    array = np.asarray(array, dtype=object)
+    home = space(n, degree)
+    monomials, values = [np.zeros(0, np.intp)], [np.zeros(0)]
+    for element in array.ravel():
+        number = None if isinstance(element, Jet) else _number(element)
+        if number is not None:
+            monomials.append(home.constant.monomials)
+            values.append(np.array([number]))
+        elif isinstance(element, Jet) and element.support.space is home:
+            monomials.append(element.support.monomials)
+            values.append(element.values)
+        else:
+            raise InvalidInput(
+                "An element is not a polynomial of the asked kind.",
+                f"expected numbers and jets in {n} variables of degree {degree}, got {element!r}",
+                "the results of code that ran on jets(point, degree)",
+            )
+    rows = np.repeat(np.arange(array.size), [len(part) for part in values[1:]])
+    return rows, np.concatenate(monomials), np.concatenate(values)
+
+
 def coefficients(array: Any, n: int, degree: int) -> np.ndarray:
-    """Monomial coefficients of an array of jets and numbers (a number is a constant polynomial).
+    """Dense monomial coefficients of an array of jets and numbers (a number is a constant polynomial).
 
     Parameters
     ----------
@@ -319,18 +360,7 @@ def coefficients(array: Any, n: int, degree: int) -> np.ndarray:
         For an element that is neither, or a jet with other variables or another degree.
     """
     array = np.asarray(array, dtype=object)
-    home = space(n, degree)
-    result = np.zeros((array.size, home.size))
-    for row, element in zip(result, array.ravel()):
-        if isinstance(element, Jet) and element.support.space is home:
-            row[element.support.monomials] = element.values
-            continue
-        number = None if isinstance(element, Jet) else _number(element)
-        if number is None:
-            raise InvalidInput(
-                "An element is not a polynomial of the asked kind.",
-                f"expected numbers and jets in {n} variables of degree {degree}, got {element!r}",
-                "the results of code that ran on jets(point, degree)",
-            )
-        row[0] = number
-    return result.reshape(*array.shape, home.size)
+    rows, monomials, values = terms(array, n, degree)
+    result = np.zeros((array.size, size(n, degree)))
+    result[rows, monomials] = values
+    return result.reshape(*array.shape, size(n, degree))
