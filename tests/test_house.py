@@ -17,9 +17,9 @@ MACHINE = re.compile(r"(?:^|[^A-Za-z0-9_.])/(?:home|root|work|Users|farm|mnt|opt
 
 
 def texts(repository: Path) -> list[Path]:
-    """The repository's own files: tracked or about to be, or everything where there is no git."""
+    """The repository's own files: what is tracked, or everything where there is no git."""
     listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        ["git", "ls-files", "-z"],
         cwd=repository,
         capture_output=True,
         text=True,
