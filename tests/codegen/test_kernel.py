@@ -2,6 +2,7 @@
 
 import gc
 import threading
+import time
 import weakref
 
 import casadi
@@ -91,13 +92,21 @@ def test_two_kernels_of_one_program_live_side_by_side():
 
 def test_a_run_lets_other_threads_work():
     x, u = np.zeros(1), np.ones(1)
-    bound = compile_program(PROGRAM).bind({"x": x, "u": u}, {"n": 20_000_000})
-    thread = threading.Thread(target=bound)
+    bound = compile_program(PROGRAM).bind({"x": x, "u": u}, {"n": 30_000_000})
+    times = []
+
+    def run():
+        times.append(time.perf_counter())
+        bound()
+        times.append(time.perf_counter())
+
+    thread = threading.Thread(target=run)
     thread.start()
-    turns = 0
+    last, longest_wait = time.perf_counter(), 0.0
     while thread.is_alive():
-        turns += 1
-    assert turns > 1000
+        now = time.perf_counter()
+        last, longest_wait = now, max(longest_wait, now - last)
+    assert longest_wait < 0.5 * (times[1] - times[0])
 
 
 def test_threads_run_one_kernel_on_arrays_of_their_own():
