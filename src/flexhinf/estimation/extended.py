@@ -1,7 +1,7 @@
 """The extended Kalman filter with exact Jacobians of the sampled plant.
 
-The Jacobian is that of the integrated map F itself, through symbols, not I + A·period: a comparison with a filter that
-drops terms would say little.
+The Jacobian is that of the integrated map F itself, through symbols, not I + A·period: a comparison with a
+filter that drops terms would say little.
 """
 
 from __future__ import annotations
@@ -40,15 +40,17 @@ class ExtendedKalmanFilter(RecursiveFilter):
 
     @property
     def estimator_key(self) -> str:
+        """Method, period and sub-steps: constants of the traced code."""
         return f"ekf {self.period!r} {self.sub_steps}"
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
+        """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         mean, a = self._moved(belief.mean, u, self.plant.parameters.flat(p))
-        return Gaussian(
-            mean, gram(a @ cholesky(belief.covariance), np.ones(len(a))) + process_noise
-        )  # A P Aᵀ + R^v
+        spread = a @ cholesky(belief.covariance)  # a square root, so that P stays symmetric and is checked
+        return Gaussian(mean, gram(spread, np.ones(len(a))) + process_noise)
 
     def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
         expected, c = self._measured(belief.mean, u, self.plant.parameters.flat(p))
         p_xy = belief.covariance @ c.T
         p_yy = c @ p_xy + measurement_noise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,11 @@ from flexhinf.scalars import cholesky, solve_lower
 
 __all__ = ["RecursiveFilter", "covariance_matrix"]
 
-#: Largest step times fastest mode inside the estimator's model: RK4 is far inside its stability region (2.78).
+#: Largest step times fastest mode in the estimator's model: RK4 is far inside its stability region (2.78).
 MODEL_STEP = 0.25
+
+#: Eigenvalues of correlations closer to zero than this are zero: what rounding makes of a singular matrix.
+SEMIDEFINITE = 1e-13
 
 
 def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
@@ -25,29 +29,32 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     InvalidInput
         If it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
     """
-    array = np.asarray(value, dtype=float)
-    matrix = (
-        array
-        if array.ndim == 2
-        else np.diag(np.broadcast_to(array, (size,)) if array.size in (1, size) else array)
-    )
-    if matrix.shape != (size, size):
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape not in ((), (1,), (size,), (size, size)):
         raise InvalidInput(
             f"The {what} has the wrong size.",
             f"expected a number, {size} variances or a ({size}, {size}) matrix, got shape {array.shape}",
             "one variance per signal",
         )
-    if not np.all(np.isfinite(matrix)) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+    matrix = array if array.shape == (size, size) else np.diag(np.broadcast_to(array, (size,)))
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    tolerance = 1e-9 * np.outer(scale, scale)
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > tolerance):
         raise InvalidInput(
-            f"The {what} is not a symmetric matrix of finite numbers.", f"got {matrix.tolist()}", "variances"
+            f"The {what} is not a symmetric matrix of finite numbers.", f"got {value!r}", "variances"
         )
-    smallest = float(np.linalg.eigvalsh(matrix)[0])
-    scale = float(np.abs(matrix).max(initial=0.0))
-    if smallest < -1e-12 * scale or (definite and smallest <= 0.0):
+    # As correlations, so that signals of different scales are judged alike.
+    weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
+    smallest = float(np.linalg.eigvalsh((matrix + matrix.T) / 2.0 * np.outer(weight, weight))[0])
+    if smallest < -SEMIDEFINITE or (definite and smallest <= SEMIDEFINITE):
         kind = "positive definite" if definite else "positive semidefinite"
         raise InvalidInput(
             f"The {what} is not {kind}.",
-            f"expected eigenvalues {'>' if definite else '>='} 0, got a smallest one of {smallest:.3g}",
+            f"expected eigenvalues {'>' if definite else '>='} 0, got {smallest:.3g} for the smallest one "
+            f"of the correlations in {matrix.tolist()}",
             "variances (squares of standard deviations), each positive",
         )
     return (matrix + matrix.T) / 2.0
@@ -86,6 +93,12 @@ class RecursiveFilter(abc.ABC):
         mean: Any,
         covariance: Any,
     ) -> None:
+        if not isinstance(plant, Plant):
+            raise InvalidInput(
+                "An estimator needs a model.",
+                f"expected a Plant, got {type(plant).__name__}",
+                "robot.plant()",
+            )
         if not (np.isfinite(period) and period > 0.0):
             raise InvalidInput("The sampling period is not positive.", f"got {period!r} s", "1e-3 for 1 kHz")
         self.plant, self.period = plant, float(period)
@@ -93,21 +106,26 @@ class RecursiveFilter(abc.ABC):
         self.measurement_noise = covariance_matrix(
             measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True
         )
-        start = np.array(mean, dtype=float)
-        if start.shape != (plant.n,) or not np.all(np.isfinite(start)):
-            raise InvalidInput(
-                "The initial mean does not fit the plant.",
-                f"expected {plant.n} finite values for {list(plant.states)}, got {mean!r}",
-                "one value per state of the plant (the integral of the error is not estimated)",
-            )
-        self.sub_steps = sub_steps(self.period, plant.fastest_mode(start), MODEL_STEP)
-        self.initial: Any = Gaussian(start, covariance_matrix(covariance, plant.n, "initial covariance"))
+        self._start = covariance_matrix(covariance, plant.n, "initial covariance")
+        self.initial: Any = RecursiveFilter.initial_at(self, mean)
+        self.sub_steps = sub_steps(self.period, plant.fastest_mode(self.initial.mean), MODEL_STEP)
         self._belief: Any = self.initial
         self._u = np.zeros(len(plant.inputs))
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.log_likelihood = float("nan")
 
-    # What an estimator is -------------------------------------------------------------------------------------
+    def initial_at(self, mean: Any) -> Any:
+        """The initial belief with another mean (n,).
+
+        Raises
+        ------
+        InvalidInput
+            If it does not fit the plant.
+        """
+        start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
+        return Gaussian(start, self._start)
+
+    # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k), pure, on any element."""
@@ -133,7 +151,7 @@ class RecursiveFilter(abc.ABC):
             x = rk4_step(lambda s, v: self.plant.flow(s, v, still, p), x, (u, u, u), step)
         return x
 
-    # The shell ------------------------------------------------------------------------------------------------
+    # The shell ------------------------------------------------------------------------------------
     @property
     def mean(self) -> np.ndarray:
         """Estimate x̂, (n,)."""
@@ -145,13 +163,29 @@ class RecursiveFilter(abc.ABC):
         return np.array(self._belief.covariance, dtype=float)
 
     def predict(self, u: Any) -> None:
-        """Time update with the input u (m,) held over the period."""
-        self._u = self._vector(u, len(self.plant.inputs), "input")
+        """Time update with the input u (m,) held over the period.
+
+        Raises
+        ------
+        InvalidInput
+            If u does not fit the plant.
+        NumericalFailure
+            If the result is not finite; the belief stays as it was.
+        """
+        self._u = self._vector(u, self.plant.inputs, "input")
         self._accept(self.time_update(self._belief, self._u, self._parameters, self.process_noise))
 
     def correct(self, y: Any) -> None:
-        """Measurement update with y (p,); sets `log_likelihood` of this measurement."""
-        y = self._vector(y, len(self.plant.outputs), "measurement")
+        """Measurement update with y (p,); sets `log_likelihood` of this measurement.
+
+        Raises
+        ------
+        InvalidInput
+            If y does not fit the plant.
+        NumericalFailure
+            If the result is not finite; the belief stays as it was.
+        """
+        y = self._vector(y, self.plant.outputs, "measurement", "(skip `correct` for a sample without one)")
         belief, innovation, spread = self.innovate(
             self._belief, y, self._u, self._parameters, self.measurement_noise
         )
@@ -167,20 +201,23 @@ class RecursiveFilter(abc.ABC):
         self._u = np.zeros_like(self._u)
         self.log_likelihood = float("nan")
 
-    def _vector(self, value: Any, size: int, what: str) -> np.ndarray:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
-        if array.shape != (size,) or not np.all(np.isfinite(array)):
+    def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
+        try:
+            array = np.atleast_1d(np.array(value, dtype=float))
+        except (TypeError, ValueError):
+            array = np.array([])
+        if array.shape != (len(names),) or not np.all(np.isfinite(array)):
             raise InvalidInput(
-                f"The {what} given to the estimator does not fit.",
-                f"expected {size} finite numbers, got {value!r}",
-                "skip `correct` for a sample without a measurement",
+                f"The {what} given to the estimator does not fit its plant.",
+                f"expected {len(names)} finite numbers for {list(names)}, got {value!r}",
+                f"one number per name {hint}".rstrip(),
             )
         return array
 
     def _accept(self, belief: Any) -> None:
         if not all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief):
             raise NumericalFailure(
-                "The estimate is no longer finite: its covariance is not positive semidefinite, or the model diverged.",
+                "The estimate is not finite: its covariance is not semidefinite, or the model diverged.",
                 f"last finite mean {np.array2string(self.mean, precision=4)}",
                 "a larger process noise, a shorter period, or a smaller initial covariance",
             )

@@ -25,8 +25,8 @@ class SigmaPoints:
     n : int
         Number of variables; there are 2n + 1 points.
     alpha, beta, kappa : float
-        Table 3. λ = α²(n + κ) − n; the paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also the
-        attenuation level.
+        Table 3. λ = α²(n + κ) − n; the paper's γ = √(n + λ) of Eq. (10) is `spread` here, because γ is also
+        the attenuation level.
 
     Raises
     ------
@@ -47,14 +47,15 @@ class SigmaPoints:
         ):
             raise InvalidInput(
                 "These scaling parameters give no sigma points.",
-                f"expected alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, beta={self.beta}, kappa={self.kappa}",
+                f"expected finite numbers with alpha > 0 and kappa > {-self.n}, got alpha={self.alpha}, "
+                f"beta={self.beta}, kappa={self.kappa}",
                 "the paper's alpha=1, beta=2, kappa=0",
             )
         if self.covariance_weights.min() < 0.0:
             warnings.warn(
-                f"The central covariance weight is negative ({self.covariance_weights[0]:.4g}): the estimated covariance may "
-                "become indefinite. alpha=1, beta=2, kappa=0 have no negative weight.",
-                stacklevel=3,
+                f"The central covariance weight is negative ({self.covariance_weights[0]:.4g}): the "
+                "estimated covariance may become indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
+                stacklevel=4,
             )
 
     @cached_property
@@ -75,8 +76,7 @@ class SigmaPoints:
         weights[0] += 1.0 - self.alpha**2 + self.beta
         return weights
 
-    def draw(self, mean: Any, covariance: Any) -> Any:
-        """Points [x̂, x̂ + spread √P, x̂ − spread √P] as columns, (n, 2n + 1)."""
-        offsets = self.spread * cholesky(covariance)
-        centre = np.asarray(mean)[:, None]
-        return np.hstack([centre, centre + offsets, centre - offsets])
+    def offsets(self, covariance: Any) -> Any:
+        """Deviations [0, spread √P, −spread √P] of the points from the mean as columns, (n, 2n + 1)."""
+        root = self.spread * cholesky(covariance)
+        return np.hstack([np.zeros((self.n, 1)), root, -root])

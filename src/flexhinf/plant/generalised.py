@@ -1,4 +1,4 @@
-"""The problem of Eq. (3): ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), in deviations from an operating point."""
+"""The problem of Eq. (3): ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), about an operating point."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ class GeneralisedPlant:
     penalty : Penalty
         Eq. (11) for the paper's arm. Acts on deviations from the operating point.
     integrate : sequence of str
-        States whose tracking error is integrated: ė = x_i − x_d. They become the last states, named ``NAME_integral``.
+        States whose tracking error is integrated: ė = x_i − x_d. The integrals become the last states, named
+        ``NAME_integral``.
     command : {"disturbance", None}
-        With "disturbance" the command x_d enters as the disturbance of the synthesis through ė, the paper's g1.
+        With "disturbance" the command x_d enters as the disturbance of the synthesis by ė: the paper's g1.
     disturbances : sequence of str, optional
         Channels of the plant that are disturbances of the synthesis too. By default all of them without
         a command, and none with it (the paper's choice).
     pose : sequence or mapping, optional
-        Wanted values of the integrated states; the operating point is the equilibrium there. None: the origin.
+        Wanted values of the integrated states; the operating point is the equilibrium there. None: origin.
 
     Raises
     ------
@@ -65,6 +66,10 @@ class GeneralisedPlant:
             )
         for name in self.integrate:
             self.plant.index(name)
+        if len(set(self.integrate)) != len(self.integrate):
+            raise InvalidInput(
+                "A state's error is integrated twice.", f"got {list(self.integrate)}", "each name once"
+            )
         if self.command and not self.integrate:
             raise InvalidInput(
                 "The command enters through the integral of the tracking error, and no state is integrated.",
@@ -76,19 +81,20 @@ class GeneralisedPlant:
             channels = () if self.command else self.plant.disturbances
         channels = (channels,) if isinstance(channels, str) else tuple(channels)
         unknown = [name for name in channels if name not in self.plant.disturbances]
-        if unknown or not (channels or self.command):
+        if unknown or not (channels or self.command) or len(set(channels)) != len(channels):
             raise InvalidInput(
-                f"There is no disturbance {unknown[0]!r}." if unknown else "Nothing disturbs this problem.",
-                f"expected names out of {list(self.plant.disturbances)}, got {list(channels)}",
+                f"There is no disturbance {unknown[0]!r}."
+                if unknown
+                else "The disturbances are none, or repeat.",
+                f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
                 "disturbances=(...), or command='disturbance'",
             )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
-        if not callable(self.penalty.states):
-            self.penalty.weights(self.state_names)
         self._check_rest()
+        self._check_penalty()
 
-    # Names ----------------------------------------------------------------------------------------------------
+    # Names ----------------------------------------------------------------------------------------
     @cached_property
     def state_names(self) -> tuple[str, ...]:
         """Plant states, then one integral per integrated state."""
@@ -105,7 +111,7 @@ class GeneralisedPlant:
         commands = tuple(f"{name}_command" for name in self.integrate) if self.command else ()
         return (*commands, *(self.disturbances or ()))
 
-    # Operating point ------------------------------------------------------------------------------------------
+    # Operating point ------------------------------------------------------------------------------
     @cached_property
     def _rest(self) -> tuple[np.ndarray, np.ndarray]:
         if self.pose is None:
@@ -134,7 +140,18 @@ class GeneralisedPlant:
                 "pose=(...): the equilibrium at that pose is computed",
             )
 
-    # The problem ----------------------------------------------------------------------------------------------
+    def _check_penalty(self) -> None:
+        table = self.plant.parameters
+        origin = np.zeros(len(self.state_names))
+        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
+        if offset.ndim != 1 or not np.all(np.abs(offset) <= REST_TOLERANCE):
+            raise InvalidInput(
+                "The penalty h(x) is not zero at the operating point.",
+                f"expected a vector with h(0) = 0, got {offset.tolist()}",
+                "a penalty on deviations from the operating point",
+            )
+
+    # The problem ----------------------------------------------------------------------------------
     @property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m)."""
@@ -158,7 +175,7 @@ class GeneralisedPlant:
         return self.penalty.evaluate(x, self.state_names, p)
 
     def expand(self, degree: int) -> PolynomialPlant:
-        """Exact Taylor expansion about the operating point: f and h to `degree`, g1 and g2 to `degree` − 1."""
+        """Exact Taylor expansion about the operating point: f, h to `degree`, g1, g2 to `degree` − 1."""
         from flexhinf.plant.expansion import expand_problem
 
         return expand_problem(self, degree)
@@ -191,6 +208,12 @@ class GeneralisedPlant:
     def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))
+        if points.ndim != 2 or points.shape[1] != len(self.state_names):
+            raise InvalidInput(
+                "The points do not fit the problem.",
+                f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
+                "deviations from the operating point, integrals of the error included",
+            )
         f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
         count, n = points.shape
         return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h

@@ -1,4 +1,4 @@
-"""Between two samples: the classical Runge–Kutta step, with as many sub-steps as the fastest mode asks for."""
+"""Between two samples: the classical Runge–Kutta step, as many times as the fastest mode asks for."""
 
 from __future__ import annotations
 
@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
+
 __all__ = ["SIMULATION_STEP", "rk4_step", "sub_steps"]
 
-#: Largest step times fastest mode for simulation; the relative error of RK4 over one time constant is (hλ)⁴/120 < 5e-10.
+#: Largest step times fastest mode for simulation: in a time constant RK4 errs by (hλ)⁴/120 < 5e-10.
 SIMULATION_STEP = 0.015
+
+#: More sub-steps per sample than this are a mistake in the parameters rather than a plant.
+MOST_SUB_STEPS = 100_000
 
 
 def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
@@ -37,5 +42,28 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
 
 
 def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_STEP) -> int:
-    """How many steps of at most `largest` / |λ| make one period."""
-    return max(1, math.ceil(period * fastest_mode / largest - 1e-9))
+    """How many steps of at most `largest` / |λ| make one period.
+
+    Parameters
+    ----------
+    period : float
+        s.
+    fastest_mode : float
+        |λ|, rad/s.
+    largest : float
+        Allowed step times |λ|.
+
+    Raises
+    ------
+    InvalidInput
+        If that is not a number, or more than `MOST_SUB_STEPS`.
+    """
+    wanted = period * fastest_mode / largest - 1e-9
+    if not wanted <= MOST_SUB_STEPS:
+        raise InvalidInput(
+            "The plant is too fast for this period and an explicit method.",
+            f"expected at most {MOST_SUB_STEPS} sub-steps per period of {period:g} s, got a fastest mode of "
+            f"{fastest_mode:.4g} rad/s, which asks for {wanted:.4g}",
+            "check the units of the parameters; leave out a mode that is far faster than the control",
+        )
+    return max(1, math.ceil(wanted))

@@ -1,8 +1,9 @@
-"""Parameters are an argument of the model, never read from ``self``: a vector for kernels, attributes for the reader."""
+"""Parameters, an argument of every model: a vector for kernels, attributes for the reader."""
 
 from __future__ import annotations
 
 import difflib
+import keyword
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +23,7 @@ class Parameters:
         self.__dict__.update(values)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
+        if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
         raise InvalidInput(
             f"The model asks for a parameter that it was not given: {name!r}.",
@@ -49,26 +50,19 @@ class ParameterTable:
     values: Mapping[str, Any]
 
     def __post_init__(self) -> None:
+        if not isinstance(self.values, Mapping):
+            raise InvalidInput(
+                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
+            )
         checked = {}
         for name, value in self.values.items():
-            if not str(name).isidentifier():
+            if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
                 raise InvalidInput(
                     f"The parameter name {name!r} cannot be an attribute.",
-                    "expected a Python identifier",
-                    "letters, digits and underscores",
+                    "expected a Python identifier without a leading underscore that is no keyword",
+                    "letters, digits and underscores, for example lambda_ for lambda",
                 )
-            try:
-                array = np.array(value, dtype=float)
-            except (TypeError, ValueError):
-                array = np.array(np.nan)
-            if not np.all(np.isfinite(array)):
-                raise InvalidInput(
-                    f"The parameter {name!r} is not finite.",
-                    f"expected finite numbers, got {value!r}",
-                    "correct the value; a limit that does not exist is left out rather than infinite",
-                )
-            array.setflags(write=False)
-            checked[str(name)] = array
+            checked[str(name)] = _finite(str(name), value)
         object.__setattr__(self, "values", checked)
 
     @cached_property
@@ -90,6 +84,12 @@ class ParameterTable:
     def named(self, vector: Any) -> Parameters:
         """A vector (size,) of numbers or elements, by name."""
         vector = np.asarray(vector)
+        if vector.shape != (self.size,):
+            raise InvalidInput(
+                "The parameter vector does not fit the parameters.",
+                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
+                "vector(), changed in place",
+            )
         named, start = {}, 0
         for name, value in self.values.items():
             part = vector[start : start + value.size]
@@ -103,7 +103,13 @@ class ParameterTable:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
-        """A copy with some values changed; shapes must stay."""
+        """A copy with some values changed.
+
+        Raises
+        ------
+        InvalidInput
+            For an unknown name, another shape, or a value that is not finite.
+        """
         for name, value in changes.items():
             if name not in self.values:
                 raise InvalidInput(
@@ -118,6 +124,21 @@ class ParameterTable:
                     "one number for each nominal number",
                 )
         return ParameterTable({**self.values, **changes})
+
+
+def _finite(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if not np.all(np.isfinite(array)):
+        raise InvalidInput(
+            f"The parameter {name!r} is not a finite number.",
+            f"expected finite numbers, got {value!r}",
+            "correct the value; a limit that does not exist is left out rather than infinite",
+        )
+    array.setflags(write=False)
+    return array
 
 
 def _nearest(name: str, known: Any) -> str:

@@ -20,9 +20,9 @@ class Penalty:
     Parameters
     ----------
     states : mapping of str to float, sequence of float, or callable
-        Weight of each state in h(x), as in the paper's (11): ``{"link_position": 60, "link_position_integral": 300}``,
-        or one number per state (integrals last), or ``h(x, p)`` itself as NumPy code. x is the deviation from
-        the operating point.
+        Weight of each state in h(x), as in the paper's (11):
+        ``{"link_position": 60, "link_position_integral": 300}``, or one number per state (integrals last), or
+        ``h(x, p)`` itself as NumPy code with h(0) = 0. x is the deviation from the operating point.
     effort : float or (m,) or (m, m) array
         R2 of Eq. (4): the penalty on the input is uᵀ R2 u. The paper has R2 = 10.
 
@@ -35,6 +35,20 @@ class Penalty:
     states: Mapping[str, float] | Sequence[float] | Callable[..., Any]
     effort: Any = 1.0
 
+    def __post_init__(self) -> None:
+        if isinstance(self.states, Mapping):
+            object.__setattr__(self, "states", dict(self.states))
+        try:
+            effort = np.array(self.effort, dtype=float)
+        except (TypeError, ValueError):
+            effort = np.array(np.nan)
+        if not np.all(np.isfinite(effort)) or effort.ndim > 2:
+            raise InvalidInput(
+                "The effort penalty R2 is not made of finite numbers.",
+                f"expected a number, one number per input, or a matrix, got {self.effort!r}",
+                "a positive number, for example effort=10",
+            )
+
     @staticmethod
     def of(penalty: Any) -> Penalty:
         """A Penalty as it is; anything else as the weights of the states, with R2 = I."""
@@ -43,24 +57,24 @@ class Penalty:
     def r2(self, inputs: int) -> np.ndarray:
         """R2 as a symmetric positive definite matrix (m, m)."""
         effort = np.asarray(self.effort, dtype=float)
-        matrix = effort if effort.ndim == 2 else np.diag(np.broadcast_to(effort, (inputs,)))
+        if effort.ndim == 2:
+            matrix = effort
+        else:
+            matrix = np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort)
         if matrix.shape != (inputs, inputs):
             raise InvalidInput(
                 "The effort penalty R2 has the wrong shape.",
                 f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
                 "a number, one number per input, or a matrix",
             )
-        if (
-            not np.all(np.isfinite(matrix))
-            or not np.allclose(matrix, matrix.T)
-            or np.linalg.eigvalsh(matrix)[0] <= 0
-        ):
+        symmetric = np.allclose(matrix, matrix.T, rtol=1e-9, atol=1e-12 * np.abs(matrix).max())
+        if not symmetric or np.linalg.eigvalsh(matrix)[0] <= 0.0:
             raise InvalidInput(
                 "The effort penalty R2 is not symmetric positive definite.",
                 f"expected positive eigenvalues (the input must cost something), got {matrix.tolist()}",
                 "a positive number, for example effort=10",
             )
-        return np.array(matrix)
+        return (matrix + matrix.T) / 2.0
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
         """h(x) on any element, shape (s,)."""
@@ -79,13 +93,17 @@ class Penalty:
                     f"expected names out of {list(names)}",
                     "integrals of a tracking error are called NAME_integral",
                 )
-            weights = np.array([float(self.states.get(name, 0.0)) for name in names])
+            listed: Any = [self.states.get(name, 0.0) for name in names]
         else:
-            weights = np.asarray(self.states, dtype=float)
+            listed = self.states
+        try:
+            weights = np.asarray(listed, dtype=float)
+        except (TypeError, ValueError):
+            weights = np.array(np.nan)
         if weights.shape != (len(names),) or not np.all(np.isfinite(weights)):
             raise InvalidInput(
                 "The penalty does not fit the states.",
-                f"expected {len(names)} finite weights for {list(names)}, got {np.array2string(weights)}",
+                f"expected {len(names)} finite weights for {list(names)}, got {listed!r}",
                 "one weight per state, zero for what may be large",
             )
         return weights

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant.parameters import ParameterTable
 
 if TYPE_CHECKING:
@@ -26,10 +27,11 @@ class Plant:
     Parameters
     ----------
     flow : callable
-        ``flow(x, u, d, p)`` → ẋ, shape (n,). NumPy code that runs on any element: numbers, symbols, truncated
-        polynomials. ``p`` has the parameters as attributes. What is not smooth comes from `flexhinf.scalars`.
+        ``flow(x, u, d, p)`` → ẋ, shape (n,). NumPy code that runs on any element: numbers, symbols,
+        truncated polynomials. ``p`` has the parameters as attributes. What is not smooth comes from
+        `flexhinf.scalars`.
     output : callable
-        ``output(x, u, p)`` → y, the measured signals.
+        ``output(x, u, p)`` → y, the measured signals, shape (p,).
     states, inputs, disturbances : sequence of str
         Names, in the order of x, u and d.
     parameters : mapping of str to float
@@ -42,7 +44,8 @@ class Plant:
     Raises
     ------
     InvalidInput
-        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols with these shapes.
+        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols of
+        these shapes.
     """
 
     flow: Callable[..., Any]
@@ -56,13 +59,15 @@ class Plant:
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):
-            object.__setattr__(self, "parameters", ParameterTable(dict(self.parameters)))
+            object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
             names = getattr(self, kind)
             names = (names,) if isinstance(names, str) else tuple(names)
-            if len(set(names)) != len(names):
+            if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
                 raise InvalidInput(
-                    f"Two {kind} of the plant have the same name.", f"got {list(names)}", "distinct names"
+                    f"The {kind} of the plant are not named.",
+                    f"expected one distinct name each, got {list(names)}",
+                    f"{kind}=('one', 'another')",
                 )
             object.__setattr__(self, kind, names)
         if not self.states or not self.inputs:
@@ -71,14 +76,14 @@ class Plant:
                 f"got {len(self.states)} states and {len(self.inputs)} inputs",
                 "states=(...), inputs=(...)",
             )
-        rows = self._probe("flow", len(self.states))
+        rows = self.traced_flow.size1_out(0)
         if rows != len(self.states):
             raise InvalidInput(
                 "flow(x, u, d, p) returns the wrong number of derivatives.",
                 f"expected {len(self.states)}, one for each of {list(self.states)}, got {rows}",
                 "one derivative per state, in the order of states",
             )
-        measured = self._probe("output", None)
+        measured = self.traced_output.size1_out(0)
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
         if len(self.outputs) != measured:
@@ -87,17 +92,6 @@ class Plant:
                 f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
                 "one name per signal",
             )
-
-    def _probe(self, which: str, rows: int | None) -> int:
-        """How many signals `flow` or `output` returns, found by running it once on symbols."""
-        traced = self.traced_flow if which == "flow" else self.traced_output
-        if traced.n_out() != 1:
-            raise InvalidInput(
-                f"{which} returns several arrays.",
-                f"expected one array of {rows or 'the'} signals",
-                "np.array([...])",
-            )
-        return traced.size1_out(0)
 
     @property
     def n(self) -> int:
@@ -123,11 +117,9 @@ class Plant:
         return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
 
     def with_parameters(self, **changes: Any) -> Plant:
-        """The same plant with other parameter values; nothing is compiled again."""
-        changed = replace(self, parameters=self.parameters.replaced(changes))
-        for cached in ("traced_flow", "traced_output", "traced_jacobians"):
-            if cached in self.__dict__:
-                changed.__dict__[cached] = self.__dict__[cached]
+        """The same plant with other parameter values; nothing is traced or compiled again."""
+        changed = copy.copy(self)
+        object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
         return changed
 
     def with_objective(
@@ -138,7 +130,7 @@ class Plant:
         pose: Any = None,
         disturbances: Sequence[str] | None = None,
     ) -> GeneralisedPlant:
-        """The problem of Eq. (3): this plant with a penalty, integrals of the tracking error and disturbance channels.
+        """The problem of Eq. (3): this plant with a penalty, integrals of the tracking error, disturbances.
 
         See `flexhinf.plant.generalised.GeneralisedPlant` for the arguments.
         """
@@ -148,15 +140,16 @@ class Plant:
         integrate = (integrate,) if isinstance(integrate, str) else tuple(integrate)
         return GeneralisedPlant(self, Penalty.of(penalty), integrate, command, disturbances, pose)
 
-    # Numbers --------------------------------------------------------------------------------------------------
+    # Numbers --------------------------------------------------------------------------------------
     @cached_property
     def traced_flow(self) -> Any:
         """flow as a CasADi function of (x, u, d, parameter vector)."""
         from flexhinf.scalars import trace
 
-        sizes = (len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size)
+        table = self.parameters
+        sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
         return trace(
-            lambda x, u, d, p: np.asarray(self.flow(x, u, d, self.parameters.named(p)), dtype=object),
+            lambda x, u, d, p: _signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
             *sizes, name="flow", names=("x", "u", "d", "p"),
         )  # fmt: skip
 
@@ -165,10 +158,12 @@ class Plant:
         """output as a CasADi function of (x, u, parameter vector)."""
         from flexhinf.scalars import trace
 
-        sizes = (len(self.states), len(self.inputs), self.parameters.size)
+        def output(x: Any, u: Any, p: Any) -> Any:
+            return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
+
         return trace(
-            lambda x, u, p: np.atleast_1d(np.asarray(self.output(x, u, self.parameters.named(p)), dtype=object)),
-            *sizes, name="output", names=("x", "u", "p"),
+            lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
+            len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
 
     @cached_property
@@ -182,28 +177,100 @@ class Plant:
         results = [ca.jacobian(flow, v) for v in (x, u, d)] + [ca.jacobian(output, x)]
         return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
 
-    def derivative(self, x: Any, u: Any = None, d: Any = None) -> np.ndarray:
-        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise (zero by default)."""
-        points = np.atleast_2d(np.asarray(x, dtype=float))
-        wide = [
-            np.broadcast_to(np.zeros(size) if v is None else np.asarray(v, dtype=float), (len(points), size))
-            for v, size in ((u, len(self.inputs)), (d, len(self.disturbances)))
-        ]
-        vector = np.broadcast_to(self.parameters.vector(), (len(points), self.parameters.size))
-        result = np.asarray(self.traced_flow(points.T, wide[0].T, wide[1].T, vector.T), dtype=float).T
-        return result[0] if np.ndim(x) == 1 else result
+    def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
+        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape does not fit.
+        """
+        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
+        given = [_points(value, names, letter) for value, names, letter in wanted]
+        count = max(map(len, given)) if all(map(len, given)) else 0
+        if any(len(rows) not in (1, count) for rows in given):
+            raise InvalidInput(
+                "The numbers of points differ.", f"got {[len(rows) for rows in given]} rows of x, u and d",
+                "one row for each point, or one vector for all",
+            )  # fmt: skip
+        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
+        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
+        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T.reshape(count, self.n)
+        return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(
-        self, x: Any, u: Any = None, d: Any = None
+        self, x: Any = None, u: Any = None, d: Any = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point."""
-        zeros = [np.zeros(len(names)) for names in (self.inputs, self.disturbances)]
-        arguments = (x, zeros[0] if u is None else u, zeros[1] if d is None else d, self.parameters.vector())
-        results = self.traced_jacobians(*[np.asarray(a, dtype=float) for a in arguments])
-        a, b, g, c = (np.asarray(r, dtype=float) for r in results)
+        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point.
+
+        Parameters
+        ----------
+        x, u, d : (n,), (m,) and (k,) arrays
+            Zero by default.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape does not fit.
+        """
+        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
+        points = [_points(value, names, letter, at_once=1)[0] for value, names, letter in wanted]
+        a, b, g, c = (
+            np.asarray(r, dtype=float) for r in self.traced_jacobians(*points, self.parameters.vector())
+        )
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s."""
-        a = self.linearise(np.zeros(self.n) if x is None else x, u)[0]
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s.
+
+        Raises
+        ------
+        InvalidInput
+            If the plant has no finite Jacobian there.
+        """
+        a = self.linearise(x, u)[0]
+        if not np.all(np.isfinite(a)):
+            row, column = np.argwhere(~np.isfinite(a))[0]
+            raise InvalidInput(
+                "The plant has no linearisation at this point.",
+                f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
+                f"{a[row, column]} at x = {[0.0] * self.n if x is None else np.asarray(x).tolist()}",
+                "a point where the model is smooth",
+            )
         return float(np.abs(np.linalg.eigvals(a)).max())
+
+
+def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
+    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
+    try:
+        signals = np.asarray(model(), dtype=object)
+    except FlexhinfError:
+        raise
+    except Exception as error:
+        raise InvalidInput(
+            f"{what} does not run on symbols.",
+            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
+            "the names in states, inputs and disturbances, and NumPy functions on the elements",
+        ) from error
+    if signals.ndim != 1:
+        raise InvalidInput(
+            f"{what} does not return a vector.",
+            f"expected one axis, got shape {signals.shape}",
+            "np.array([...]) of the elements",
+        )
+    return signals
+
+
+def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
+    """Rows of numbers (N, len(names)); zeros for None."""
+    try:
+        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        rows = np.zeros((0, 0, 0))
+    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+        raise InvalidInput(
+            f"The point {letter} does not fit the plant.",
+            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            "one number per name" + ("" if at_once else ", or one row of them for each point"),
+        )
+    return rows

@@ -26,16 +26,24 @@ class Law(Protocol):
     """
 
     @property
-    def state_names(self) -> tuple[str, ...]: ...
+    def state_names(self) -> tuple[str, ...]:
+        """States of the plant, then integrals."""
+        ...
 
     @property
-    def input_names(self) -> tuple[str, ...]: ...
+    def input_names(self) -> tuple[str, ...]:
+        """One name per input."""
+        ...
 
     @property
-    def operating_point(self) -> np.ndarray: ...
+    def operating_point(self) -> np.ndarray:
+        """x*, (n,), integrals included."""
+        ...
 
     @property
-    def operating_input(self) -> np.ndarray: ...
+    def operating_input(self) -> np.ndarray:
+        """u*, (m,)."""
+        ...
 
     @property
     def law_data(self) -> np.ndarray:
@@ -52,8 +60,21 @@ class Law(Protocol):
         ...
 
 
+@runtime_checkable
 class Estimator(Protocol):
-    """A recursive estimator as two pure functions of frozen values."""
+    """A recursive estimator as two pure functions of frozen values.
+
+    Attributes
+    ----------
+    plant : Plant
+        The model it believes in.
+    period : float
+        Between two samples, s.
+    process_noise, measurement_noise : ndarray, (n, n) and (p, p)
+        R^v and R^n.
+    initial : Gaussian
+        x(0|−1), or a named tuple that begins as one.
+    """
 
     plant: Plant
     period: float
@@ -64,6 +85,10 @@ class Estimator(Protocol):
     @property
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators (not their data)."""
+        ...
+
+    def initial_at(self, mean: np.ndarray) -> Gaussian:
+        """The initial belief with another mean (n,)."""
         ...
 
     def time_update(self, belief: Gaussian, u: Any, p: Any, process_noise: Any) -> Gaussian:

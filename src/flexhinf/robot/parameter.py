@@ -23,6 +23,11 @@ class Parameter:
         Half width of the interval of possible values, in per cent of the nominal value.
     unit, source : str
         Where the number comes from, or "assumption".
+
+    Raises
+    ------
+    InvalidInput
+        For a value that is not finite, or a tolerance outside 0 ≤ tolerance < 100.
     """
 
     name: str
@@ -45,8 +50,11 @@ class Parameter:
                 "12 for ±12 %",
             )
 
+    def at(self, sign: float) -> float:
+        """The value at −1 (lower end), 0 (nominal), 1 (upper end) or between."""
+        return self.value + sign * abs(self.value) * self.tolerance / 100.0
+
     @property
     def interval(self) -> tuple[float, float]:
         """Smallest and largest possible value."""
-        half = abs(self.value) * self.tolerance / 100.0
-        return self.value - half, self.value + half
+        return self.at(-1.0), self.at(1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot.parameter import Parameter
-from flexhinf.robot.single_link import single_link_plant
+from flexhinf.robot.single_link import REQUIRED, single_link_plant
 
 __all__ = ["Robot"]
 
@@ -34,6 +34,17 @@ class Robot:
     parameters: tuple[Parameter, ...]
     penalty: Penalty
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        names = [parameter.name for parameter in self.parameters]
+        missing = [name for name in REQUIRED if name not in names]
+        if missing or len(set(names)) != len(names):
+            raise InvalidInput(
+                f"The robot {self.name!r} does not have the parameters of its model.",
+                f"expected each of {list(REQUIRED)} once, got {names}",
+                f"add {missing}" if missing else "each name once",
+            )
+
     @cached_property
     def nominal(self) -> dict[str, float]:
         """Nominal values by name."""
@@ -50,7 +61,7 @@ class Robot:
         )
 
     def with_values(self, values: Mapping[str, float]) -> Robot:
-        """The same robot with other nominal values."""
+        """The same robot with other nominal values; unknown names raise InvalidInput."""
         for name in values:
             self[name]
         changed = tuple(replace(p, value=float(values.get(p.name, p.value))) for p in self.parameters)
@@ -62,7 +73,8 @@ class Robot:
         Parameters
         ----------
         measured : sequence of str
-            Measured signals, out of link_position, motor_position, joint_torque, link_velocity, motor_velocity.
+            Measured signals, out of link_position, motor_position, joint_torque, link_velocity and
+            motor_velocity.
         inductance : bool
             With the motor coil's inductance, which adds the state coil_current (A).
         """
@@ -72,7 +84,17 @@ class Robot:
     def problem(
         self, penalty: Any = None, pose: Any = None, measured: Sequence[str] = ("link_position",)
     ) -> GeneralisedPlant:
-        """The paper's problem: penalty (11), five states, the command as the disturbance, about the hanging rest."""
+        """The paper's problem: penalty (11), five states, the command as the disturbance, about rest.
+
+        Parameters
+        ----------
+        penalty : Penalty or weights, optional
+            Instead of the robot's own; weights alone come with R2 = 1, see `Penalty`.
+        pose : sequence or mapping, optional
+            Link position to design about, rad; hanging by default.
+        measured : sequence of str
+            As for `plant`.
+        """
         return self.plant(measured).with_objective(
             self.penalty if penalty is None else penalty,
             command="disturbance",
@@ -80,7 +102,7 @@ class Robot:
             pose=pose,
         )
 
-    # Tolerances -----------------------------------------------------------------------------------------------
+    # Tolerances -----------------------------------------------------------------------------------
     @property
     def uncertain(self) -> tuple[Parameter, ...]:
         """The parameters with a tolerance."""
@@ -96,19 +118,27 @@ class Robot:
         Parameters
         ----------
         signs : mapping by name (0 if absent) or one number per uncertain parameter
-            −1, 0 or 1: lower end, nominal, upper end.
+            −1, 0 or 1: lower end, nominal, upper end; anything between is allowed.
+
+        Raises
+        ------
+        InvalidInput
+            For unknown names, another number of signs, or a sign outside [−1, 1].
         """
         if not isinstance(signs, Mapping):
             if len(signs) != len(self.uncertain):
                 raise InvalidInput(
                     "A corner needs one sign per uncertain parameter.",
-                    f"expected {len(self.uncertain)} for {[p.name for p in self.uncertain]}, got {len(signs)}",
+                    f"expected one for each of {[p.name for p in self.uncertain]}, got {len(signs)}",
                     "a sign, −1, 0 or 1, for each",
                 )
             signs = {p.name: s for p, s in zip(self.uncertain, signs, strict=True)}
-        for name in signs:
+        for name, sign in signs.items():
             self[name]
-        return {
-            p.name: p.value * (1.0 + float(signs.get(p.name, 0.0)) * p.tolerance / 100.0)
-            for p in self.parameters
-        }
+            if not -1.0 <= sign <= 1.0:
+                raise InvalidInput(
+                    f"The sign for {name!r} leaves its tolerance.",
+                    f"expected −1 to 1, got {sign!r}",
+                    "−1, 0 or 1",
+                )
+        return {p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters}

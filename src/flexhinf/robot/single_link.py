@@ -11,7 +11,22 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 
-__all__ = ["SENSORS", "single_link_plant"]
+__all__ = ["REQUIRED", "SENSORS", "single_link_plant"]
+
+#: Parameters of the model; "inductance" counts only with the coil.
+REQUIRED = (
+    "mass",
+    "stiffness",
+    "length",
+    "gravity",
+    "link_inertia",
+    "motor_inertia",
+    "resistance",
+    "inductance",
+    "torque_constant",
+    "back_emf_constant",
+    "friction",
+)
 
 STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 UNITS = {
@@ -36,29 +51,37 @@ SENSORS: dict[str, Callable[[Any, Any], Any]] = {
     "joint_torque": lambda x, p: p.stiffness * (x[2] - x[0]),
 }
 
+#: Divisors, and what no arm has with the other sign.
 POSITIVE = ("link_inertia", "motor_inertia", "stiffness", "resistance", "inductance")
 
 
-def mechanics(x: Any, motor_torque: Any, d: Any, p: Any) -> tuple[Any, Any, Any, Any]:
-    """Rates of the four mechanical states, Sec. 6; `motor_torque` k_m i, d = (link torque, motor torque)."""
+def mechanics(x: Any, motor_torque: Any, damping: Any, d: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+    """Rates of the four mechanical states, Sec. 6; d = (link torque, motor torque).
+
+    Parameters stand together, as in the paper: a kernel computes their quotients once for all sigma points.
+    """
     q, dq, theta, dtheta = x[0], x[1], x[2], x[3]
-    spring = p.stiffness * (q - theta)
-    gravity = p.mass * p.gravity * p.length * np.sin(q)
-    link_acceleration = (-gravity - spring + d[0]) / p.link_inertia
-    motor_acceleration = (spring - p.friction * dtheta + motor_torque + d[1]) / p.motor_inertia
+    gravity = p.mass * p.gravity * p.length / p.link_inertia * np.sin(q)
+    twist = q - theta
+    link_acceleration = d[0] / p.link_inertia - gravity - p.stiffness / p.link_inertia * twist
+    motor_acceleration = (
+        p.stiffness / p.motor_inertia * twist
+        - damping / p.motor_inertia * dtheta
+        + (motor_torque + d[1]) / p.motor_inertia
+    )
     return dq, link_acceleration, dtheta, motor_acceleration
 
 
 def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
-    """ẋ with the coil's pole neglected: i = (V − k_b θ̇)/R."""
-    current = (u[0] - p.back_emf_constant * x[3]) / p.resistance
-    return np.array(mechanics(x, p.torque_constant * current, d, p))
+    """ẋ with the coil's pole neglected: the torque k_m (V − k_b θ̇)/R, as in Sec. 6."""
+    gain = p.torque_constant / p.resistance
+    return np.array(mechanics(x, gain * u[0], p.friction + gain * p.back_emf_constant, d, p))
 
 
 def flow_with_coil(x: Any, u: Any, d: Any, p: Any) -> Any:
-    """ẋ with the coil: L di/dt = V − R i − k_b θ̇ (Table 2)."""
+    """ẋ with the coil: the torque k_m i, and L di/dt = V − R i − k_b θ̇ (Table 2)."""
     current_rate = (u[0] - p.resistance * x[4] - p.back_emf_constant * x[3]) / p.inductance
-    return np.array([*mechanics(x, p.torque_constant * x[4], d, p), current_rate])
+    return np.array([*mechanics(x, p.torque_constant * x[4], p.friction, d, p), current_rate])
 
 
 @dataclass(frozen=True)
