@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient
-from flexhinf.polynomial.transform import change_variables
+from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
 from flexhinf.polynomial.triangular import substitute
 
 __all__ = ["HomologicalEquation", "HomologicalSolution"]
@@ -54,29 +53,19 @@ class HomologicalEquation:
     matrix: np.ndarray
 
     @cached_property
-    def eigenbasis(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eigenvalues (n,), eigenvectors T (n, n) and T⁻¹ (n, n)."""
-        eigenvalues, vectors = np.linalg.eig(self.matrix)
-        try:
-            return eigenvalues, vectors, np.linalg.inv(vectors)
-        except np.linalg.LinAlgError:
-            return eigenvalues, vectors, np.full_like(vectors, np.inf)
+    def eigenbasis(self) -> Coordinates:
+        """Eigenvector coordinates of A."""
+        return eigen_coordinates(self.matrix)
+
+    @cached_property
+    def schur_basis(self) -> Coordinates:
+        """Schur coordinates of A."""
+        return schur_coordinates(self.matrix)
 
     @cached_property
     def condition(self) -> float:
-        """cond(T), in the 2-norm; infinite for a defective matrix."""
-        _, vectors, inverse = self.eigenbasis
-        if not np.isfinite(inverse).all():
-            return np.inf
-        return float(np.linalg.norm(vectors, 2) * np.linalg.norm(inverse, 2))
-
-    @cached_property
-    def schur_form(self) -> tuple[np.ndarray, np.ndarray]:
-        """Upper triangular T and unitary U, both complex (n, n), A = U T Uᴴ."""
-        from scipy.linalg import schur
-
-        form: tuple[Any, ...] = schur(self.matrix, output="complex")
-        return form[0], form[1]
+        """cond(T) of the eigenvectors, in the 2-norm; infinite for a defective matrix."""
+        return self.eigenbasis.condition
 
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries of r.
@@ -120,25 +109,21 @@ class HomologicalEquation:
         return HomologicalSolution(entries, "eigenbasis, refined", refined) if refined < relative else first
 
     def _divide(self, known: np.ndarray, k: int) -> np.ndarray:
-        eigenvalues, vectors, inverse = self.eigenbasis
-        n = len(self.matrix)
-        sums = eigenvalues[basis.indices(n, k)].sum(axis=1)
-        return np.real(change_variables(-change_variables(known, n, k, vectors) / sums, n, k, inverse))
+        eigenvalues = np.diag(self.eigenbasis.flow)
+        sums = eigenvalues[basis.indices(len(eigenvalues), k)].sum(axis=1)
+        return self.eigenbasis.leave(-self.eigenbasis.enter(known, k) / sums, k)
 
     def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
-        triangular, unitary = self.schur_form
-        n = len(self.matrix)
-
-        def inverse(right: np.ndarray) -> np.ndarray:
-            rotated = substitute(triangular, -change_variables(right, n, k, unitary), k)
-            return np.real(change_variables(rotated, n, k, unitary.conj().T))
-
-        entries = inverse(known)
+        entries = self._substitute(known, k)
         residual = self.residual(entries, known, k)
         relative = self._relative(residual, entries, known)
         if len(known) <= _SMALL:
-            refined = entries + inverse(residual)
+            refined = entries + self._substitute(residual, k)
             after = self._relative(self.residual(refined, known, k), refined, known)
             if after < relative:
                 entries, relative = refined, after
         return HomologicalSolution(entries, "Schur", relative)
+
+    def _substitute(self, known: np.ndarray, k: int) -> np.ndarray:
+        rotated = self.schur_basis.enter(known, k)
+        return self.schur_basis.leave(substitute(self.schur_basis.flow, -rotated, k), k)

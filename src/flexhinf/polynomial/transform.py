@@ -14,11 +14,14 @@ from itertools import pairwise
 import numpy as np
 
 from flexhinf.polynomial import basis
+from flexhinf.polynomial.threads import run_all
 
 __all__ = ["change_variables"]
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
-_CHUNK_BYTES = 2_000_000
+_TILE_PRODUCTS = 200_000  # per matrix product: stays in cache, and below where BLAS starts threads of its own
+_TILE_BYTES = 2_000_000
+_LARGE = 20_000_000  # opened tensors from this size on are worth a second thread
 
 
 def change_variables(entries: np.ndarray, n: int, k: int, matrix: np.ndarray) -> np.ndarray:
@@ -60,22 +63,39 @@ def _contract_one_index(
 ) -> np.ndarray:
     width = basis.count(n, s)
     result = np.empty((len(opening), basis.count(n, s + 1)), tensor.dtype)
-    step = max(1, _CHUNK_BYTES // (n * width * tensor.itemsize))
-    for begin in range(0, len(opening), step):
-        rows = opening[begin : begin + step]
-        _contract_rows(tensor[rows], n, s, matrix, result[begin : begin + step])
+    blocks = (
+        1 if s == 0 else min(n, 2 if s == 1 else 6)
+    )  # of new indices: more skip more of the unsorted tuples
+    columns = min(width, max(1, _TILE_PRODUCTS * blocks // n**2))
+    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else _TILE_PRODUCTS // n**2)
+    edges = [(block * n) // blocks for block in range(blocks + 1)]
+
+    def contract(top: int, left: int) -> None:
+        chosen = opening[top : top + rows]
+        opened = tensor[:, left : left + columns][chosen]
+        _contract_tile(opened, left, n, s, matrix, edges, result[top : top + rows])
+
+    tiles = ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns))
+    run_all(contract, tiles, large=opening.size * width > _LARGE)
     return result
 
 
-def _contract_rows(opened: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray) -> None:
-    """Contract axis 1 of `opened` (rows, n, count(n, s)); blocks of new indices skip most of the unsorted."""
+def _contract_tile(
+    opened: np.ndarray, left: int, n: int, s: int, matrix: np.ndarray, edges: list[int], result: np.ndarray
+) -> None:
+    """Contract axis 1 of `opened` (rows, n, tails from `left` on) and keep what is sorted."""
     if s == 0:
         np.matmul(opened[:, :, 0], matrix, out=result)
         return
     start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
-    blocks = min(n, 6)
-    edges = [(block * n) // blocks for block in range(blocks + 1)]
+    right = left + opened.shape[2]
     for low, high in pairwise(edges):
-        contracted = np.matmul(matrix[:, low:high].T, opened[:, :, start[low] :])
+        begin = max(start[low], left)
+        if begin >= right:
+            return
+        contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
         for j in range(low, high):
-            result[:, first[j] : first[j + 1]] = contracted[:, j - low, start[j] - start[low] :]
+            tail = max(start[j], left)
+            if tail < right:
+                place = first[j] - start[j]
+                result[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
