@@ -130,7 +130,7 @@ class PaperBench:
         """Simulate one closed loop; a loop that diverges is an outcome, not an error."""
         s = self.settings
         chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
-        loop = self._loop(law, chosen, inductance, true_values)
+        loop = self.loop(law, chosen, inductance, true_values)
         deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
         try:
             run = loop.run(reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed)
@@ -141,7 +141,9 @@ class PaperBench:
             return Outcome(run, float(run.time[-1]))
         return Outcome(run)
 
-    def _loop(self, law: Law, estimator: Any, inductance: bool, values: Mapping[str, float] | None) -> Loop:
+    def loop(
+        self, law: Law, estimator: Any, inductance: bool = False, values: Mapping[str, float] | None = None
+    ) -> Loop:
         """A loop around the true plant."""
         plant = self._true_plants[inductance]
         if values is not None:

@@ -44,6 +44,7 @@ __all__ = [
     "check",
     "figure_to_svg",
     "house_style",
+    "house_style",
     "is_report",
     "label",
     "legend",

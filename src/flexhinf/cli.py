@@ -1,0 +1,155 @@
+"""The door for commands. No mathematics here: options come in, rooms do the work, errors go out in three parts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+
+from flexhinf import __version__
+from flexhinf.errors import FlexhinfError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="flexhinf",
+    help="Robust nonlinear H∞ control of robots with elastic joints.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+#: Exit code for everything the user can put right; 130 is the shells' code for an interruption.
+USER_ERROR, INTERRUPTED = 2, 130
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"flexhinf {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+) -> None:
+    """Robust nonlinear H∞ control of robots with elastic joints."""
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")] = Path(
+        "flexhinf-paper"
+    ),
+    gamma_ratio: Annotated[float, typer.Option(help="γ/γ*, above 1: attenuation level over the smallest feasible one.")] = 2.0,
+    degree: Annotated[int, typer.Option(help="Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.")] = 4,
+    period: Annotated[float, typer.Option(help="Sampling period of estimator and law, s.")] = 1e-3,
+    seed: Annotated[int, typer.Option(help="Seed of noise and of the drawn plants.")] = 0,
+    estimator: Annotated[str, typer.Option(help="ukf, ekf, or none (feeds back the true state).")] = "ukf",
+    process_noise: Annotated[float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")] = 1e-6,
+    measurement_noise: Annotated[float, typer.Option(help="R^n, variance of the measured link position, rad².")] = 1e-6,
+) -> None:
+    """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
+    from flexhinf.paper import STAGES, PaperSettings, reproduce
+    from flexhinf.report import check, write
+
+    settings = PaperSettings(gamma_ratio, degree, period, seed, estimator, process_noise, measurement_noise)
+    check(out)
+    if degree % 2:
+        typer.secho(
+            f"note: the paper's arm is odd, so V has no terms of degree {degree}: this is degree {degree - 1} again.",
+            fg="yellow",
+            err=True,
+        )
+    with _progress(STAGES) as tell:
+        result = reproduce(settings, _command(settings, out), tell)
+    folder = write(out, result.files)
+    _print_claims([judged.claim for judged in result.judged], result.metrics)
+    typer.echo(f"report: {folder / 'index.html'}")
+
+
+def _command(settings: Any, out: Path) -> list[str]:
+    """The words that make the same report again."""
+    words = ["flexhinf", "paper"]
+    for name, value in vars(settings).items():
+        words += [f"--{name.replace('_', '-')}", str(value)]
+    return words if out == Path("flexhinf-paper") else [*words, "--out", out.name]
+
+
+class _progress:
+    """A progress bar on the terminal; silent where standard error is not one."""
+
+    def __init__(self, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        console = Console(stderr=True)
+        columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+        self._bar = Progress(*columns, console=console, transient=True)
+        self._task = self._bar.add_task("", total=total)
+        self._started = False
+
+    def __enter__(self) -> Any:
+        self._bar.start()
+        return self._tell
+
+    def _tell(self, text: str) -> None:
+        self._bar.update(self._task, advance=1 if self._started else 0, description=text)
+        self._started = True
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.stop()
+
+
+def _print_claims(claims: Sequence[Any], metrics: dict[str, Any]) -> None:
+    """A short table of the verdicts."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from flexhinf.report import summary
+
+    colours = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
+    table = Table(title=f"γ* = {metrics['gamma_star']:.4f}, γ = {metrics['gamma']:.4f}", title_justify="left")
+    table.add_column("verdict")
+    table.add_column("claim")
+    for claim in claims:
+        table.add_row(f"[{colours[claim.verdict]}]{claim.verdict}[/]", claim.text)
+    console = Console()
+    console.print(table)
+    console.print(summary(claims))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns its exit code. A user's mistake is told in three parts, without a traceback."""
+    try:
+        code = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except FlexhinfError as error:
+        return _tell(str(error))
+    except click.ClickException as error:
+        return _tell(_three_parts(error))
+    except (KeyboardInterrupt, click.exceptions.Abort):
+        return _tell("Interrupted; nothing was written.", INTERRUPTED)
+
+
+def _three_parts(error: click.ClickException) -> str:
+    """What click found wrong, in the house's form."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "flexhinf"
+    known = []
+    if isinstance(error, click.NoSuchOption):
+        known = list(error.possibilities or [])
+    advice = f"{', '.join(known)}" if known else f"{path} --help"
+    what = error.format_message().rstrip(".")
+    got = " ".join(sys.argv[1:]) or "nothing"
+    return str(FlexhinfError(f"{what}.", f"expected what `{path} --help` lists, got: {got}", advice))
+
+
+def _tell(text: str, code: int = USER_ERROR) -> int:
+    typer.secho("error: ", fg="red", err=True, nl=False)
+    typer.echo(text, err=True)
+    return code

@@ -1,0 +1,94 @@
+"""The whole reproduction: figures, claims, and the files of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexhinf.paper.bench import PaperBench
+from flexhinf.paper.claims import JUDGES, Judged
+from flexhinf.paper.experiments import Experiments
+from flexhinf.paper.figures import FIGURES, Drawn
+from flexhinf.paper.page import paper_page
+from flexhinf.paper.settings import PaperSettings
+from flexhinf.report import to_json
+
+__all__ = ["STAGES", "Reproduction", "reproduce"]
+
+#: How many steps of work there are, for a progress bar.
+STAGES = len(FIGURES) + len(JUDGES) + 2
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What came out.
+
+    Attributes
+    ----------
+    files : dict of str to str
+        index.html, figure_03.svg … figure_12.svg, metrics.json.
+    judged : tuple of Judged
+    metrics : dict
+        As in ``metrics.json``.
+    """
+
+    files: dict[str, str]
+    judged: tuple[Judged, ...]
+    metrics: dict[str, Any]
+
+
+def reproduce(
+    settings: PaperSettings, command: Sequence[str] = ("flexhinf", "paper"), progress: Callable[[str], None] | None = None
+) -> Reproduction:
+    """Compute everything; nothing is written.
+
+    Parameters
+    ----------
+    settings : PaperSettings
+    command : sequence of str
+        What makes the report again, for the report.
+    progress : callable, optional
+        Called with what comes next, `STAGES` times in all.
+
+    Raises
+    ------
+    InfeasibleGamma
+        If γ is not above γ*.
+    """
+    tell = progress or (lambda text: None)
+    tell("synthesis")
+    experiments = Experiments(PaperBench(settings))
+    drawn: list[Drawn] = []
+    for figure in FIGURES:
+        tell(figure.__name__.replace("_", " ").replace(" 0", " "))
+        drawn.append(figure(experiments))
+    judged: list[Judged] = []
+    for what, judge in JUDGES:
+        tell(f"claim: {what}")
+        found = judge(experiments)
+        judged += found if isinstance(found, list) else [found]
+    tell("report")
+    metrics = _metrics(experiments, drawn, judged)
+    files = {"index.html": paper_page(experiments, drawn, judged, command).html(), "metrics.json": to_json(metrics)}
+    files |= {f"figure_{d.number}.svg": d.svg for d in drawn}
+    return Reproduction(files, tuple(judged), metrics)
+
+
+def _metrics(experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[Judged]) -> dict[str, Any]:
+    bench = experiments.bench
+    s = bench.settings
+    return {
+        "version": 1,
+        "gamma_star": bench.gamma_star,
+        "gamma": bench.gamma,
+        "gamma_ratio": s.gamma_ratio,
+        "degree": s.degree,
+        "period_s": s.period,
+        "seed": s.seed,
+        "estimator": s.estimator,
+        "process_noise": s.process_noise,
+        "measurement_noise": s.measurement_noise,
+        "figures": {d.number: d.numbers for d in drawn},
+        "claims": [{**j.claim.as_dict(), **({"numbers": j.numbers} if j.numbers else {})} for j in judged],
+    }
