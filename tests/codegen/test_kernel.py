@@ -101,8 +101,8 @@ def test_a_run_lets_other_threads_work():
         times.append(time.perf_counter())
 
     thread = threading.Thread(target=run)
-    thread.start()
     last, longest_wait = time.perf_counter(), 0.0
+    thread.start()
     while thread.is_alive():
         now = time.perf_counter()
         last, longest_wait = now, max(longest_wait, now - last)

@@ -256,6 +256,18 @@ def test_one_function_is_emitted_once():
     assert text.count("call void @flexhinf_function0") == 2
 
 
+@BOTH
+def test_one_function_takes_shared_numbers_here_and_lanes_there(make):
+    body = tuple(
+        Call(SWAP, (Slice(source, 0, 2),), (Slice("y", 2 * k, 2),)) for k, source in enumerate("sxs")
+    )
+    buffers = (Buffer("s", 2, "in", shared=True), Buffer("x", 2, "in"), Buffer("y", 6, "out"))
+    y = np.zeros((6, 2))
+    x = np.array([[1.0, 2.0], [3.0, 4.0]])
+    make(Program("mixed", buffers, body), 2).run({"s": np.array([8.0, 9.0]), "x": x, "y": y})
+    np.testing.assert_array_equal(y, [[9, 9], [8, 8], [3, 4], [1, 2], [9, 9], [8, 8]])
+
+
 def test_every_name_is_ours_and_no_licence_is_given_to_reorder():
     text = emit_module(loop(pendulum()), lanes=4).text
     names = {word.split("(")[0] for word in text.split("@")[1:]}
