@@ -16,6 +16,7 @@ and returns the largest code.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexhinf.codegen.emit.function import emit_function, load
@@ -135,7 +136,7 @@ class _Emitter:
             else:
                 self._guard(step, turns)
 
-    def _loop(self, count: str, body) -> None:
+    def _loop(self, count: str, body: Callable[[str], None]) -> None:
         """``for turn in range(count): body(turn)``; the turn lives in memory until LLVM promotes it."""
         writer = self.writer
         place = writer.let("alloca i64, align 8")
@@ -192,7 +193,7 @@ class _Emitter:
         size = 8 * step.source.size * self.lanes.width
         writer.do(f"call void @{name}(ptr align 8 {target}, ptr align 8 {source}, i64 {size}, i1 false)")
 
-    def _each(self, size: int, body) -> None:
+    def _each(self, size: int, body: Callable[[str], None]) -> None:
         if size > _UNROLLED:
             self._loop(str(size), body)
         else:
