@@ -39,15 +39,11 @@ def test_insertion_is_the_rank_of_the_longer_tuple(n, k):
         assert np.array_equal(row, expected)
 
 
-@pytest.mark.parametrize(
-    ("n", "a", "b"), [(2, 3, 2), (4, 2, 3), (3, 1, 1), (5, 3, 0), (3, 0, 2)]
-)
+@pytest.mark.parametrize(("n", "a", "b"), [(2, 3, 2), (4, 2, 3), (3, 1, 1), (5, 3, 0), (3, 0, 2)])
 def test_merge_is_the_rank_of_the_union(n, a, b):
     table = basis.merge(n, a, b)
     left, right = basis.indices(n, a), basis.indices(n, b)
-    expected = [
-        basis.rank(n, np.array([sorted([*p, *q]) for q in right])) for p in left
-    ]
+    expected = [basis.rank(n, np.array([sorted([*p, *q]) for q in right])) for p in left]
     assert np.array_equal(table, expected)
 
 
@@ -59,3 +55,10 @@ def test_tables_are_read_only():
 def test_insertion_refuses_degree_zero():
     with pytest.raises(ValueError, match="degree k >= 1"):
         basis.insertion(3, 0)
+
+
+@pytest.mark.parametrize(("n", "k"), SIZES)
+def test_removal_is_the_rank_of_the_shorter_tuple(n, k):
+    tuples, table = basis.indices(n, k), basis.removal(n, k)
+    for position in range(k):
+        assert np.array_equal(table[:, position], basis.rank(n, np.delete(tuples, position, axis=1)))

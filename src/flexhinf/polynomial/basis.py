@@ -25,6 +25,7 @@ __all__ = [
     "multiplicity",
     "offsets",
     "rank",
+    "removal",
 ]
 
 _CACHED = 256
@@ -113,6 +114,26 @@ def insertion(n: int, k: int) -> np.ndarray:
         rows = np.arange(first[i], first[i + 1])
         table[rows[0] : rows[-1] + 1, : i + 1] = rows[:, None] + shift[: i + 1]
         table[rows[0] : rows[-1] + 1, i + 1 :] = below[start[i] :, i + 1 :] + shift[i]
+    return _frozen(table)
+
+
+@lru_cache(_CACHED)
+def removal(n: int, k: int) -> np.ndarray:
+    """Rank, among the tuples of degree k−1, of the tuple α of degree `k` without its index at each position.
+
+    Without its first index a tuple is its tail; otherwise the first index stays and the tail loses one.
+
+    Returns
+    -------
+    ndarray of int32, shape (count(n, k), k)
+    """
+    table = np.zeros((count(n, k), k), np.int32)
+    if k > 1:
+        below, first, higher, start = removal(n, k - 1), offsets(n, k), offsets(n, k - 1), offsets(n, k - 2)
+        for i in range(n):
+            block = table[first[i] : first[i + 1]]
+            block[:, 0] = np.arange(higher[i], higher[n])
+            block[:, 1:] = below[higher[i] :] + (higher[i] - start[i])
     return _frozen(table)
 
 

@@ -68,7 +68,7 @@ class Coordinates:
 def eigen_coordinates(matrix: np.ndarray) -> Coordinates:
     """Eigenvectors of a real matrix, conjugate pairs first."""
     eigenvalues, vectors = np.linalg.eig(matrix)
-    pairs, lone = np.flatnonzero(eigenvalues.imag > 0), np.flatnonzero(eigenvalues.imag == 0)
+    pairs, lone = np.flatnonzero(np.imag(eigenvalues) > 0), np.flatnonzero(np.imag(eigenvalues) == 0)
     joined = np.stack([np.real(vectors[:, pairs]), np.imag(vectors[:, pairs])], axis=2) * np.sqrt(2)
     real = np.hstack([joined.reshape(len(matrix), -1), np.real(vectors[:, lone])])
     values = np.stack([eigenvalues[pairs], eigenvalues[pairs].conj()], axis=1).ravel()

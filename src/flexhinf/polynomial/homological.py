@@ -17,7 +17,7 @@ import numpy as np
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
-from flexhinf.polynomial.triangular import substitute
+from flexhinf.polynomial.triangular import diagonal_sums, substitute
 
 __all__ = ["HomologicalEquation", "HomologicalSolution"]
 
@@ -93,8 +93,12 @@ class HomologicalEquation:
                 total[table[:, j]] += rates[:, j]  # insertion of a fixed index never repeats a tuple
         return total / basis.multiplicity(n, k) + known
 
+    @cached_property
+    def _norm(self) -> float:
+        return float(np.linalg.norm(self.matrix, 2))
+
     def _relative(self, residual: np.ndarray, entries: np.ndarray, known: np.ndarray) -> float:
-        scale = np.linalg.norm(self.matrix, 2) * np.linalg.norm(entries) + np.linalg.norm(known)
+        scale = self._norm * np.linalg.norm(entries) + np.linalg.norm(known)
         return float(np.linalg.norm(residual) / scale) if scale > 0 else 0.0
 
     def _by_eigenbasis(self, known: np.ndarray, k: int) -> HomologicalSolution:
@@ -109,9 +113,9 @@ class HomologicalEquation:
         return HomologicalSolution(entries, "eigenbasis, refined", refined) if refined < relative else first
 
     def _divide(self, known: np.ndarray, k: int) -> np.ndarray:
-        eigenvalues = np.diag(self.eigenbasis.flow)
-        sums = eigenvalues[basis.indices(len(eigenvalues), k)].sum(axis=1)
-        return self.eigenbasis.leave(-self.eigenbasis.enter(known, k) / sums, k)
+        quotient = self.eigenbasis.enter(known, k)
+        quotient /= -diagonal_sums(self.eigenbasis.flow, k)
+        return self.eigenbasis.leave(quotient, k)
 
     def _by_schur(self, known: np.ndarray, k: int) -> HomologicalSolution:
         entries = self._substitute(known, k)

@@ -63,9 +63,7 @@ def _contract_one_index(
 ) -> np.ndarray:
     width = basis.count(n, s)
     result = np.empty((len(opening), basis.count(n, s + 1)), tensor.dtype)
-    blocks = (
-        1 if s == 0 else min(n, 2 if s == 1 else 6)
-    )  # of new indices: more skip more of the unsorted tuples
+    blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
     columns = min(width, max(1, _TILE_PRODUCTS * blocks // n**2))
     rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else _TILE_PRODUCTS // n**2)
     edges = [(block * n) // blocks for block in range(blocks + 1)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.polynomial import basis
 
-__all__ = ["substitute"]
+__all__ = ["diagonal_sums", "substitute"]
 
 _CHUNK = 100_000
 
@@ -38,20 +38,29 @@ def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
     Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
     """
     n = len(triangular)
-    tuples, table = basis.indices(n, k), basis.insertion(n, k)
+    tuples, table, removal = basis.indices(n, k), basis.insertion(n, k), basis.removal(n, k)
     order, cuts = _levels(n, k)
     above = np.ascontiguousarray(np.triu(triangular, 1).T)
-    pivots = np.diag(triangular)[tuples].sum(axis=1)
+    pivots = diagonal_sums(triangular, k)
     solution = np.zeros(len(tuples), np.result_type(triangular, known))
     for low, high in pairwise(cuts):
         for begin in range(low, high, _CHUNK):
             level = order[begin : min(begin + _CHUNK, high)]
             moved = known[level].astype(solution.dtype)
             for position in range(k):
-                rest = basis.rank(n, np.delete(tuples[level], position, axis=1))
-                moved -= np.einsum("aj,aj->a", solution[table[rest]], above[tuples[level, position]])
+                replaced = solution[table[removal[level, position]]]
+                moved -= np.einsum("aj,aj->a", replaced, above[tuples[level, position]])
             solution[level] = moved / pivots[level]
     return solution
+
+
+def diagonal_sums(matrix: np.ndarray, k: int) -> np.ndarray:
+    """Sum of the `k` diagonal entries each tuple points at, shape (count(n, k),)."""
+    diagonal, tuples = np.diag(matrix), basis.indices(len(matrix), k)
+    total = np.zeros(len(tuples), matrix.dtype)
+    for position in range(k):
+        total += diagonal[tuples[:, position]]
+    return total
 
 
 @lru_cache(32)
