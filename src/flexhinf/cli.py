@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
+from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.errors import FlexhinfError
@@ -18,7 +18,6 @@ __all__ = ["app", "main"]
 app = typer.Typer(
     name="flexhinf",
     help="Robust nonlinear H∞ control of robots with elastic joints.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -35,23 +34,33 @@ def _version(value: bool) -> None:
 
 @app.callback()
 def root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     """Robust nonlinear H∞ control of robots with elastic joints."""
 
 
 @app.command()
 def paper(
-    out: Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")] = Path(
-        "flexhinf-paper"
-    ),
-    gamma_ratio: Annotated[float, typer.Option(help="γ/γ*, above 1: attenuation level over the smallest feasible one.")] = 2.0,
-    degree: Annotated[int, typer.Option(help="Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.")] = 4,
+    out: Annotated[
+        Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")
+    ] = Path("flexhinf-paper"),
+    gamma_ratio: Annotated[
+        float, typer.Option(help="γ/γ*, above 1: attenuation level over the smallest feasible one.")
+    ] = 2.0,
+    degree: Annotated[
+        int, typer.Option(help="Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.")
+    ] = 4,
     period: Annotated[float, typer.Option(help="Sampling period of estimator and law, s.")] = 1e-3,
     seed: Annotated[int, typer.Option(help="Seed of noise and of the drawn plants.")] = 0,
     estimator: Annotated[str, typer.Option(help="ukf, ekf, or none (feeds back the true state).")] = "ukf",
-    process_noise: Annotated[float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")] = 1e-6,
-    measurement_noise: Annotated[float, typer.Option(help="R^n, variance of the measured link position, rad².")] = 1e-6,
+    process_noise: Annotated[
+        float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")
+    ] = 1e-6,
+    measurement_noise: Annotated[
+        float, typer.Option(help="R^n, variance of the measured link position, rad².")
+    ] = 1e-6,
 ) -> None:
     """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
     from flexhinf.paper import STAGES, PaperSettings, reproduce
@@ -125,28 +134,28 @@ def _print_claims(claims: Sequence[Any], metrics: dict[str, Any]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code. A user's mistake is told in three parts, without a traceback."""
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        code = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        code = app(args=words, prog_name="flexhinf", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except FlexhinfError as error:
         return _tell(str(error))
-    except click.ClickException as error:
-        return _tell(_three_parts(error))
-    except (KeyboardInterrupt, click.exceptions.Abort):
+    except TyperException as error:
+        return _tell(_three_parts(error, words))
+    except (KeyboardInterrupt, typer.Abort):
         return _tell("Interrupted; nothing was written.", INTERRUPTED)
 
 
-def _three_parts(error: click.ClickException) -> str:
-    """What click found wrong, in the house's form."""
+def _three_parts(error: TyperException, words: Sequence[str]) -> str:
+    """What the option parser found wrong, in the house's form."""
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "flexhinf"
-    known = []
-    if isinstance(error, click.NoSuchOption):
-        known = list(error.possibilities or [])
-    advice = f"{', '.join(known)}" if known else f"{path} --help"
-    what = error.format_message().rstrip(".")
-    got = " ".join(sys.argv[1:]) or "nothing"
-    return str(FlexhinfError(f"{what}.", f"expected what `{path} --help` lists, got: {got}", advice))
+    known = getattr(error, "possibilities", None)
+    advice = ", ".join(known) if known else f"{path} --help"
+    what = error.format_message().split(" (Possible")[0].rstrip(".")
+    return str(
+        FlexhinfError(f"{what}.", f"expected what `{path} --help` lists, got: {' '.join(words)}", advice)
+    )
 
 
 def _tell(text: str, code: int = USER_ERROR) -> int:

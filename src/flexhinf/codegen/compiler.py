@@ -50,7 +50,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
 
 def _compile(program: Program, lanes: int) -> Kernel:
-    from flexhinf import __version__
+    from importlib.metadata import version
+
     from flexhinf.codegen import machine
     from flexhinf.codegen.cache import cached
     from flexhinf.codegen.emit import ENTRY, emit_module
@@ -59,7 +60,7 @@ def _compile(program: Program, lanes: int) -> Kernel:
     host = machine.host()
     module = emit_module(program, lanes, host.fused)
     effort = machine.Effort.for_size(module.operations)
-    parts = (module.text, host.triple, host.cpu, host.features, host.version, repr(effort), __version__)
+    parts = (module.text, host.triple, host.cpu, host.features, host.version, repr(effort), version("flexhinf"))
     image = cached(parts, lambda: machine.assemble(module.text, effort))
     return NativeKernel(program, lanes, machine.Code(image, ENTRY, module.library))
 

@@ -1,0 +1,133 @@
+"""The report as a whole: files, metrics.json, and the figures' claims."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+
+from flexhinf.paper import PaperSettings, Reproduction, reproduce
+
+pytestmark = [pytest.mark.paper, pytest.mark.xdist_group("reproduction")]
+
+FIGURES = [f"{number:02d}" for number in range(3, 13)]
+VERDICTS = {"holds", "fails", "ties", "not judged"}
+
+
+@pytest.fixture(scope="module")
+def metrics(reproduction: Reproduction) -> dict[str, Any]:
+    return json.loads(reproduction.files["metrics.json"])
+
+
+def test_the_files_are_those_of_the_report(reproduction: Reproduction) -> None:
+    assert set(reproduction.files) == {"index.html", "metrics.json", *(f"figure_{n}.svg" for n in FIGURES)}
+
+
+def test_metrics_have_the_promised_form(metrics: dict[str, Any]) -> None:
+    assert metrics["version"] == 1
+    assert metrics["gamma_star"] == pytest.approx(123.0168162473, rel=1e-8)
+    assert metrics["gamma"] == pytest.approx(2 * metrics["gamma_star"])
+    assert (metrics["degree"], metrics["period_s"], metrics["seed"], metrics["estimator"]) == (
+        4,
+        1e-3,
+        0,
+        "ukf",
+    )
+    figures = metrics["figures"]
+    assert sorted(figures) == FIGURES
+    step = {
+        "overshoot_percent",
+        "settling_time_s",
+        "steady_state_error_rad",
+        "peak_control_V",
+        "estimation_rmse",
+    }
+    for number in ("03", "05"):
+        for law in ("nonlinear", "linear"):
+            assert step <= set(figures[number][law])
+            assert len(figures[number][law]["estimation_rmse"]) == 4
+    assert figures["04"]["nonlinear"]["peak_control_V"] == figures["03"]["nonlinear"]["peak_control_V"]
+    assert figures["07"]["nonlinear"]["tracking_rmse_rad"] > 0
+    nine = figures["09"]["nonlinear"]
+    assert nine["plants"] == 100
+    low, median, high = nine["overshoot_percent"]
+    assert low <= median <= high
+    for number in ("11", "12"):
+        assert {"peak_deviation_rad", "recovery_time_s"} <= set(figures[number]["nonlinear"])
+
+
+def test_every_claim_of_the_issue_is_judged_once(metrics: dict[str, Any]) -> None:
+    ids = [claim["id"] for claim in metrics["claims"]]
+    assert len(ids) == len(set(ids))
+    assert set(ids) >= {
+        "tracks-180", "tracks-90", "beats-linear", "what-h-infinity-buys", "tracks-sine",
+        "link-weight-reduces-overshoot", "integral-weight-is-fast", "electrical-pole-negligible", "gain-attained",
+        "withstands-tolerances", "withstands-step-disturbance", "withstands-sine-disturbance", "ukf-reconstructs",
+        "ukf-bounded", "ukf-better-than-ekf",
+    }  # fmt: skip
+    for claim in metrics["claims"]:
+        assert claim["verdict"] in VERDICTS
+        assert re.search(r"\d", claim["evidence"]), claim["id"]
+        if claim["verdict"] == "fails":
+            assert claim.get("repair"), claim["id"]
+
+
+def test_the_cubic_law_beats_the_linear_one_on_steps(metrics: dict[str, Any]) -> None:
+    for number, most in (("03", 3.0), ("05", 8.0)):
+        laws = metrics["figures"][number]
+        assert laws["nonlinear"]["overshoot_percent"] < most
+        assert laws["nonlinear"]["overshoot_percent"] < 0.5 * laws["linear"]["overshoot_percent"]
+        assert laws["nonlinear"]["settling_time_s"] < laws["linear"]["settling_time_s"]
+
+
+def test_on_tracking_the_order_reverses(metrics: dict[str, Any]) -> None:
+    laws = metrics["figures"]["07"]
+    assert laws["nonlinear"]["largest_error_rad"] > 2 * laws["linear"]["largest_error_rad"]
+
+
+def test_the_page_is_self_contained_and_names_every_figure(reproduction: Reproduction) -> None:
+    page = reproduction.files["index.html"]
+    assert not re.search(r"<(script|link)\b", page)
+    assert not re.search(r'(src|href)="(?!#)', page)
+    for number in FIGURES:
+        assert f'id="figure-{number}"' in page
+        assert reproduction.files[f"figure_{number}.svg"].lstrip().startswith("<?xml")
+
+
+def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
+    from flexhinf.paper.bench import PaperBench
+    from flexhinf.paper.experiments import Experiments
+    from flexhinf.paper.figures import FIGURES as DRAWINGS
+
+    again = Experiments(PaperBench(PaperSettings()))
+    for figure in (DRAWINGS[0], DRAWINGS[8]):
+        drawn = figure(again)
+        assert drawn.svg == reproduction.files[f"figure_{drawn.number}.svg"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"estimator": "none"},
+        {"estimator": "ekf"},
+        {"degree": 2},
+        {"degree": 5},
+        {"degree": 6},
+        {"period": 1e-2},
+        {"period": 0.1},
+        {"gamma_ratio": 1.01},
+        {"gamma_ratio": 100.0},
+        {"process_noise": 1e-2},
+        {"process_noise": 0.0},
+        {"measurement_noise": 1e-2},
+        {"seed": 7},
+    ],
+    ids=str,
+)
+def test_other_settings_give_a_report_too(options: dict[str, Any]) -> None:
+    result = reproduce(PaperSettings(**options))
+    assert {claim["verdict"] for claim in result.metrics["claims"]} <= VERDICTS
+    json.loads(result.files["metrics.json"])

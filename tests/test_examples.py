@@ -1,0 +1,26 @@
+"""The examples run, and say something true."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+
+def test_every_example_is_tested(repository: Path) -> None:
+    found = {file.stem for file in (repository / "examples").glob("*.py")}
+    tested = {name.removeprefix("test_example_") for name in globals() if name.startswith("test_example_")}
+    assert found == tested
+
+
+def test_example_step_response(repository: Path, tmp_path: Path) -> None:
+    metrics = runpy.run_path(str(repository / "examples" / "step_response.py"))["main"](tmp_path)
+    assert metrics["cubic H∞ law"]["overshoot_percent"] < 5.0 < metrics["linear H∞ law"]["overshoot_percent"]
+    assert (tmp_path / "step_180.svg").read_text().count("<svg") == 1
+
+
+def test_example_stirred_tank(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figures = runpy.run_path(str(repository / "examples" / "stirred_tank.py"))["main"]()
+    assert figures["final_deviation_K"] < 0.5 < figures["largest_deviation_K"] < 10.0
+    assert "γ*" in capsys.readouterr().out
