@@ -1,16 +1,38 @@
-"""A closed loop around a plant that integrates itself: one controller step and one plant step at a time."""
+"""A true plant that integrates itself: one controller step and one plant step at a time."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from flexhinf.errors import NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller import Controller
+from flexhinf.loop.program import CONTROL_FAILED, PLANT_FAILED
 from flexhinf.loop.sampling import sample_signal
+from flexhinf.loop.starting import starting_state
 
-__all__ = ["run_black_box"]
+__all__ = ["BlackBox", "run_black_box"]
+
+
+@runtime_checkable
+class BlackBox(Protocol):
+    """A true plant that integrates itself, such as a physics engine.
+
+    It may also have ``disturbances`` (names), ``states`` (names) with ``state()``, and ``units`` (by name).
+    """
+
+    def reset(self, initial_state: np.ndarray | None) -> None:
+        """Start again, at rest by default."""
+        ...
+
+    def step(self, u: np.ndarray, disturbance: np.ndarray, period: float) -> None:
+        """Advance by one period with the input and the disturbance held."""
+        ...
+
+    def output(self) -> np.ndarray:
+        """The measured signals, or the state that the law was designed for if there is no estimator."""
+        ...
 
 
 def run_black_box(
@@ -21,7 +43,14 @@ def run_black_box(
     times: np.ndarray,
     start: Any,
 ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
-    """Recorded signals, and (code, last step): the interface of the compiled run."""
+    """Recorded signals, and (code, last step): what the compiled run returns too.
+
+    Raises
+    ------
+    InvalidInput
+        If the initial state, the disturbance or the output do not fit.
+    """
+    controller = controller.fresh()
     channels = tuple(getattr(box, "disturbances", ()))
     d = sample_signal(disturbance, times, channels, "disturbance")
     has_state = hasattr(box, "state") and hasattr(box, "states")
@@ -29,22 +58,33 @@ def run_black_box(
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
     recorded = {name: np.full((len(times), size), np.nan) for name, size in width.items()}
     recorded |= {"reference": signals["reference"], "disturbance": d}
-    box.reset(None if start is None else np.asarray(start, dtype=float))
-    controller.reset()
+    box.reset(None if start is None else starting_state(start, _states(box, controller), controller))
     for k in range(len(times)):
         if has_state:
             recorded["state"][k] = box.state()
-        y = np.atleast_1d(np.asarray(box.output(), dtype=float)) + signals["noise"][k]
+        y = _measured(box, controller) + signals["noise"][k]
         recorded["output"][k] = y
         if not np.all(np.isfinite(y)):
-            return recorded, (2, k)
+            return recorded, (PLANT_FAILED, k)
         try:
-            recorded["input"][k] = u = controller.step(
-                y, signals["reference"][k] if controller.tracked else None
-            )
+            u = controller.step(y, signals["reference"][k] if controller.tracked else None)
         except NumericalFailure:
-            return recorded, (1, k)
-        recorded["estimate"][k] = controller.estimate
+            return recorded, (CONTROL_FAILED, k)
+        recorded["input"][k], recorded["estimate"][k] = u, controller.estimate
         box.step(u, d[k], controller.period)
-    controller.reset()
     return recorded, (0, len(times) - 1)
+
+
+def _states(box: Any, controller: Controller) -> tuple[str, ...]:
+    return tuple(getattr(box, "states", controller.states))
+
+
+def _measured(box: Any, controller: Controller) -> np.ndarray:
+    y = np.atleast_1d(np.asarray(box.output(), dtype=float))
+    if y.shape != (len(controller.measured),):
+        raise InvalidInput(
+            "The black box does not measure what the controller needs.",
+            f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
+            "output() in the order of the estimator's outputs",
+        )
+    return y

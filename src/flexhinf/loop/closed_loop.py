@@ -1,40 +1,24 @@
-"""The closed loop: a true plant, which need not be the one the estimator believes in, and a sampled controller."""
+"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import compile_program
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.black_box import BlackBox, run_black_box
 from flexhinf.loop.controller import Controller
 from flexhinf.loop.program import CONTROL_FAILED, LoopSizes, loop_program
-from flexhinf.loop.shared import share
 from flexhinf.loop.sampling import sample_disturbance, sample_noise, sample_signal, signal_name
+from flexhinf.loop.shared import share
+from flexhinf.loop.starting import starting_state
 from flexhinf.loop.trajectory import Trajectory
 from flexhinf.plant import Plant, sub_steps
 
-__all__ = ["BlackBox", "Loop"]
-
-
-@runtime_checkable
-class BlackBox(Protocol):
-    """A true plant that integrates itself, such as a physics engine."""
-
-    def reset(self, initial_state: np.ndarray | None) -> None:
-        """Start again, at rest by default."""
-        ...
-
-    def step(self, u: np.ndarray, disturbance: np.ndarray, period: float) -> None:
-        """Advance by one period with the input and the disturbance held."""
-        ...
-
-    def output(self) -> np.ndarray:
-        """The measured signals, or the whole state if the controller has no estimator."""
-        ...
+__all__ = ["Loop"]
 
 
 class Loop:
@@ -44,11 +28,11 @@ class Loop:
     ----------
     true_plant : Plant or BlackBox
         A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as
-        its fastest mode asks for. A black box has `reset(initial_state)`, `step(u, disturbance, period)` and `output()`,
-        and may have `disturbances` (names), `states` (names) with `state()`, and `units`.
+        its fastest mode asks for. A black box integrates itself, see `BlackBox`.
     controller : Controller
+        Only read: every run has a memory of its own.
     sub_steps : int, optional
-        Sub-steps per period, instead of the automatic number.
+        Sub-steps per period for a `Plant`, instead of the automatic number.
 
     Raises
     ------
@@ -61,6 +45,12 @@ class Loop:
     ) -> None:
         self.true_plant, self.controller = true_plant, controller
         self._asked_sub_steps = sub_steps
+        if not isinstance(controller, Controller):
+            raise InvalidInput(
+                "The loop needs a controller.",
+                f"expected a Controller, got {type(controller).__name__}",
+                "Controller(solution, estimator, period)",
+            )
         if sub_steps is not None and (
             isinstance(sub_steps, bool) or not isinstance(sub_steps, int) or sub_steps < 1
         ):
@@ -97,14 +87,17 @@ class Loop:
                 "the same actuators",
             )
 
-    # What is run ------------------------------------------------------------------------------------------------
+    # What is run ----------------------------------------------------------------------------------
     @cached_property
     def sub_steps(self) -> int:
-        """Runge–Kutta steps per period for the true plant."""
+        """Runge–Kutta steps per period for the true plant, from its fastest mode at the operating point."""
+        plant, controller = self.true_plant, self.controller
+        if not isinstance(plant, Plant):
+            return 1
         if self._asked_sub_steps is not None:
             return self._asked_sub_steps
-        plant = self.true_plant
-        return sub_steps(self.controller.period, plant.fastest_mode()) if isinstance(plant, Plant) else 1
+        point = starting_state(None, plant.states, controller)
+        return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
     @cached_property
     def _sizes(self) -> LoopSizes:
@@ -124,36 +117,6 @@ class Loop:
         key = ("loop", plant.code_key, controller.code_key, sizes)
         return share(key, lambda: compile_program(loop_program(plant, controller, sizes)))
 
-    def start(self, initial_state: Any) -> np.ndarray:
-        """The true plant's initial state (n,): an array, a mapping by name, or None for the law's operating point."""
-        states = tuple(self.true_plant.states)  # type: ignore[union-attr]
-        x = np.zeros(len(states))
-        rest = dict(zip(self.controller.states, self.controller.law.operating_point, strict=False))
-        named = rest if initial_state is None else initial_state
-        if isinstance(named, Mapping):
-            unknown = [name for name in named if name not in states]
-            if unknown and initial_state is not None:
-                raise InvalidInput(
-                    f"There is no state {unknown[0]!r}.",
-                    f"expected names out of {list(states)}",
-                    "one of these",
-                )
-            for name, value in named.items():
-                if name in states:
-                    x[states.index(name)] = value
-        else:
-            given = np.asarray(named, dtype=float)
-            if given.shape not in ((len(states),), (len(rest),)):
-                raise InvalidInput(
-                    "The initial state does not fit the true plant.",
-                    f"expected {len(states)} values for {list(states)}, got shape {given.shape}",
-                    "a mapping by name leaves the others at zero",
-                )
-            x[: len(given)] = given
-        if not np.all(np.isfinite(x)):
-            raise InvalidInput("The initial state is not finite.", f"got {x}", "finite values")
-        return x
-
     def run(
         self,
         reference: Any = None,
@@ -167,12 +130,13 @@ class Loop:
 
         Parameters
         ----------
-        reference : callable of time, number, or one per tracked state
-            The command; `flexhinf.Step`, `Sine`, `Quintic`, `Samples`, or any function of time.
+        reference : callable of time, number, mapping by name, or one per tracked state
+            The command; `flexhinf.Step`, `Sine`, `Quintic`, `Samples`, or any function of time. By default
+            the operating point's.
         disturbance : callable, number, or mapping by channel name
-            For example ``{"link_torque": fh.Step(2.0, at=4.0)}``.
+            For example ``{"link_torque": fh.Step(2.0, at=4.0)}``; zero by default.
         noise : float or (p,) array
-            Standard deviation of the measurement noise.
+            Standard deviation of the measurement noise, in the measurement's unit.
         duration : float
             s; samples at 0, period, …, duration.
         initial_state : array, mapping by name, or None
@@ -185,27 +149,29 @@ class Loop:
         InvalidInput
             If something does not fit.
         NumericalFailure
-            If the loop diverges to numbers that are not finite: says when, and holds the run so far as `.trajectory`.
+            If the loop diverges to numbers that are not finite: says when, and holds the run so far as
+            `.trajectory`.
         """
         if not (np.isfinite(duration) and duration > 0.0):
             raise InvalidInput("The duration of a run is not positive.", f"got {duration!r} s", "8.0")
         samples = round(duration / self.controller.period) + 1
         times = np.arange(samples) * self.controller.period
+        held = self.controller.operating_reference if reference is None else reference
         signals = {
-            "reference": sample_signal(reference, times, self.controller.tracked, "reference"),
+            "reference": sample_signal(held, times, self.controller.tracked, "reference"),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
         if isinstance(self.true_plant, Plant):
-            recorded, status = self._run_kernel(signals, disturbance, samples, self.start(initial_state))
+            start = starting_state(initial_state, self.true_plant.states, self.controller)
+            recorded, status = self._run_kernel(signals, disturbance, samples, start)
         else:
-            from flexhinf.loop.black_box import run_black_box
-
             recorded, status = run_black_box(
                 self.true_plant, self.controller, signals, disturbance, times, initial_state
             )
         settings = {
-            "reference": signal_name(reference), "disturbance": signal_name(disturbance), "seed": seed,
-            "noise": "none" if noise is None else str(noise), "period": self.controller.period, "sub_steps": self.sub_steps,
+            "reference": signal_name(reference), "disturbance": signal_name(disturbance),
+            "noise": "none" if noise is None else str(noise), "seed": seed,
+            "period": self.controller.period, "sub_steps": self.sub_steps,
         }  # fmt: skip
         code, last = status
         end = samples if not code else last + 1
@@ -223,7 +189,8 @@ class Loop:
         period, channels = controller.period, plant.disturbances
         d = sample_disturbance(disturbance, period, samples, sizes.parts, channels)
         arrays = {
-            "x": x, "u": np.zeros(sizes.u), "memory": controller._initial_memory(None), "data": controller.data_vector(),
+            "x": x, "u": np.zeros(sizes.u),
+            "memory": controller.initial_memory(), "data": controller.data_vector,
             "truth": np.concatenate([[period / sizes.parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(),
             "states": np.zeros(samples * sizes.x), "outputs": np.zeros(samples * sizes.y),
@@ -235,9 +202,12 @@ class Loop:
             arrays["disturbance"] = d.ravel()
         status = self.kernel.run(arrays, {"steps": samples, "parts": sizes.parts})
         recorded = {
-            "state": arrays["states"].reshape(samples, -1), "output": arrays["outputs"].reshape(samples, -1),
-            "input": arrays["inputs"].reshape(samples, -1), "estimate": arrays["estimates"].reshape(samples, -1),
-            "reference": signals["reference"], "disturbance": d.reshape(samples, -1)[:, : sizes.d],
+            "state": arrays["states"].reshape(samples, -1),
+            "estimate": arrays["estimates"].reshape(samples, -1),
+            "output": arrays["outputs"].reshape(samples, -1),
+            "input": arrays["inputs"].reshape(samples, -1),
+            "reference": signals["reference"],
+            "disturbance": d.reshape(samples, -1)[:, : sizes.d],
         }  # fmt: skip
         return recorded, (int(status.code), int(status.step))
 
@@ -247,7 +217,7 @@ def _diverged(code: int, time: float, trajectory: Trajectory) -> NumericalFailur
     failure = NumericalFailure(
         f"The closed loop diverged: the {who} is no longer finite.",
         f"at t = {time:g} s, with {trajectory.settings}",
-        "a smaller command, a larger gamma, a shorter period, or another penalty; the run so far is in .trajectory",
+        "a smaller command, a larger gamma, a shorter period or another penalty; the run is in .trajectory",
     )
     failure.trajectory = trajectory  # type: ignore[attr-defined]
     return failure

@@ -1,13 +1,8 @@
-"""Estimator, integrals, law and saturation as one step from measurement to input.
-
-`controller_step` is the whole controller as NumPy code. It is what the compiled kernel runs, what `Controller.step` calls
-and what is exported later.
-"""
+"""A sampled controller: the shell around `controller_step` that compiles it and remembers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,93 +11,16 @@ import numpy as np
 from flexhinf.codegen import Buffer, Call, Guard, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.layout import Layout
+from flexhinf.loop.limits import Limits
 from flexhinf.loop.shared import share
-from flexhinf.plant import Estimator, Gaussian, Law
-from flexhinf.scalars import clip, drop_empty, jacobian, trace, where
+from flexhinf.loop.step import controller_step
+from flexhinf.plant import Estimator, Law
+from flexhinf.scalars import drop_empty, jacobian, trace
 
-__all__ = ["Controller", "controller_step"]
+__all__ = ["Controller"]
 
 INTEGRAL = "_integral"
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
-
-
-def controller_step(
-    law: Law, estimator: Estimator | None, tracked: np.ndarray, y: Any, r: Any, memory: Any, data: Any
-) -> Any:
-    """One step of the controller, pure, on any element.
-
-    Parameters
-    ----------
-    law, estimator : Law, Estimator or None
-        Without an estimator, y is the state of the plant that the law was designed for.
-    tracked : (k,) integers
-        Places in the plant's state of what is tracked.
-    y, r : (p,), (k,)
-        Measurement and command.
-    memory, data : namespaces
-        As `Controller.memory` and `Controller.data` lay them out.
-
-    Returns
-    -------
-    u, estimate, memory
-        Input (m,), estimate x(k|k) (n,), and the memory for the next step.
-    """
-    if estimator is None:
-        belief, estimate = None, y
-    else:
-        p = estimator.plant.parameters.named(data.parameters)
-        prior = type(estimator.initial)(*memory.belief)
-        belief = estimator.measurement_update(prior, y, memory.u, p, data.measurement_noise)
-        estimate = np.asarray(belief.mean)
-
-    # The command is held between samples as u is; the tracked state goes in by the trapezoidal rule.
-    position = estimate[tracked]
-    growth = memory.started * data.period * (0.5 * (memory.position + position) - memory.reference)
-    integral = memory.integral + growth
-
-    wanted = data.operating_input + law.evaluate_law(
-        np.concatenate([estimate, integral]) - data.operating_point, data.law
-    )
-    u = clip(wanted, data.lower, data.upper)
-    # Anti-windup: an integral that would push a saturated input further stands still.
-    pushes = growth * ((wanted - u) @ data.integral_gain)
-    integral = np.array(
-        [
-            where(push > 0.0, old, new)
-            for push, old, new in zip(pushes, memory.integral, integral, strict=True)
-        ]
-    )
-
-    after = {"u": u, "integral": integral, "position": position, "reference": r, "started": np.ones(1)}
-    if estimator is not None:
-        after["belief"] = estimator.time_update(belief, u, p, data.process_noise)
-    return u, estimate, after
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Lower and upper limits of the input, infinite where there is none."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-
-    @staticmethod
-    def of(saturation: Any, inputs: int) -> Limits:
-        """From None, a number (±), one number per input, or a pair (lower, upper)."""
-        if saturation is None:
-            return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf))
-        if isinstance(saturation, tuple) and len(saturation) == 2:
-            lower, upper = (np.broadcast_to(np.asarray(edge, dtype=float), (inputs,)) for edge in saturation)
-        else:
-            upper = np.broadcast_to(np.asarray(saturation, dtype=float), (inputs,))
-            lower = -upper
-        if np.any(np.isnan(lower)) or np.any(np.isnan(upper)) or not np.all(lower < upper):
-            raise InvalidInput(
-                "The saturation leaves no room for the input.",
-                f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
-                "saturation=48.0 for ±48, or saturation=(lower, upper)",
-            )
-        return Limits(np.array(lower), np.array(upper))
 
 
 class Controller:
@@ -113,11 +31,12 @@ class Controller:
     solution : Law
         A solution of `solve_hji` or any other law.
     estimator : Estimator or None
-        None feeds back the true state: `step` then takes the state of the plant that the law was designed for.
+        None feeds back the true state: `step` then takes the state of the plant that the law was made for.
     period : float
         Sampling period, s; that of the estimator.
-    saturation : None, float, (m,) array or (lower, upper)
-        Limits of the input. Integrals that would push a saturated input further stand still.
+    saturation : None, float, (m,) array or tuple (lower, upper)
+        Limits of the input; a number or an array means ±. Integrals that would push a saturated input
+        further stand still.
 
     Raises
     ------
@@ -131,6 +50,7 @@ class Controller:
         if not (np.isfinite(period) and period > 0.0):
             raise InvalidInput("The sampling period is not positive.", f"got {period!r} s", "1e-3 for 1 kHz")
         self.law, self.estimator, self.period = solution, estimator, float(period)
+        _check_kinds(solution, estimator)
         self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
         self.tracked = tuple(
             name[: -len(INTEGRAL)] for name in solution.state_names if name.endswith(INTEGRAL)
@@ -139,8 +59,10 @@ class Controller:
         self.limits = Limits.of(saturation, len(solution.input_names))
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
-        self._memory = self._initial_memory(None)
-        self._estimate = np.full(len(self.states), np.nan)
+        self._memory = self.initial_memory()
+        self._reference = np.zeros(max(1, len(self.tracked)))
+        self._estimate = np.zeros(len(self.states))
+        self.reset()
 
     def _check_names(self) -> None:
         order = (*self.states, *(name + INTEGRAL for name in self.tracked))
@@ -152,10 +74,13 @@ class Controller:
             )
         if self.estimator is None:
             return
-        if tuple(self.estimator.plant.states) != self.states:
+        plant = self.estimator.plant
+        model = (tuple(plant.states), tuple(plant.inputs))
+        if model != (self.states, tuple(self.law.input_names)):
             raise InvalidInput(
-                "The estimator and the law do not mean the same states.",
-                f"the law needs {list(self.states)}, the estimator gives {list(self.estimator.plant.states)}",
+                "The estimator and the law do not mean the same states and inputs.",
+                f"the law needs {list(self.states)} and {list(self.law.input_names)}, "
+                f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
                 "the same plant for both",
             )
         if abs(self.estimator.period - self.period) > 1e-12 * self.period:
@@ -165,20 +90,20 @@ class Controller:
                 "the same period for both",
             )
 
-    # Layout: what is data and what is remembered -----------------------------------------------------------------
+    def fresh(self) -> Controller:
+        """The same controller with a memory of its own, as at the start."""
+        return Controller(self.law, self.estimator, self.period, (self.limits.lower, self.limits.upper))
+
+    # Layout: what is data and what is remembered --------------------------------------------------
     @cached_property
     def memory(self) -> Layout:
         """What is remembered from one step to the next."""
-        k, parts = len(self.tracked), {}
+        k = len(self.tracked)
+        parts: dict[str, Any] = {}
         if self.estimator is not None:
             parts["belief"] = [np.shape(part) for part in self.estimator.initial]
-        parts |= {
-            "u": (len(self.law.input_names),),
-            "integral": (k,),
-            "position": (k,),
-            "reference": (k,),
-            "started": (1,),
-        }
+        parts["u"] = (len(self.law.input_names),)
+        parts |= {"integral": (k,), "position": (k,), "reference": (k,), "started": (1,)}
         return Layout(parts)
 
     @cached_property
@@ -186,73 +111,64 @@ class Controller:
         """Numbers the step is made of: changing them compiles nothing."""
         n, m, k = len(self.law.state_names), len(self.law.input_names), len(self.tracked)
         parts: dict[str, Any] = {"period": (1,), "law": (np.size(self.law.law_data),)}
-        parts |= {
-            "operating_point": (n,),
-            "operating_input": (m,),
-            "lower": (m,),
-            "upper": (m,),
-            "integral_gain": (m, k),
-        }
+        parts |= {"operating_point": (n,), "operating_input": (m,)}
+        parts |= {"lower": (m,), "upper": (m,), "integral_gain": (m, k)}
         if self.estimator is not None:
             size, p = self.estimator.plant.n, len(self.measured)
             parts |= {"parameters": (self.estimator.plant.parameters.size,)}
             parts |= {"process_noise": (size, size), "measurement_noise": (p, p)}
         return Layout(parts)
 
+    @cached_property
     def data_vector(self) -> np.ndarray:
         """The numbers themselves, flat."""
+        n, data = len(self.law.state_names), np.ravel(self.law.law_data)
+        slope = jacobian(self.law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
         values: dict[str, Any] = {
-            "period": self.period,
-            "law": self.law.law_data,
-            "operating_point": self.law.operating_point,
-            "operating_input": self.law.operating_input,
-            "lower": self.limits.lower,
-            "upper": self.limits.upper,
-            "integral_gain": self._integral_gain(),
-        }
+            "period": self.period, "law": data,
+            "operating_point": self.law.operating_point, "operating_input": self.law.operating_input,
+            "lower": self.limits.lower, "upper": self.limits.upper,
+            "integral_gain": slope[:, n - len(self.tracked) :],
+        }  # fmt: skip
         if self.estimator is not None:
             values["parameters"] = self.estimator.plant.parameters.vector()
             values["process_noise"] = self.estimator.process_noise
             values["measurement_noise"] = self.estimator.measurement_noise
-        return self.data.flat(values)
+        vector = self.data.flat(values)
+        vector.setflags(write=False)
+        return vector
 
-    def _integral_gain(self) -> np.ndarray:
-        """∂k/∂(integrals) at the operating point, (m, k)."""
-        n = len(self.law.state_names)
-        derivative = jacobian(self.law.evaluate_law, n, np.size(self.law.law_data))
-        return derivative(np.zeros(n), self.law.law_data)[1][:, n - len(self.tracked) :]
+    @property
+    def operating_reference(self) -> np.ndarray:
+        """The command that holds the operating point, (k,)."""
+        return np.asarray(self.law.operating_point, dtype=float)[self._places]
 
-    def _initial_memory(self, state: Any) -> np.ndarray:
-        m, k = len(self.law.input_names), len(self.tracked)
-        values: dict[str, Any] = {"u": np.zeros(m), "started": 0.0}
-        values |= {name: np.zeros(k) for name in ("integral", "position", "reference")}
+    def initial_memory(self, state: Any = None) -> np.ndarray:
+        """The memory before the first step, flat; see `reset`."""
+        if state is not None and self.estimator is None:
+            raise InvalidInput(
+                "There is no estimate to set: this controller feeds back the true state.",
+                f"expected state=None, got {state!r}",
+                "reset(); the state of the plant is the loop's initial_state",
+            )
+        k = len(self.tracked)
+        values: dict[str, Any] = {"u": np.zeros(len(self.law.input_names)), "started": 0.0}
+        values |= {name: np.zeros(k) for name in ("integral", "position")}
+        values["reference"] = self.operating_reference
         if self.estimator is not None:
-            belief = list(self.estimator.initial)
-            if state is not None:
-                belief[0] = self._state(state)
-            values["belief"] = belief
-        elif state is not None:
-            self._state(state)
+            initial = self.estimator.initial
+            values["belief"] = list(initial if state is None else self.estimator.initial_at(state))
         return self.memory.flat(values)
 
-    def _state(self, state: Any) -> np.ndarray:
-        mean = np.asarray(state, dtype=float)
-        if mean.shape != (len(self.states),) or not np.all(np.isfinite(mean)):
-            raise InvalidInput(
-                "The state given to reset does not fit.",
-                f"expected {len(self.states)} finite values for {list(self.states)}, got {state!r}",
-                "one value per state of the plant",
-            )
-        return mean
-
+    # Code -----------------------------------------------------------------------------------------
     @property
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this controller's code from another's (not its data)."""
-        estimator = self.estimator
+        law, estimator = self.law, self.estimator
+        names = (tuple(law.state_names), tuple(law.input_names))
         model = None if estimator is None else (estimator.estimator_key, estimator.plant.code_key)
-        return ("controller", self.law.law_key, tuple(self.law.state_names), len(self.law.input_names), model)
+        return ("controller", type(law), law.law_key, names, self.memory.size, self.data.size, model)
 
-    # The step ---------------------------------------------------------------------------------------------------
     @cached_property
     def traced(self) -> Any:
         """(y, r, memory, data) → (u, estimate, memory) as a CasADi function."""
@@ -264,72 +180,87 @@ class Controller:
 
         sizes = (len(self.measured), len(self.tracked), self.memory.size, self.data.size)
         names = ("y", "r", "memory", "data")
-        return share((self.code_key, sizes), lambda: trace(step, *sizes, name="controller", names=names))
+        return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=names))
 
     @cached_property
-    def _bound(self) -> tuple[Callable[[], int], np.ndarray, np.ndarray, np.ndarray]:
-        sizes = {"y": len(self.measured), "r": max(1, len(self.tracked)), "data": self.data.size}
-        sizes |= {"memory": self.memory.size, "u": len(self.law.input_names), "estimate": len(self.states)}
-        whole = {name: Slice(name, size=size) for name, size in sizes.items()}
+    def _bound(self) -> tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], np.ndarray]:
+        """The compiled step on this controller's memory: run, fill y, fill r, and where u appears."""
+        y, u = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names))
+        arrays = {"y": y, "r": self._reference, "data": self.data_vector.copy(), "memory": self._memory}
+        arrays |= {"u": u, "estimate": self._estimate}
+        kernel = share(("step", self.code_key), lambda: compile_program(self._program(arrays)))
+        reference = self._reference[: len(self.tracked)]
+        return kernel.bind(arrays, {}), _filler(y), _filler(reference), u
+
+    def _program(self, arrays: dict[str, np.ndarray]) -> Program:
         roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
-        reference = Slice("r", size=len(self.tracked)) if self.tracked else None
-        inputs = tuple(s for s in (whole["y"], reference, whole["memory"], whole["data"]) if s is not None)
-        program = Program(
-            "controller_step",
-            tuple(Buffer(name, sizes[name], role) for name, role in roles.items()),  # type: ignore[arg-type]
-            (
-                Guard(whole["y"], BAD_MEASUREMENT),
-                Guard(whole["r"], BAD_REFERENCE),
-                Call(drop_empty(self.traced), inputs, (whole["u"], whole["estimate"], whole["memory"])),
-                Guard(whole["u"], BAD_RESULT),
-                Guard(whole["memory"], BAD_RESULT),
+        buffers = [Buffer(name, arrays[name].size, role) for name, role in roles.items()]  # type: ignore[arg-type]
+        whole = {name: Slice(name, size=array.size) for name, array in arrays.items()}
+        given = ("y", "r", "memory", "data") if self.tracked else ("y", "memory", "data")
+        body = (
+            Guard(whole["y"], BAD_MEASUREMENT),
+            Guard(whole["r"], BAD_REFERENCE),
+            Call(
+                drop_empty(self.traced),
+                tuple(whole[name] for name in given),
+                (whole["u"], whole["estimate"], whole["memory"]),
             ),
-            (),
+            Guard(whole["u"], BAD_RESULT),
+            Guard(whole["memory"], BAD_RESULT),
         )
-        arrays = {name: np.zeros(size) for name, size in sizes.items()}
-        arrays["data"][:] = self.data_vector()
-        arrays["memory"] = self._memory
-        self._estimate = arrays["estimate"]
-        kernel = share(("step", self.code_key, tuple(sizes.values())), lambda: compile_program(program))
-        return kernel.bind(arrays, {}), arrays["y"], arrays["r"], arrays["u"]
+        return Program("controller_step", tuple(buffers), body, ())
 
+    # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
-        """Input u (m,) for the measurement y (p,) and the command (k,); a plain number will do for one signal.
+        """Input u (m,) for the measurement y (p,) and the command (k,).
 
-        Without a command the last one is kept (zero at first).
+        A plain number will do for one signal. Without a command the last one is kept (that of the operating
+        point at first).
 
         Raises
         ------
         NumericalFailure
-            If y or the command is not finite (the memory is untouched), or the estimate is no longer finite (reset).
+            If y or the command is not finite: the memory is untouched. Or if the estimate or the input is no
+            longer finite: then only `reset` helps.
         InvalidInput
             If y or the command does not have the right size.
         """
-        run, y_buffer, r_buffer, u_buffer = self._bound
+        run, fill_measurement, fill_reference, u = self._bound
         try:
-            _fill(y_buffer, y)
+            fill_measurement(y)
             if reference is not None:
-                _fill(r_buffer, reference)
+                fill_reference(reference)
         except (ValueError, TypeError) as error:
             raise self._misfit(y, reference) from error
         code = run()
         if code:
             raise self._failure(code, y, reference)
-        return u_buffer.copy()
+        return u.copy()
 
     @property
     def estimate(self) -> np.ndarray:
-        """x(k|k) of the last step, (n,)."""
+        """x(k|k) of the last step, (n,); NaN before the first."""
         return self._estimate.copy()
 
     def reset(self, state: Any = None) -> None:
-        """Forget: integrals zero, belief initial, with the mean at `state` (n,) if given."""
-        self._memory[:] = self._initial_memory(state)
+        """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+
+        Raises
+        ------
+        InvalidInput
+            If the state does not fit, or there is no estimator that could take it.
+        """
+        self._memory[:] = self.initial_memory(state)
+        self._keep_reference()
+        self._estimate[:] = np.nan
+
+    def _keep_reference(self) -> None:
+        self._reference[: len(self.tracked)] = self.memory.named(self._memory).reference
 
     def _misfit(self, y: Any, reference: Any) -> InvalidInput:
         return InvalidInput(
-            "The measurement or the command does not have the right size.",
-            f"expected {len(self.measured)} measurements {list(self.measured)} and {len(self.tracked)} commands "
+            "The measurement or the command does not fit.",
+            f"expected one measurement for each of {list(self.measured)} and one command for each of "
             f"{list(self.tracked)}, got y={y!r}, reference={reference!r}",
             "arrays of these lengths, or plain numbers for one signal",
         )
@@ -341,16 +272,51 @@ class Controller:
                 f"after y={y!r}, reference={reference!r}",
                 "reset(); then check the measurement's unit and the noise covariances",
             )
-        which = "measurement" if code == BAD_MEASUREMENT else "command"
+        if code == BAD_REFERENCE:  # so that it is not kept as the last command
+            self._keep_reference()
         return NumericalFailure(
-            f"The {which} is not a finite number; nothing was updated.",
+            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
+            "nothing was updated.",
             f"got y={y!r}, reference={reference!r}",
             "hold the last input for this sample",
         )
 
 
-def _fill(buffer: np.ndarray, value: Any) -> None:
-    """Copy a value of exactly this size; NumPy alone would repeat a single number."""
-    if buffer.size != 1 and np.shape(value) != buffer.shape:
-        raise ValueError("size")
-    buffer[:] = value
+def _check_kinds(law: Any, estimator: Any) -> None:
+    if not isinstance(law, Law):
+        raise InvalidInput(
+            "The controller needs a law.",
+            f"expected state_names, evaluate_law and so on, got {type(law).__name__}",
+            "a solution of solve_hji or linear_law",
+        )
+    if estimator is not None and not isinstance(estimator, Estimator):
+        raise InvalidInput(
+            "The controller's estimator is none.",
+            f"expected UnscentedKalmanFilter, ExtendedKalmanFilter or None, got {type(estimator).__name__}",
+            "Controller(solution, estimator, period)",
+        )
+    n, m = len(law.state_names), len(law.input_names)
+    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
+    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
+        raise InvalidInput(
+            "The law's numbers do not fit its names, or are not finite.",
+            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
+            "one value per name",
+        )
+
+
+def _filler(buffer: np.ndarray) -> Callable[[Any], None]:
+    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
+    memory: Any = memoryview(buffer)  # type: ignore[arg-type]
+    shape = buffer.shape
+
+    def fill_one(value: Any) -> None:
+        memory[0] = value if isinstance(value, float) else np.asarray(value, dtype=float).item()
+
+    def fill(value: Any) -> None:
+        array = np.asarray(value, dtype=float)
+        if array.shape != shape:
+            raise ValueError(array.shape)
+        buffer[:] = array
+
+    return fill_one if buffer.size == 1 else fill

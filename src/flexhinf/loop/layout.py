@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
+
 __all__ = ["Layout"]
 
 Shape = tuple[int, ...]
@@ -45,11 +47,23 @@ class Layout:
         return SimpleNamespace(**named)
 
     def flat(self, values: Mapping[str, Any]) -> np.ndarray:
-        """The vector (size,) of named parts."""
+        """The vector (size,) of named parts; a plain number fills its part.
+
+        Raises
+        ------
+        InvalidInput
+            If an array has another shape than its part.
+        """
         flat = []
         for name, part in self.parts.items():
             arrays = values[name] if isinstance(part, list) else [values[name]]
             for shape, array in zip(_shapes(part), arrays, strict=True):
+                if np.shape(array) not in ((), shape):
+                    raise InvalidInput(
+                        f"The array {name!r} has the wrong shape.",
+                        f"expected {shape}, got {np.shape(array)}",
+                        "one element for each place",
+                    )
                 flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
         return np.concatenate(flat)
 

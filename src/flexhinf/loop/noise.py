@@ -1,8 +1,8 @@
 """Noise that any sample, step and channel can ask for alone: the counter-based generator Philox4x32-10.
 
 Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. The counter is
-(step, channel, sample, 0) and the key the seed, so results do not depend on lanes, threads or batches, and one sample
-can be replayed alone. The tests hold the published known-answer vectors.
+(step, channel, sample, 0) and the key the seed, so results do not depend on lanes, threads or batches, and
+one sample can be replayed alone. The tests hold the published known-answer vectors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[int, int]) -> tuple[np
 
     Parameters
     ----------
-    counter : four integers or integer arrays that broadcast
+    counter : four integers below 2³², or integer arrays that broadcast
     key : two integers below 2³²
 
     Returns
@@ -47,7 +47,16 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[int, int]) -> tuple[np
 
 
 def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np.ndarray:
-    """Independent N(0, 1) numbers, (steps, channels), by Box and Muller's transform of 53-bit uniforms."""
+    """Independent N(0, 1) numbers, (steps, channels), by Box and Muller's transform of 53-bit uniforms.
+
+    Parameters
+    ----------
+    seed : int
+        0 … 2⁶⁴ − 1.
+    steps, channels : int
+    sample : int
+        Which plant of a campaign, below 2³².
+    """
     step, channel = np.arange(steps)[:, None], np.arange(channels)[None, :]
     words = philox((step, channel, sample, 0), (seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF))
     radius, angle = (_uniform(words[k], words[k + 1]) for k in (0, 2))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from flexhinf.loop.trajectory import Trajectory
@@ -15,45 +16,32 @@ __all__ = ["plot_trajectory"]
 
 
 def plot_trajectory(run: Trajectory) -> Figure:
-    """Tracked states with command and estimate above, inputs below."""
+    """Tracked states (all, if none is tracked) with command and estimate above, inputs below; angles in degrees."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for k, name in enumerate(run.names.get("reference", ())):
-        colour, label = f"C{k}", name.replace("_", " ")
-        angle = (
-            dict(zip(run.names.get("state", ()), run.units.get("state", ()), strict=True)).get(name) == "rad"
-        )
-        scale = 180.0 / np.pi if angle else 1.0
-        above.plot(run.time, scale * run.tracked(name), colour, label=label)
-        if name in run.names["estimate"]:
-            above.plot(
-                run.time,
-                scale * run.signal("estimate", name),
-                colour,
-                ls="--",
-                lw=1.0,
-                label=f"{label}, estimated",
-            )
-        above.plot(
-            run.time,
-            scale * run.signal("reference", name),
-            color="0.4",
-            lw=0.9,
-            ls=":",
-            label=f"{label}, command",
-        )
-        above.set_ylabel("position in degrees" if angle else "position")
+    for k, name in enumerate(run.names["reference"] or run.names["estimate"]):
+        _plot_state(above, run, name, f"C{k}")
     for k, name in enumerate(run.names["input"]):
-        unit = run.units["input"][k]
-        label = name.replace("_", " ")
-        below.plot(
-            run.time, run.signals["input"][:, k], f"C{k}", label=f"{label} in {unit}" if unit else label
-        )
-    above.legend(frameon=False)
-    below.legend(frameon=False)
+        below.plot(run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k]))
     below.set_xlabel("time in s")
     for axes in (above, below):
+        axes.legend(frameon=False)
         axes.grid(alpha=0.3)
     return figure
+
+
+def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
+    unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
+    scale, unit = (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
+    axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
+    axes.plot(run.time, scale * run.signal("estimate", name), colour, ls="--", lw=1.0, label="estimated")
+    if name in run.names["reference"]:
+        command = scale * run.signal("reference", name)
+        axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
+
+
+def _label(name: str, unit: str) -> str:
+    words = name.replace("_", " ")
+    return f"{words} in {unit}" if unit else words

@@ -47,7 +47,7 @@ def rk4_function(plant: Plant) -> ca.Function:
 
 
 def measure_function(plant: Plant, controller: Controller) -> ca.Function:
-    """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant by name."""
+    """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant."""
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:

@@ -1,13 +1,12 @@
 """Commands and disturbances: functions of time that carry a name.
 
-All take a time (s) or an array of times and return an array with one more axis, the channels, unless the value is a
-plain number. They are NumPy code with `flexhinf.scalars` pieces, so they can be traced too.
+All take a time (s) or an array of times and return a value for each; `Samples` of several channels return one
+more axis. All but `Samples` are NumPy code with `flexhinf.scalars` pieces, so they can be traced too.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -23,15 +22,27 @@ class Signal(Protocol):
     """A function of time with a name."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """A short description."""
+        ...
 
-    def __call__(self, t: Any) -> Any: ...
+    def __call__(self, t: Any) -> Any:
+        """The value at a time, or at each of an array of times, s."""
+        ...
 
 
 def _finite(name: str, **numbers: Any) -> None:
     for key, value in numbers.items():
-        if not np.all(np.isfinite(np.asarray(value, dtype=float))):
-            raise InvalidInput(f"{name} needs finite numbers.", f"got {key}={value!r}", "a finite number")
+        try:
+            fits = np.ndim(value) == 0 and np.isfinite(float(value))
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            raise InvalidInput(
+                f"{name} needs finite numbers.",
+                f"got {key}={value!r}",
+                "one number; for several channels a mapping of names to signals",
+            )
 
 
 @dataclass(frozen=True)
@@ -45,9 +56,11 @@ class Constant:
 
     @property
     def name(self) -> str:
+        """A short description."""
         return f"constant {self.value:g}"
 
     def __call__(self, t: Any) -> Any:
+        """The value."""
         return self.value + 0.0 * t
 
 
@@ -64,9 +77,11 @@ class Step:
 
     @property
     def name(self) -> str:
+        """A short description."""
         return f"step to {self.value:.6g} at {self.at:g} s"
 
     def __call__(self, t: Any) -> Any:
+        """The value from `at` on, else `initial`."""
         return where(t >= self.at, self.value, self.initial)
 
 
@@ -103,16 +118,18 @@ class Sine:
 
     @property
     def name(self) -> str:
+        """A short description."""
         return f"{self.offset:.6g} + {self.amplitude:.6g} sin(2π·{self.frequency:g} Hz (t − {self.at:g} s))"
 
     def __call__(self, t: Any) -> Any:
+        """The wave from `at` on, else `offset`."""
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.at) + self.phase)
         return self.offset + where(t >= self.at, wave, 0.0)
 
 
 @dataclass(frozen=True)
 class Quintic:
-    """From `start` to `goal` in `duration` seconds from the time `at` on, with zero speed and acceleration at both ends."""
+    """From `start` to `goal` in `duration` seconds from `at` on; zero speed and acceleration at both ends."""
 
     start: float
     goal: float
@@ -128,44 +145,55 @@ class Quintic:
 
     @property
     def name(self) -> str:
+        """A short description."""
         return f"quintic from {self.start:.6g} to {self.goal:.6g} in {self.duration:g} s"
 
     def __call__(self, t: Any) -> Any:
+        """s³ (10 − 15 s + 6 s²) of the way, s the share of the time."""
         s = clip((t - self.at) / self.duration, 0.0, 1.0)
         return self.start + (self.goal - self.start) * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples:
     """Linear interpolation of samples, held at both ends.
 
     Parameters
     ----------
-    times : sequence of float
+    times : (N,) array
         Increasing, s.
-    values : sequence of float, or of sequences with one value per channel
+    values : (N,) array, or (N, k) with one column per channel
     """
 
-    times: Sequence[float]
-    values: Sequence[Any]
+    times: Any
+    values: Any
 
     def __post_init__(self) -> None:
-        times, values = np.asarray(self.times, dtype=float), np.asarray(self.values, dtype=float)
-        _finite("Samples", times=times, values=values)
-        if times.ndim != 1 or len(times) != len(values) or len(times) < 1 or np.any(np.diff(times) <= 0.0):
+        try:
+            times, values = np.array(self.times, dtype=float), np.array(self.values, dtype=float)
+        except (TypeError, ValueError):
+            times = values = np.array(np.nan)
+        finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
+        shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
+        if not (finite and shaped and np.all(np.diff(times) > 0.0)):
             raise InvalidInput(
                 "The samples do not describe a function of time.",
-                f"expected increasing times with one value each, got {times.shape} times and {values.shape} values",
+                "expected finite increasing times with one value (or row) each, got "
+                f"times {times.shape} and values {values.shape}",
                 "sort the samples and drop repeated times",
             )
+        for name, array in (("times", times), ("values", values)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     @property
     def name(self) -> str:
+        """A short description."""
         return f"{len(self.times)} samples over {self.times[-1] - self.times[0]:g} s"
 
     def __call__(self, t: Any) -> Any:
-        values = np.asarray(self.values, dtype=float)
-        if values.ndim == 1:
-            return np.interp(t, self.times, values)
-        channels = [np.interp(t, self.times, values[:, k]) for k in range(values.shape[1])]
+        """Between the neighbouring samples."""
+        if self.values.ndim == 1:
+            return np.interp(t, self.times, self.values)
+        channels = [np.interp(t, self.times, column) for column in self.values.T]
         return np.stack(channels, axis=-1)

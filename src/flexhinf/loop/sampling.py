@@ -15,8 +15,15 @@ __all__ = ["sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
 
 VECTORISED = (Constant, Quintic, Samples, Sine, Step)
 
-#: Stage times are taken this far (in sub-steps) inside their sub-step, so that a jump at a sample acts from it on.
-INSIDE = 1e-9
+#: Stage times are this far (in sub-steps) inside their sub-step, so that a jump at a sample acts from it on.
+INSIDE = 1e-6
+
+#: A sample time is a product with a rounding error: it is taken this much (relative) later, so that it is
+#: never before the decimal number that a user writes for the same time.
+LATER = 1.0 + 4.0 * np.finfo(float).eps
+
+#: More numbers than this for one run's disturbance are refused (8 bytes each).
+MOST_NUMBERS = 200_000_000
 
 
 def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what: str) -> np.ndarray:
@@ -24,7 +31,17 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
 
     Parameters
     ----------
-    signal : None, number, callable of time, mapping by channel name, or sequence with one of these per channel
+    signal : None, number, callable of time, mapping by channel name, or sequence with one per channel
+    times : ndarray, (N,)
+        s.
+    channels : sequence of str
+    what : {"reference", "disturbance"}
+        For the messages.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown channels, another number of values than channels, or values that are not finite.
     """
     if signal is None:
         return np.zeros((len(times), len(channels)))
@@ -36,34 +53,18 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
                 f"expected names out of {list(channels)}",
                 "one of these names",
             )
-        columns = [sample_signal(signal.get(name), times, [name], what) for name in channels]
+        signal = [signal.get(name) for name in channels]
+    if isinstance(signal, Sequence) and not isinstance(signal, str) and len(signal) == len(channels):
+        columns = [sample_signal(part, times, [name], what) for part, name in zip(signal, channels)]
         return np.hstack(columns) if columns else np.zeros((len(times), 0))
-    if (
-        not callable(signal)
-        and np.ndim(signal) == 1
-        and len(signal) == len(channels)
-        and any(map(callable, signal))
-    ):
-        return np.hstack(
-            [sample_signal(s, times, [name], what) for s, name in zip(signal, channels, strict=True)]
-        )
-    if not callable(signal):
-        values = np.asarray(signal, dtype=float)
-    elif isinstance(signal, VECTORISED):
-        values = np.asarray(signal(times), dtype=float)
-    else:
-        values = np.asarray([signal(float(t)) for t in times], dtype=float)
-    values = values[:, None] if values.shape == (len(times),) and len(channels) == 1 else values
-    if (
-        values.ndim > 2
-        or (values.ndim and values.shape[-1] != len(channels))
-        or (not values.ndim and len(channels) != 1)
-    ):
+    values = _values(signal, times)
+    if values.shape not in _shapes(callable(signal), len(times), len(channels)):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
-            f"expected {len(channels)} values for {list(channels)} at each time, got shape {values.shape}",
+            f"expected {len(channels)} values for {list(channels)} at each time, got {signal!r}",
             f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
         )
+    values = values.reshape(len(times), -1) if callable(signal) else values
     values = np.array(np.broadcast_to(values, (len(times), len(channels))))
     if not np.all(np.isfinite(values)):
         row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
@@ -73,12 +74,53 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
     return values
 
 
+def _values(signal: Any, times: np.ndarray) -> np.ndarray:
+    later = times * LATER
+    try:
+        if not callable(signal):
+            return np.asarray(signal, dtype=float)
+        if isinstance(signal, VECTORISED):
+            return np.asarray(signal(later), dtype=float)
+        return np.asarray([signal(float(t)) for t in later], dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros((0, 0, 0))
+
+
+def _shapes(callable_: bool, samples: int, channels: int) -> tuple[tuple[int, ...], ...]:
+    """What a signal may return: per time if it is a function, else once; one channel needs no axis."""
+    lead = (samples,) if callable_ else ()
+    return ((*lead, channels), lead) if channels == 1 else ((*lead, channels),)
+
+
 def sample_disturbance(
     signal: Any, period: float, samples: int, parts: int, channels: Sequence[str]
 ) -> np.ndarray:
-    """Values at the start, middle and end of every sub-step, (samples, parts, 3, channels)."""
-    if signal is None or not channels:
-        return sample_signal(signal, np.zeros(1), channels, "disturbance").repeat(samples * parts * 3, axis=0)
+    """Values at the start, middle and end of every sub-step, (samples · parts · 3, channels).
+
+    Parameters
+    ----------
+    signal, channels
+        As for `sample_signal`.
+    period : float
+        s.
+    samples, parts : int
+        Number of samples, and of sub-steps in each.
+
+    Raises
+    ------
+    InvalidInput
+        As `sample_signal`, and if there would be too many numbers.
+    """
+    count = samples * parts * 3
+    if count * max(1, len(channels)) > MOST_NUMBERS:
+        raise InvalidInput(
+            "The run is too long for its sub-steps.",
+            f"expected at most {MOST_NUMBERS} numbers for the disturbance, got {samples} samples of {parts} "
+            f"sub-steps with 3 stages and {len(channels)} channels",
+            "a shorter run; or Loop(..., sub_steps=...) with fewer",
+        )
+    if signal is None:
+        return np.zeros((count, len(channels)))
     step = period / parts
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
@@ -86,22 +128,32 @@ def sample_disturbance(
 
 
 def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
-    """Measurement noise (samples, channels): `noise` is the standard deviation, one number or one per channel."""
+    """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each.
+
+    Raises
+    ------
+    InvalidInput
+        For a deviation that is negative, not finite or of another size; for a seed that is no integer in
+        0 … 2⁶⁴ − 1.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
+        raise InvalidInput(
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {seed!r}", "seed=0"
+        )
     if noise is None:
         return np.zeros((samples, len(channels)))
-    deviation = np.asarray(noise, dtype=float)
-    if (
-        deviation.shape not in ((), (len(channels),))
-        or not np.all(np.isfinite(deviation))
-        or np.any(deviation < 0.0)
+    try:
+        deviation = np.asarray(noise, dtype=float)
+    except (TypeError, ValueError):
+        deviation = np.array(np.nan)
+    if deviation.shape not in ((), (len(channels),)) or not np.all(
+        np.isfinite(deviation) & (deviation >= 0.0)
     ):
         raise InvalidInput(
             "The measurement noise does not fit the measurements.",
             f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {noise!r}",
-            "noise=1e-3, in the unit of the measurement",
+            "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InvalidInput("The seed is not usable.", f"expected an integer >= 0, got {seed!r}", "seed=0")
     return deviation * standard_normal(int(seed), samples, len(channels), sample)
 
 
@@ -111,6 +163,8 @@ def signal_name(signal: Any) -> str:
         return "none"
     if isinstance(signal, Mapping):
         return "; ".join(f"{name}: {signal_name(part)}" for name, part in signal.items())
+    if isinstance(signal, (list, tuple)):
+        return "; ".join(signal_name(part) for part in signal)
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
     return f"constant {signal}"

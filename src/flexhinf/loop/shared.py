@@ -1,7 +1,7 @@
 """Code that many loops share: traced and compiled once for each text, whatever the numbers are.
 
-Parameters, noise covariances and law coefficients are data, so plants of a campaign and laws of a sweep differ in nothing
-that is compiled.
+Parameters, noise covariances and law coefficients are data, so plants of a campaign and laws of a sweep
+differ in nothing that is compiled.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ _lock = threading.RLock()
 
 
 def share(key: Hashable, build: Callable[[], Any]) -> Any:
-    """What `build` made for this key, made only once; the least recently used is forgotten past `CAPACITY`."""
+    """What `build` made for this key, made only once; the least recently used is forgotten past `CAPACITY`.
+
+    A key with something that cannot be hashed (a model's code as an unhashable object) is not kept.
+    """
+    try:
+        hash(key)
+    except TypeError:
+        return build()
     with _lock:
         if key in _kept:
             _kept.move_to_end(key)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller import Controller
 from flexhinf.loop.metrics import loop_metrics
 
@@ -53,7 +54,10 @@ class Trajectory:
             "disturbance": tuple(getattr(plant, "disturbances", ())),
         }
         names = {kind: names[kind] for kind in signals}
-        table = dict(getattr(plant, "units", {}))
+        estimator = controller.estimator
+        table = {**(estimator.plant.units if estimator else {}), **getattr(plant, "units", {})}
+        for array in (time, *signals.values()):
+            array.setflags(write=False)
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
         return Trajectory(time, signals, names, units, settings)
 
@@ -61,8 +65,8 @@ class Trajectory:
     def data(self) -> xr.Dataset:
         """The run as an xarray Dataset.
 
-        Dimension ``time`` (s), and for each variable a dimension ``<variable>_name`` whose coordinate holds the names
-        of the columns, with their units beside it as ``<variable>_unit``.
+        Dimension ``time`` (s), and for each variable a dimension ``<variable>_name`` whose coordinate holds
+        the names of the columns, with their units beside it as ``<variable>_unit``.
         """
         import xarray as xr
 
@@ -75,21 +79,25 @@ class Trajectory:
         return xr.Dataset(variables, coordinates, {k: str(v) for k, v in self.settings.items()})
 
     def signal(self, kind: str, name: str) -> np.ndarray:
-        """One column (N,), for example ``signal("state", "link_position")``."""
+        """One column (N,), for example ``signal("state", "link_position")``; unknown names are refused."""
+        if name not in self.names.get(kind, ()):
+            raise InvalidInput(
+                f"The run has no {kind} {name!r}.", f"expected names out of {self.names}", "one of these"
+            )
         return self.signals[kind][:, self.names[kind].index(name)]
 
     def tracked(self, name: str) -> np.ndarray:
-        """The true value of a tracked state (N,): from the plant, or as measured where the plant hides its state."""
+        """The true value of a tracked state (N,): of the plant, or as measured where its state is hidden."""
         for kind in ("state", "output", "estimate"):
             if name in self.names.get(kind, ()):
                 return self.signal(kind, name)
-        raise KeyError(name)
+        return self.signal("state", name)
 
     def metrics(self, name: str | None = None) -> dict[str, Any]:
         """Figures of merit of the first (or the named) tracked state.
 
-        overshoot_percent, settling_time_s (None if never settled), steady_state_error, peak_input, tracking_rmse,
-        estimation_rmse (one per estimated state; empty where the true state is not known).
+        overshoot_percent, settling_time_s (None if never settled), steady_state_error, peak_input,
+        tracking_rmse, estimation_rmse (one per estimated state; empty where the true state is not known).
         """
         return loop_metrics(self, name)
 

@@ -56,7 +56,13 @@ maximum = _dispatch("maximum", np.maximum, ca.fmax)
 minimum = _dispatch("minimum", np.minimum, ca.fmin)
 sign = _dispatch("sign", np.sign, ca.sign)
 absolute = _dispatch("absolute", np.abs, ca.fabs)
-clip = _dispatch("clip", np.clip, lambda x, low, high: ca.fmin(ca.fmax(x, low), high))
+clip = _dispatch(
+    "clip",
+    np.clip,
+    lambda x, low, high: ca.if_else(
+        x < low, low, ca.if_else(x > high, high, x)
+    ),  # NaN stays NaN; fmax drops it
+)
 
 where.__doc__ = """``a`` where the condition holds, else ``b``; both branches are evaluated.
 
