@@ -1,0 +1,252 @@
+"""The sampled closed loop linearised where it rests: whether it is stable, and how fast it grows or decays.
+
+What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
+update, then the true plant over one period with u held), with one change: the estimator corrects with its
+stationary gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+from flexhinf.estimation import RecursiveFilter
+from flexhinf.loop import Controller, Loop
+from flexhinf.loop.program import measure_function, rk4_function
+from flexhinf.loop.shared import share
+from flexhinf.paper.steady_filter import SteadyFilter, linear_model, stationary_gain
+from flexhinf.plant import Law, Plant
+from flexhinf.plant.equilibrium import equilibrium
+from flexhinf.scalars import trace
+
+__all__ = ["Modes", "RestingLoop"]
+
+#: Newton steps towards the rest of the loop at most, and the relative size of the last one.
+ITERATIONS, LAST_STEP = 12, 1e-7
+
+#: Where the integral that holds the goal is looked for, rad·s.
+INTEGRALS = np.linspace(-30.0, 30.0, 6001)
+
+INTEGRAL = "_integral"
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Multipliers of one period, for N true plants.
+
+    Attributes
+    ----------
+    period : float
+    rest : (N, k) array
+        State of the loop at rest (true plant, then what the controller remembers); NaN where there is none.
+    multipliers : (N, k) complex array
+        Eigenvalues of one period; infinite where the loop has no rest.
+    """
+
+    period: float
+    rest: np.ndarray
+    multipliers: np.ndarray
+
+    @property
+    def radius(self) -> np.ndarray:
+        """Largest |multiplier|, (N,)."""
+        return np.abs(self.multipliers).max(axis=1)
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Which loops are stable, (N,)."""
+        return self.radius < 1.0
+
+    @property
+    def rate(self) -> np.ndarray:
+        """log(radius) / period, (N,) in 1/s: positive for a loop that grows, infinite for one without."""
+        return np.log(self.radius) / self.period
+
+    def slowest(self, count: int) -> np.ndarray:
+        """The `count` slowest exponents log(multiplier) / period, (N, count) in 1/s."""
+        order = np.argsort(-np.abs(self.multipliers), axis=1, kind="stable")[:, :count]
+        chosen = np.take_along_axis(self.multipliers, order, axis=1)
+        with np.errstate(invalid="ignore"):
+            return np.log(chosen) / self.period
+
+
+class RestingLoop:
+    """A law with an estimator at its stationary gain, or fed back the true state, at rest at a goal.
+
+    Parameters
+    ----------
+    law : Law
+    filter : RecursiveFilter or None
+        None feeds back the true state.
+    true_plant : Plant
+        Its parameters are given to `modes`.
+    period, goal : float
+        s; wanted value of the tracked state.
+    """
+
+    def __init__(
+        self, law: Law, filter: RecursiveFilter | None, true_plant: Plant, period: float, goal: float
+    ) -> None:
+        self.law, self.filter, self.plant, self.period, self.goal = law, filter, true_plant, period, goal
+        tracked = [name.removesuffix(INTEGRAL) for name in law.state_names if name.endswith(INTEGRAL)]
+        model = true_plant if filter is None else filter.plant
+        self.model_rest = equilibrium(model, tracked, np.array([goal]))
+        self.plant_rest = equilibrium(true_plant, tracked, np.array([goal]))
+        steady: Any = None if filter is None else SteadyFilter(filter, self.gain(filter.process_noise))
+        self.controller = Controller(law, steady, period)
+        self.sub_steps = Loop(true_plant, self.controller).sub_steps
+
+    @cached_property
+    def _model(self) -> tuple[np.ndarray, np.ndarray]:
+        assert self.filter is not None
+        return linear_model(self.filter, *self.model_rest)
+
+    def gain(self, process_noise: np.ndarray) -> np.ndarray:
+        """The estimator's stationary gain (n, p) at the goal for this R^v (n, n)."""
+        assert self.filter is not None
+        return stationary_gain(self._model, process_noise, self.filter.measurement_noise)
+
+    # One period ----------------------------------------------------------------------------------------
+    @cached_property
+    def _places(self) -> dict[str, np.ndarray]:
+        """Where in the controller's memory the parts are.
+
+        "moving" leaves out the gain, the command and the flag of the first step.
+        """
+        memory = self.controller.memory
+        named = vars(memory.named(np.arange(memory.size)))
+        moving = [named["u"], named["integral"], named["position"]]
+        if self.filter is not None:
+            moving.append(named["belief"][0])
+            named["gain"] = named["belief"][1].ravel()
+        return {**named, "moving": np.sort(np.concatenate(moving))}
+
+    @cached_property
+    def _step(self) -> ca.Function:
+        """(moving part, p, memory, data) → (moving part one period later, its Jacobian)."""
+        key = ("resting loop", self.plant.code_key, self.controller.code_key, self.period, self.sub_steps)
+        return share(key, self._traced_step)
+
+    def _traced_step(self) -> ca.Function:
+        plant, controller, places = self.plant, self.controller, self._places
+        moving, n = places["moving"].tolist(), plant.n
+        z, p = ca.SX.sym("z", n + len(moving)), ca.SX.sym("p", plant.parameters.size)
+        fixed, data = ca.SX.sym("memory", controller.memory.size), ca.SX.sym("data", controller.data.size)
+        x, memory, truth = z[:n], ca.SX(fixed), ca.vertcat(self.period / self.sub_steps, p)
+        memory[moving] = z[n:]
+        noise, still = ca.SX.zeros(len(controller.measured)), ca.SX.zeros(3 * len(plant.disturbances))
+        y = measure_function(plant, controller)(x, memory[places["u"].tolist()], noise, truth)
+        u, _, after = controller.traced(y, memory[places["reference"].tolist()], memory, data)
+        advance = rk4_function(plant)
+        for _ in range(self.sub_steps):
+            x = advance(x, u, still, truth)
+        later = ca.vertcat(x, after[moving])
+        slope = ca.vec(ca.densify(ca.jacobian(later, z)).T)  # C order
+        return ca.Function("resting_loop", [z, p, fixed, data], [later, slope], {"cse": True})
+
+    # Rest ----------------------------------------------------------------------------------------------
+    @cached_property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """(moving part, whole memory) where the nominal plant is held at the goal.
+
+        Raises
+        ------
+        NumericalFailure
+            If no integral makes the law give the voltage that holds the goal.
+        """
+        (x, u), goal = self.model_rest, np.array([self.goal])
+        parts: dict[str, Any] = {
+            "u": u,
+            "integral": self._integral(),
+            "position": goal,
+            "reference": goal,
+            "started": 1.0,
+        }
+        if self.filter is not None:
+            parts["belief"] = [x, self.controller.estimator.initial[1]]  # type: ignore[union-attr,index]
+        memory = self.controller.memory.flat(parts)
+        return np.concatenate([self.plant_rest[0], memory[self._places["moving"]]]), memory
+
+    def _integral(self) -> float:
+        """Of the integrals that hold the nominal plant at the goal, the one nearest to zero."""
+        states, u = (
+            self.plant_rest[0][[self.plant.index(name) for name in self.controller.states]],
+            self.model_rest[1],
+        )
+        points = np.column_stack([np.tile(states, (len(INTEGRALS), 1)), INTEGRALS]) - self.law.operating_point
+        numbers = np.ravel(self.law.law_data)
+        key = ("law", self.law.law_key, points.shape[1], numbers.size)
+        law = share(key, lambda: trace(self.law.evaluate_law, points.shape[1], numbers.size, name="law"))
+        held_by = np.asarray(law(points.T, np.repeat(numbers[:, None], len(points), axis=1)), dtype=float)[0]
+        excess = np.sign(held_by + self.law.operating_input[0] - u[0])
+        crossings = np.flatnonzero(excess[1:] != excess[:-1])
+        if not len(crossings):
+            raise NumericalFailure(
+                "The law does not hold the arm at the goal.",
+                f"no integral up to {INTEGRALS[-1]:g} rad·s gives {u[0]:.6g} V at {self.goal:.6g} rad",
+                "another degree",
+            )
+        return float(INTEGRALS[crossings[np.argmin(np.abs(INTEGRALS[crossings]))]])
+
+    def modes(
+        self, values: Sequence[Mapping[str, float]] | np.ndarray, process_noise: np.ndarray | None = None
+    ) -> Modes:
+        """Rest and multipliers with these true plants.
+
+        Parameters
+        ----------
+        values : sequence of mapping by name, or (N, p) array in the order of the true plant's parameters
+            Names that are left out keep their nominal value.
+        process_noise : (n, n) array, optional
+            R^v instead of the filter's.
+        """
+        vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
+        try:
+            start, memory = self.start
+        except NumericalFailure:
+            return self._judged(
+                np.full((len(vectors), self.plant.n + 1), np.nan), np.zeros(0), np.zeros(len(vectors), bool)
+            )
+        if process_noise is not None:
+            memory = memory.copy()
+            memory[self._places["gain"]] = self.gain(process_noise).ravel()
+        return self._judged(*self._newton(np.tile(start, (len(vectors), 1)), vectors, memory))
+
+    def vectors(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Parameter vectors (N, p) of true plants with these values."""
+        nominal = {name: float(value) for name, value in self.plant.parameters.values.items()}
+        return np.array([[{**nominal, **v}[name] for name in nominal] for v in values])
+
+    def _newton(
+        self, z: np.ndarray, vectors: np.ndarray, memory: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rest, Jacobian there, whether it was found), all plants at once."""
+        (count, k), data = z.shape, self.controller.data_vector
+        same = [np.repeat(v[:, None], count, axis=1) for v in (memory, data)]
+        slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
+        for _ in range(ITERATIONS):
+            later, flat = (np.asarray(r, dtype=float).T for r in self._step(z.T, vectors.T, *same))
+            slope, gap = flat.reshape(count, k, k), later - z
+            fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
+            size[~fine] = np.inf
+            if not fine.any() or np.all(size[fine] <= LAST_STEP):
+                break
+            try:
+                move = np.linalg.solve((np.eye(k) - slope)[fine], gap[fine][:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:
+                break
+            z[fine] += move
+            size[fine] = np.abs(move).max(axis=1) / np.maximum(1.0, np.abs(z[fine]).max(axis=1))
+        return z, slope, size <= LAST_STEP
+
+    def _judged(self, z: np.ndarray, slope: np.ndarray, found: np.ndarray) -> Modes:
+        multipliers = np.full(z.shape, np.inf, dtype=complex)
+        if found.any():
+            multipliers[found] = np.linalg.eigvals(slope[found])
+        return Modes(self.period, np.where(found[:, None], z, np.nan), multipliers)

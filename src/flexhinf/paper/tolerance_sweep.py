@@ -1,0 +1,140 @@
+"""Plants within the tolerances of Tables 1 and 2, and the linearised loop's verdict on each over a sweep of R^v.
+
+The paper gives no R^v. Two forms are usual: q on every state (R^v = q I), and q on the velocities only, since what
+a model misses are torques. Only the ratio to R^n matters for the gain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.paper.bench import PaperBench
+from flexhinf.paper.linearised import RestingLoop
+from flexhinf.plant import Law
+
+__all__ = [
+    "ALL_STATES",
+    "GOALS",
+    "NO_ESTIMATOR",
+    "VELOCITIES",
+    "Case",
+    "Population",
+    "ToleranceSweep",
+    "name_goal",
+]
+
+#: The paper's two commands, rad.
+GOALS = (math.pi / 2, math.pi)
+
+DRAWS, CORNERS = 100, 400
+ALL_STATES, VELOCITIES, NO_ESTIMATOR = "all states", "velocities only", "true state fed back"
+SWEPT = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2, 1.0)
+
+
+def name_goal(goal: float) -> str:
+    """``90°``."""
+    return f"{math.degrees(goal):.0f}°"
+
+
+@dataclass(frozen=True)
+class Population:
+    """True plants: drawn uniformly, at corners of all tolerances, and with one parameter at one end.
+
+    Attributes
+    ----------
+    values : tuple of mappings by name
+    kinds : (N,) array of str
+        "draw", "corner" or "single".
+    """
+
+    values: tuple[Mapping[str, float], ...]
+    kinds: np.ndarray
+    nominal: Mapping[str, float]
+
+    @staticmethod
+    def of(bench: PaperBench) -> Population:
+        """Of the paper's arm; the draws are those of Figs. 9 and 10."""
+        arm, seed = bench.arm, bench.settings.seed
+        rng = np.random.default_rng(seed)
+        drawn = [arm.draw(rng) for _ in range(DRAWS)]
+        signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (CORNERS, len(arm.uncertain)))
+        corners = [arm.corner(list(row)) for row in signs]
+        singles = [arm.corner({p.name: sign}) for p in arm.uncertain for sign in (-1.0, 1.0)]
+        kinds = ["draw"] * len(drawn) + ["corner"] * len(corners) + ["single"] * len(singles)
+        return Population((*drawn, *corners, *singles), np.array(kinds), arm.nominal)
+
+    def describe(self, k: int) -> str:
+        """A plant by its changes in per cent."""
+        changes = {name: 100.0 * (v / self.nominal[name] - 1.0) for name, v in self.values[k].items() if v}
+        return ", ".join(
+            f"{name.replace('_', ' ')} {c:+.3g} %" for name, c in changes.items() if abs(c) > 1e-9
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """One choice of R^v, or none where the true state is fed back."""
+
+    form: str
+    q: float | None = None
+
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
+        """R^v, (n, n)."""
+        assert self.q is not None
+        moves = [self.form == ALL_STATES or name.endswith("velocity") for name in states]
+        return self.q * np.diag(np.array(moves, dtype=float))
+
+    @property
+    def name(self) -> str:
+        """For a sentence."""
+        return self.form if self.q is None else f"R^v = {self.q:.0e} on {self.form}".replace("e-0", "e-")
+
+
+class ToleranceSweep:
+    """Growth rates of a law's loop for plants, goals and R^v.
+
+    Parameters
+    ----------
+    bench : PaperBench
+    law : Law
+    """
+
+    def __init__(self, bench: PaperBench, law: Law) -> None:
+        self.bench, self.law = bench, law
+        self.estimated = bench.settings.estimator != "none"
+
+    @property
+    def chosen(self) -> Case:
+        """The case of the settings."""
+        return Case(ALL_STATES, self.bench.settings.process_noise) if self.estimated else Case(NO_ESTIMATOR)
+
+    @property
+    def swept(self) -> tuple[Case, ...]:
+        """All cases but the settings' own: none without an estimator."""
+        if not self.estimated:
+            return ()
+        return tuple(Case(form, q) for form in (ALL_STATES, VELOCITIES) for q in SWEPT)
+
+    @cached_property
+    def _loops(self) -> dict[tuple[float, bool], RestingLoop]:
+        bench, kind = self.bench, self.bench.settings.estimator
+        true_plant, loops = bench.arm.plant(inductance=True), {}
+        for goal in GOALS:
+            for estimated in {False, self.estimated}:
+                filter = bench.estimator(kind) if estimated else None
+                loops[goal, estimated] = RestingLoop(
+                    self.law, filter, true_plant, bench.settings.period, goal
+                )
+        return loops
+
+    def rates(self, case: Case, goal: float, values: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Growth rates (N,) in 1/s; infinite for a loop without rest."""
+        loop = self._loops[goal, case.q is not None]
+        noise: Any = None if case.q is None else case.covariance(self.bench.model.states)
+        return loop.modes(values, noise).rate
