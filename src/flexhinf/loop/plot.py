@@ -16,7 +16,7 @@ __all__ = ["plot_trajectory"]
 
 
 def plot_trajectory(run: Trajectory) -> Figure:
-    """Tracked states (all, if none is tracked) with command and estimate above, inputs below; angles in degrees."""
+    """Tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
@@ -36,7 +36,7 @@ def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
     unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
     scale, unit = (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
     axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
-    axes.plot(run.time, scale * run.signal("estimate", name), colour, ls="--", lw=1.0, label="estimated")
+    axes.plot(run.time, scale * run.signal("estimate", name), color="0.1", ls="--", lw=0.8, label="estimated")
     if name in run.names["reference"]:
         command = scale * run.signal("reference", name)
         axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")

@@ -73,9 +73,9 @@ def equilibrium(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple
     rate, scale = plant.derivative(x, u), 1.0
     for _ in range(ITERATIONS):
         a, b, _, _ = plant.linearise(x, u)
-        scale = max(1.0, float(np.abs(a).max() * np.abs(x).max()))
         if not (np.all(np.isfinite(rate)) and np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
             break
+        scale = max(1.0, float(np.abs(a).max() * np.abs(x).max()))
         step = np.linalg.lstsq(np.hstack([a[:, free], b]), -rate, rcond=None)[0]
         x[free] += step[: len(free)]
         u += step[len(free) :]

@@ -193,9 +193,11 @@ class Plant:
                 "The numbers of points differ.", f"got {[len(rows) for rows in given]} rows of x, u and d",
                 "one row for each point, or one vector for all",
             )  # fmt: skip
+        if not count:  # to CasADi, a matrix without columns is a zero
+            return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
-        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T.reshape(count, self.n)
+        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(

@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import rk4_step, sub_steps
+from flexhinf.plant.integration import SIMULATION_STEP
+
+
+def test_on_a_linear_system_it_is_the_exponential_to_order_four():
+    a = np.array([[0.0, 1.0], [-4.0, -0.3]])
+    h = 0.1
+    step = np.column_stack([rk4_step(lambda x, v: a @ x, e, (None,) * 3, h) for e in np.eye(2)])
+    taylor = sum(np.linalg.matrix_power(h * a, k) / f for k, f in enumerate([1.0, 1.0, 2.0, 6.0, 24.0]))
+    np.testing.assert_allclose(step, taylor, rtol=1e-14)
+    np.testing.assert_allclose(step, expm(h * a), atol=(h * 2.0) ** 5 / 50)
+
+
+@pytest.mark.oracle
+def test_order_four_with_inputs_that_change():
+    def flow(x, v):
+        return np.array([x[1], -np.sin(x[0]) + v])
+
+    exact = solve_ivp(
+        lambda t, x: flow(x, np.cos(3 * t)), (0.0, 1.0), [0.3, 0.0], "DOP853", rtol=1e-13, atol=1e-14
+    )
+    errors = []
+    for steps in (20, 40, 80):
+        x, h = np.array([0.3, 0.0]), 1.0 / steps
+        for k in range(steps):
+            x = rk4_step(flow, x, np.cos(3 * h * (k + np.array([0.0, 0.5, 1.0]))), h)
+        errors.append(np.abs(x - exact.y[:, -1]).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.abs(orders - 4.0) < 0.2)
+
+
+def test_sub_steps():
+    assert sub_steps(1e-3, 100.0) == 7
+    assert sub_steps(1e-3, 100.0, largest=0.25) == 1
+    assert sub_steps(1e-3, 0.0) == 1
+    assert sub_steps(1.0, 10 * SIMULATION_STEP) == 10
+
+
+@pytest.mark.parametrize("mode", [np.nan, np.inf, 1e9])
+def test_hopelessly_fast_plants_are_refused(mode):
+    with pytest.raises(InvalidInput, match="too fast"):
+        sub_steps(1e-3, mode)

@@ -1,0 +1,65 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import Parameter, Robot, paper_arm
+
+
+def test_draws_stay_in_their_intervals_and_fill_them():
+    arm = paper_arm()
+    rng = np.random.default_rng(3)
+    draws = [arm.draw(rng) for _ in range(2000)]
+    for p in arm.parameters:
+        values = np.array([draw[p.name] for draw in draws])
+        low, high = p.interval
+        assert np.all((low <= values) & (values <= high))
+        assert values.std() == pytest.approx((high - low) / np.sqrt(12.0), rel=0.05)
+
+
+def test_the_same_generator_draws_the_same():
+    assert paper_arm().draw(np.random.default_rng(5)) == paper_arm().draw(np.random.default_rng(5))
+
+
+def test_corners_by_name_and_in_order():
+    arm = paper_arm()
+    assert arm.corner({"stiffness": 1.0})["stiffness"] == pytest.approx(112.0)
+    assert arm.corner({"stiffness": 1.0})["mass"] == 1.0
+    low = arm.corner([-1.0] * len(arm.uncertain))
+    assert low == pytest.approx({p.name: p.interval[0] for p in arm.parameters})
+
+
+@pytest.mark.parametrize("signs", [[1.0], {"stifness": 1.0}, {"stiffness": 1.5}, {"stiffness": np.nan}])
+def test_bad_corners_are_refused(signs):
+    with pytest.raises(InvalidInput):
+        paper_arm().corner(signs)
+
+
+def test_with_values_makes_another_robot():
+    arm = paper_arm()
+    stiff = arm.with_values({"stiffness": 200.0})
+    assert stiff.nominal["stiffness"] == 200.0
+    assert stiff["stiffness"].tolerance == 12.0
+    assert arm.nominal["stiffness"] == 100.0
+    with pytest.raises(InvalidInput, match="no parameter"):
+        arm.with_values({"stifness": 1.0})
+    with pytest.raises(InvalidInput, match="not finite"):
+        arm.with_values({"stiffness": np.nan})
+
+
+def test_a_robot_has_the_parameters_of_its_model_once():
+    arm = paper_arm()
+    with pytest.raises(InvalidInput, match="friction"):
+        Robot("short", arm.parameters[:-1], arm.penalty)
+    with pytest.raises(InvalidInput, match="does not have"):
+        replace(arm, parameters=(*arm.parameters, Parameter("mass", 2.0)))
+
+
+def test_the_problem_passes_its_choices_on():
+    arm = paper_arm()
+    problem = arm.problem(penalty=[1.0] * 5, pose=[0.5], measured=("motor_position", "joint_torque"))
+    assert problem.plant.outputs == ("motor_position", "joint_torque")
+    assert problem.operating_point[0] == 0.5
+    np.testing.assert_array_equal(problem.r2, [[1.0]])
+    np.testing.assert_array_equal(arm.problem().r2, [[10.0]])
