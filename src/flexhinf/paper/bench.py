@@ -87,12 +87,24 @@ class PaperBench:
         """LQR of the arm without gravity, with gravity compensation: what a practitioner would try first."""
         return GravityCompensatedLaw.design(self.arm, self.problem)
 
-    def law(self, weights: Mapping[str, float] | None = None, *, gamma_ratio: float | None = None, degree: int | None = None):  # noqa: ANN201
+    def law(
+        self,
+        weights: Mapping[str, float] | None = None,
+        *,
+        gamma_ratio: float | None = None,
+        degree: int | None = None,
+    ):
         """NL-H∞ for another penalty (weights by state, R2 kept) at the same ratio of its own γ*."""
-        problem = self.problem if weights is None else self.arm.problem(Penalty(weights, effort=self.arm.penalty.effort))
+        problem = (
+            self.problem
+            if weights is None
+            else self.arm.problem(Penalty(weights, effort=self.arm.penalty.effort))
+        )
         star = smallest_gamma(problem)
         ratio = self.settings.gamma_ratio if gamma_ratio is None else gamma_ratio
-        return solve_hji(problem, gamma=ratio * star, degree=self.settings.degree if degree is None else degree)
+        return solve_hji(
+            problem, gamma=ratio * star, degree=self.settings.degree if degree is None else degree
+        )
 
     # Estimators ---------------------------------------------------------------------------------------------------
     @cached_property
@@ -133,7 +145,9 @@ class PaperBench:
         loop = self.loop(law, chosen, inductance, true_values)
         deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
         try:
-            run = loop.run(reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed)
+            run = loop.run(
+                reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed
+            )
         except NumericalFailure as failure:
             run = getattr(failure, "trajectory", None)
             if run is None:

@@ -78,7 +78,12 @@ class Experiments:
         def one(k: int) -> UncertainRun:
             seed = self.bench.settings.seed + k
             outcome = self.bench.run(
-                self.bench.nonlinear, Step(math.pi / 2), UNCERTAIN_DURATION, true_values=drawn[k], inductance=True, seed=seed
+                self.bench.nonlinear,
+                Step(math.pi / 2),
+                UNCERTAIN_DURATION,
+                true_values=drawn[k],
+                inductance=True,
+                seed=seed,
             )
             return UncertainRun(drawn[k], outcome)
 

@@ -8,7 +8,11 @@ __all__ = ["MISPRINTS", "OPEN", "misprint_table", "open_table"]
 
 MISPRINTS = (
     ("Algorithm 1, step 5", "second block X̂ + γ√P again", "X̂ − γ√P"),
-    ("Algorithm 1 and Eq. (10)", "γ is the sigma-point spread", "called spread here; γ is the attenuation level"),
+    (
+        "Algorithm 1 and Eq. (10)",
+        "γ is the sigma-point spread",
+        "called spread here; γ is the attenuation level",
+    ),
     ("Sec. 5, ẋ4", "+B x4 and −K(x1 − x3)", "−B x4 and +K(x1 − x3), as in Eq. (2) and Sec. 6"),
     ("Eq. (7)", "[pᵀg1 − pᵀg2], [d − u], assumption (6)", "[pᵀg1, pᵀg2], [dᵀ, uᵀ], assumption (4)"),
     ("Sec. 5, h", "Q x5 only", "with 60 x1, as in Eq. (11)"),
@@ -18,7 +22,11 @@ MISPRINTS = (
     ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
     ("Sec. 2", "gravity inside C, and G", "gravity once"),
     ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
-    ("Figs. 7, 9, 10, 12", "captions lost in the scan", "tracking; tolerances measured, estimated; sinusoidal disturbance"),
+    (
+        "Figs. 7, 9, 10, 12",
+        "captions lost in the scan",
+        "tracking; tolerances measured, estimated; sinusoidal disturbance",
+    ),
 )
 
 OPEN = (

@@ -8,7 +8,14 @@ from typing import Any
 
 from flexhinf.paper.bench import INITIAL_VARIANCE
 from flexhinf.paper.claims import Judged
-from flexhinf.paper.experiments import DISTURBED_FROM, FREQUENCY, PLANTS, TORQUE, UNCERTAIN_DURATION, Experiments
+from flexhinf.paper.experiments import (
+    DISTURBED_FROM,
+    FREQUENCY,
+    PLANTS,
+    TORQUE,
+    UNCERTAIN_DURATION,
+    Experiments,
+)
 from flexhinf.paper.figures import Drawn
 from flexhinf.paper.openings import misprint_table, open_table
 from flexhinf.paper.settings import PaperSettings
@@ -28,7 +35,9 @@ from flexhinf.report import (
 __all__ = ["paper_page"]
 
 
-def paper_page(experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[Judged], command: Sequence[str]) -> Page:
+def paper_page(
+    experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[Judged], command: Sequence[str]
+) -> Page:
     """Everything on one page."""
     bench, claims = experiments.bench, [j.claim for j in judged]
     return Page(
@@ -89,7 +98,8 @@ def _settings(experiments: Experiments) -> dict[str, list[Setting]]:
         return Setting(name.replace("_", " "), value, unit, f"{chosen} {flag}")
 
     arm = [
-        Setting(p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source) for p in bench.arm.parameters
+        Setting(p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source)
+        for p in bench.arm.parameters
     ]
     return {
         "Options": [
@@ -112,7 +122,12 @@ def _settings(experiments: Experiments) -> dict[str, list[Setting]]:
             Setting("α, β, κ", "1, 2, 0", "", "Table 3"),
             Setting("initial estimate", "rest", "", "ours"),
             Setting("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
-            Setting("simulated noise", f"{math.sqrt(s.measurement_noise):.3g}", "rad (standard deviation)", "as R^n"),
+            Setting(
+                "simulated noise",
+                f"{math.sqrt(s.measurement_noise):.3g}",
+                "rad (standard deviation)",
+                "as R^n",
+            ),
         ],
         "Simulation": [
             Setting("sub-steps per period", steps[False], "", "Runge–Kutta, plant without coil"),

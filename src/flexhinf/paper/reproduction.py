@@ -39,7 +39,9 @@ class Reproduction:
 
 
 def reproduce(
-    settings: PaperSettings, command: Sequence[str] = ("flexhinf", "paper"), progress: Callable[[str], None] | None = None
+    settings: PaperSettings,
+    command: Sequence[str] = ("flexhinf", "paper"),
+    progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
@@ -70,7 +72,10 @@ def reproduce(
         judged += found if isinstance(found, list) else [found]
     tell("report")
     metrics = _metrics(experiments, drawn, judged)
-    files = {"index.html": paper_page(experiments, drawn, judged, command).html(), "metrics.json": to_json(metrics)}
+    files = {
+        "index.html": paper_page(experiments, drawn, judged, command).html(),
+        "metrics.json": to_json(metrics),
+    }
     files |= {f"figure_{d.number}.svg": d.svg for d in drawn}
     return Reproduction(files, tuple(judged), metrics)
 

@@ -51,13 +51,29 @@ class PaperSettings:
     def __post_init__(self) -> None:
         _require("γ/γ*", self.gamma_ratio, self.gamma_ratio > 0.0, "a number above 1", "--gamma-ratio 2")
         whole = isinstance(self.degree, int) and not isinstance(self.degree, bool)
-        _require("degree of V", self.degree, whole and 2 <= self.degree <= 12, "an integer from 2 to 12", "--degree 4")
+        _require(
+            "degree of V",
+            self.degree,
+            whole and 2 <= self.degree <= 12,
+            "an integer from 2 to 12",
+            "--degree 4",
+        )
         _require("sampling period", self.period, 1e-5 <= self.period <= 1.0, "1e-5 to 1 s", "--period 1e-3")
         known = isinstance(self.seed, int) and not isinstance(self.seed, bool)
         _require("seed", self.seed, known and 0 <= self.seed < 2**63, "an integer from 0", "--seed 0")
-        _require("estimator", self.estimator, self.estimator in ESTIMATORS, ", ".join(ESTIMATORS), "--estimator ukf")
         _require(
-            "process noise", self.process_noise, self.process_noise >= 0.0, "a variance >= 0", "--process-noise 1e-6"
+            "estimator",
+            self.estimator,
+            self.estimator in ESTIMATORS,
+            ", ".join(ESTIMATORS),
+            "--estimator ukf",
+        )
+        _require(
+            "process noise",
+            self.process_noise,
+            self.process_noise >= 0.0,
+            "a variance >= 0",
+            "--process-noise 1e-6",
         )
         _require(
             "measurement noise", self.measurement_noise, self.measurement_noise > 0.0,

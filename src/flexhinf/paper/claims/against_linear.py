@@ -109,7 +109,9 @@ def judge_h_infinity(experiments: Experiments) -> Judged:
         columns += [Column(f"{goal} overshoot", "%", 2), Column("settling", "s", 2), Column("peak", "V", 1)]
     for where in ("link", "motor"):
         columns += [Column(f"{where} torque step, peak", "°", 2), Column(f"{FREQUENCY:g} Hz, RMS", "°", 2)]
-    caption = "The same weights, R2, estimator, noise and seed for all laws. Under torque: deviation from 90°."
+    caption = (
+        "The same weights, R2, estimator, noise and seed for all laws. Under torque: deviation from 90°."
+    )
     return Judged(claim, (Table(columns, rows, caption, "table-laws"), _over_gamma(experiments)))
 
 
@@ -129,7 +131,11 @@ def _over_gamma(experiments: Experiments) -> Table:
         rows.append([row[0] if isinstance(row[0], str) else f"{row[0]:g}", *row[1:]])
     columns = [
         "γ/γ*",
-        *(c for goal in ("90°", "180°") for c in (Column(f"{goal} overshoot", "%", 2), Column("peak", "V", 1))),
+        *(
+            c
+            for goal in ("90°", "180°")
+            for c in (Column(f"{goal} overshoot", "%", 2), Column("peak", "V", 1))
+        ),
         *(Column(f"torque step at the {c.replace('_torque', '')}, peak", "°", 2) for c in CHANNELS),
     ]
     caption = "NL-H∞ over γ: a smaller γ holds the arm stiffer against torques and asks for more volts."

@@ -56,7 +56,9 @@ def _grows(outcome: Any) -> bool:
     run = outcome.run
     error = np.abs(run.tracked("link_position") - run.signals["reference"][:, 0])
     end = run.time[-1]
-    last, before = (error[(run.time > end - a) & (run.time <= end - b)].max() for a, b in ((2.0, 0.0), (4.0, 2.0)))
+    last, before = (
+        error[(run.time > end - a) & (run.time <= end - b)].max() for a, b in ((2.0, 0.0), (4.0, 2.0))
+    )
     return bool(last > 1.05 * before + 1e-4)
 
 
@@ -70,16 +72,21 @@ def judge_sine_disturbance(experiments: Experiments) -> Judged:
             outcome = experiments.disturbed(law, Sine(TORQUE, frequency, at=DISTURBED_FROM), channel)
             peak = disturbance_numbers(outcome)["peak_deviation_rad"]
             row.append(None if peak is None else math.degrees(peak))
-            steady = frequency * 2.0 >= 1.0  # a whole period in two seconds, else growth cannot be told from phase
-            passed[frequency, channel] = peak is not None and peak <= LIMIT and not (steady and _grows(outcome))
+            steady = (
+                frequency * 2.0 >= 1.0
+            )  # a whole period in two seconds, else growth cannot be told from phase
+            passed[frequency, channel] = (
+                peak is not None and peak <= LIMIT and not (steady and _grows(outcome))
+            )
         rows.append(row)
     holds = all(passed[FREQUENCY, c] for c in CHANNELS)
     bad = sorted({f for (f, _), ok in passed.items() if not ok})
     peaks = [row[1:] for row in rows if row[0] == FREQUENCY][0]
     shown = " and ".join("diverged" if p is None else f"{p:.1f}°" for p in peaks)
-    evidence = (
-        f"Torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz: at most {shown} (link and motor). "
-        + (f"The limit of 18° is not kept at {', '.join(f'{f:g}' for f in bad)} Hz." if bad else "Kept at every frequency tried.")
+    evidence = f"Torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz: at most {shown} (link and motor). " + (
+        f"The limit of 18° is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
+        if bad
+        else "Kept at every frequency tried."
     )
     claim = Claim(
         "withstands-sine-disturbance",

@@ -53,7 +53,12 @@ def judge_reconstruction(experiments: Experiments) -> Judged:
         figures=("figure-03", "table-reconstruction"),
     )
     table = Table(
-        ("state", Column("RMS error (rad, rad/s)"), Column("range in the run (rad, rad/s)"), Column("share", "%", 3)),
+        (
+            "state",
+            Column("RMS error (rad, rad/s)"),
+            Column("range in the run (rad, rad/s)"),
+            Column("share", "%", 3),
+        ),
         rows,
         f"UKF on the nominal 180° step, link position measured with R^n = {bench.settings.measurement_noise:g} rad².",
         "table-reconstruction",

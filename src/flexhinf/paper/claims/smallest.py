@@ -10,7 +10,9 @@ __all__ = ["smallest_change"]
 TOLERANCE = 0.01
 
 
-def smallest_change(holds: Callable[[float], bool], start: float, limit: float, factor: float = 2.0) -> float | None:
+def smallest_change(
+    holds: Callable[[float], bool], start: float, limit: float, factor: float = 2.0
+) -> float | None:
     """Smallest value above `start` for which `holds`, to one per cent; None if there is none up to `limit`.
 
     The value is first multiplied by `factor` until the claim holds, then bisected between the last two: the smallest

@@ -29,7 +29,9 @@ def step_text(outcome: Outcome) -> str:
         return f"diverged at {outcome.diverged_at:.2f} s"
     m = outcome.metrics
     settling = m["settling_time_s"]
-    settled = f"settles in {settling:.2f} s" if settling is not None else f"does not settle in {STEP_DURATION:g} s"
+    settled = (
+        f"settles in {settling:.2f} s" if settling is not None else f"does not settle in {STEP_DURATION:g} s"
+    )
     return (
         f"overshoot {m['overshoot_percent']:.2f} %, {settled}, "
         f"at most {math.degrees(m['steady_state_error']):.2g}° off at the end, peak {m['peak_input']:.1f} V"
@@ -44,7 +46,10 @@ def _settles(outcome: Outcome, goal: float) -> bool:
 def judge_steps(experiments: Experiments) -> list[Judged]:
     """tracks-180 and tracks-90."""
     judged = []
-    for goal, runs, figure in ((180, experiments.step_180, "figure-03"), (90, experiments.step_90, "figure-05")):
+    for goal, runs, figure in (
+        (180, experiments.step_180, "figure-03"),
+        (90, experiments.step_90, "figure-05"),
+    ):
         outcome = runs["nonlinear"]
         holds = _settles(outcome, math.radians(goal))
         claim = Claim(
@@ -67,8 +72,12 @@ def judge_sine(experiments: Experiments) -> Judged:
     others = {
         "L-H∞ (degree 2)": numbers["linear"],
         f"NL-H∞ (degree {bench.settings.degree})": numbers["nonlinear"],
-        "NL-H∞ (degree 6)": tracking_numbers(bench.run(bench.law(degree=6), reference, experiments.tracking_duration)),
-        "nonlinear LQR (γ = ∞)": tracking_numbers(bench.run(bench.nonlinear_lqr, reference, experiments.tracking_duration)),
+        "NL-H∞ (degree 6)": tracking_numbers(
+            bench.run(bench.law(degree=6), reference, experiments.tracking_duration)
+        ),
+        "nonlinear LQR (γ = ∞)": tracking_numbers(
+            bench.run(bench.nonlinear_lqr, reference, experiments.tracking_duration)
+        ),
         "LQR + gravity compensation": tracking_numbers(
             bench.run(bench.gravity_lqr, reference, experiments.tracking_duration)
         ),
@@ -84,7 +93,9 @@ def judge_sine(experiments: Experiments) -> Judged:
         evidence = "The run diverged."
     else:
         rival = "diverges" if linear is None else f"reaches {math.degrees(linear):.1f}°"
-        evidence = f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
+        evidence = (
+            f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
+        )
         if linear is not None and linear < largest:
             evidence += " The order of the step responses is reversed: the nonlinear terms act on x1, not on the error."
     repair, numbers_of_repair = ("", {}) if holds else _repair(experiments)
@@ -97,7 +108,11 @@ def judge_sine(experiments: Experiments) -> Judged:
         ("figure-07", "table-tracking"),
     )
     table = Table(
-        ("law", Column(f"largest error after {TRACKING_FROM:g} s", "°", 2), Column("RMS error, start included", "°", 2)),
+        (
+            "law",
+            Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
+            Column("RMS error, start included", "°", 2),
+        ),
         rows,
         "Tracking π + sin(πt/10). A higher degree is not better without saying for what.",
         "table-tracking",

@@ -24,7 +24,9 @@ INTEGRAL_WEIGHTS = (100.0, 150.0, 300.0, 450.0, 600.0)
 GOALS = (math.pi / 2, math.pi)
 
 
-def _sweep(experiments: Experiments, pairs: list[tuple[float, float]], velocity: float = 0.0) -> list[list[Any]]:
+def _sweep(
+    experiments: Experiments, pairs: list[tuple[float, float]], velocity: float = 0.0
+) -> list[list[Any]]:
     """Rows: weights of x1 and x5, then overshoot and settling at 90° and at 180°; `velocity` weighs x2 and x4."""
     rows = []
     for link, integral in pairs:

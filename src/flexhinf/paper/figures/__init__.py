@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from flexhinf.paper.experiments import Experiments
+from flexhinf.paper.figures.drawn import Drawn
 from flexhinf.paper.figures.figure_03 import figure_03
 from flexhinf.paper.figures.figure_04 import figure_04
 from flexhinf.paper.figures.figure_05 import figure_05
@@ -14,8 +16,6 @@ from flexhinf.paper.figures.figure_09 import figure_09
 from flexhinf.paper.figures.figure_10 import figure_10
 from flexhinf.paper.figures.figure_11 import figure_11
 from flexhinf.paper.figures.figure_12 import figure_12
-from flexhinf.paper.experiments import Experiments
-from flexhinf.paper.figures.drawn import Drawn
 
 __all__ = ["FIGURES", "Drawn"]
 

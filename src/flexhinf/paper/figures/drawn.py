@@ -13,7 +13,16 @@ from flexhinf.paper.bench import Outcome
 from flexhinf.paper.experiments import DISTURBED_FROM
 from flexhinf.report import Figure, figure_to_svg, label, legend, new_figure, time_response
 
-__all__ = ["COLOURS", "NAMES", "Drawn", "degrees", "disturbance_numbers", "draw_inputs", "estimated", "step_numbers"]
+__all__ = [
+    "COLOURS",
+    "NAMES",
+    "Drawn",
+    "degrees",
+    "disturbance_numbers",
+    "draw_inputs",
+    "estimated",
+    "step_numbers",
+]
 
 NAMES = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
 COLOURS = {"nonlinear": 0, "linear": 1}
@@ -42,7 +51,9 @@ class Drawn:
     @property
     def block(self) -> Figure:
         """As a block of the report."""
-        return Figure(f"figure-{self.number}", self.svg, f"{self.title} {self.caption}", f"Figure {int(self.number)}")
+        return Figure(
+            f"figure-{self.number}", self.svg, f"{self.title} {self.caption}", f"Figure {int(self.number)}"
+        )
 
 
 def degrees(run: Trajectory, kind: str, name: str = "link_position") -> np.ndarray:

@@ -60,7 +60,12 @@ def draw_disturbed(outcomes: dict[str, Outcome]) -> str:
     for place, (channel, run) in enumerate(runs.items()):
         where = channel.replace("_torque", "")
         time_response(
-            above, run.time, degrees(run, "output"), estimated(run), name=f"torque at the {where}", colour=SERIES[place]
+            above,
+            run.time,
+            degrees(run, "output"),
+            estimated(run),
+            name=f"torque at the {where}",
+            colour=SERIES[place],
         )
     longest = max(runs.values(), key=lambda run: len(run.time))
     torque = np.abs(longest.signals["disturbance"]).argmax(axis=1)

@@ -9,7 +9,15 @@ import numpy as np
 
 from flexhinf.paper.experiments import UncertainRun
 from flexhinf.paper.figures.drawn import degrees
-from flexhinf.report import figure_to_svg, house_style, label, legend, new_figure, quantile_band, settling_band
+from flexhinf.report import (
+    figure_to_svg,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    quantile_band,
+    settling_band,
+)
 
 __all__ = ["draw_uncertain", "spread", "step_ranges", "worst_text"]
 
