@@ -1,11 +1,11 @@
 """Not a robot: a stirred-tank reactor held at an unstable temperature.
 
-A cooled tank in which a reactant burns faster the hotter it is: ẋ has an exponential, the wanted operating point (350 K) is
-unstable, and the feed's temperature and concentration disturb it. The model is the textbook one of Seborg, Edgar, Mellichamp &
-Doyle, "Process Dynamics and Control". Time is in minutes.
+A cooled tank in which a reactant burns faster the hotter it is: ẋ has an exponential, the wanted operating
+point (350 K) is unstable, and the feed's temperature and concentration disturb it. The model is the
+textbook one of Seborg, Edgar, Mellichamp & Doyle, "Process Dynamics and Control". Time is in minutes.
 
-The plant is two functions of NumPy code. flexhinf finds the equilibrium, expands the plant there exactly, and gives a cubic
-H∞ law; the temperature alone is measured.
+The plant is two functions of NumPy code. flexhinf finds the equilibrium, expands the plant there exactly,
+and gives a cubic H∞ law; the temperature alone is measured.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PARAMETERS = {
 
 
 def flow(x, u, d, p):
-    """Rates of concentration (mol/l) and temperature (K); u: coolant temperature; d: feed temperature, feed concentration."""
+    """Rates of concentration and temperature; u: coolant temperature; d: feed temperature and concentration."""
     concentration, temperature = x
     reaction = p.rate * np.exp(-p.activation / temperature) * concentration
     feed_concentration, feed_temperature = p.feed_concentration + d[1], p.feed_temperature + d[0]
@@ -58,7 +58,7 @@ def main() -> dict[str, float]:
     """Design, then let the feed get 10 K warmer; returns the figures of merit."""
     plant = reactor()
     problem = plant.with_objective(
-        fh.Penalty({"temperature": 1.0, "temperature_integral": 1.0}, effort=0.1),
+        fh.Penalty({"temperature": 1.0, "temperature_integral": 5.0}, effort=0.1),
         integrate=("temperature",),
         pose=(350.0,),
     )
@@ -72,7 +72,7 @@ def main() -> dict[str, float]:
 
     period = 0.01
     rest = problem.operating_point[:2]
-    ukf = fh.UnscentedKalmanFilter(plant, period, [1e-8, 1e-4], 0.01, mean=rest, covariance=[1e-4, 1.0])
+    ukf = fh.UnscentedKalmanFilter(plant, period, [1e-6, 1e-2], 0.01, mean=rest, covariance=[1e-4, 1.0])
     loop = fh.Loop(plant, fh.Controller(solution, ukf, period, saturation=(250.0, 350.0)))
     warmer = {"feed_temperature_change": fh.Step(10.0, at=1.0)}
     run = loop.run(350.0, warmer, noise=0.1, duration=10.0)

@@ -53,22 +53,27 @@ class GravityCompensatedLaw:
 
     @property
     def state_names(self) -> tuple[str, ...]:
+        """Of the problem."""
         return self.problem.state_names
 
     @property
     def input_names(self) -> tuple[str, ...]:
+        """Of the problem."""
         return self.problem.input_names
 
     @property
     def operating_point(self) -> np.ndarray:
+        """Of the problem."""
         return self.problem.operating_point
 
     @property
     def operating_input(self) -> np.ndarray:
+        """Of the problem."""
         return self.problem.operating_input
 
     @property
     def law_data(self) -> np.ndarray:
+        """Gain, wind-up and holding voltage, flat."""
         return np.concatenate([self.gain.ravel(), [self.wind_up, self.holding_voltage]])
 
     def evaluate_law(self, x: Any, data: Any) -> Any:

@@ -60,8 +60,8 @@ def paper_page(
 
 def _reading() -> str:
     return (
-        "Each claim has a stated criterion, a verdict computed from it, and the numbers behind it; another option may turn "
-        "a verdict. “Repaired by” is the smallest change of the design that makes a failed claim hold."
+        "Each claim has a stated criterion, a verdict computed from it, and the numbers behind it; another "
+        "option may turn a verdict. “Repaired by” is the smallest change of the design that makes a failed claim hold."
     )
 
 

@@ -95,7 +95,7 @@ class GeneralisedPlant:
         self._check_penalty()
 
     # Names ----------------------------------------------------------------------------------------
-    @cached_property
+    @property
     def state_names(self) -> tuple[str, ...]:
         """Plant states, then one integral per integrated state."""
         return (*self.plant.states, *(f"{name}_integral" for name in self.integrate))
@@ -118,7 +118,7 @@ class GeneralisedPlant:
             return np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))
         return equilibrium(self.plant, self.integrate, pose_values(self.pose, self.integrate))
 
-    @cached_property
+    @property
     def operating_point(self) -> np.ndarray:
         """x*, plant states then integrals (zero), shape (n,)."""
         return np.concatenate([self._rest[0], np.zeros(len(self.integrate))])

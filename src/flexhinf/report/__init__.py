@@ -44,7 +44,6 @@ __all__ = [
     "check",
     "figure_to_svg",
     "house_style",
-    "house_style",
     "is_report",
     "label",
     "legend",

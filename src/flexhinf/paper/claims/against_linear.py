@@ -1,7 +1,8 @@
 """NL-H∞ beats L-H∞ on steps; and what H∞ itself buys against laws that are nonlinear without it.
 
-Criterion of the first: smaller overshoot *and* smaller settling time on the 90° step. The second is no claim of the paper: it
-holds if NL-H∞ deviates less under disturbance torques than every other law, whatever it pays for that in volts.
+Criterion of the first: smaller overshoot *and* smaller settling time on the 90° step. The second is no
+claim of the paper: it holds if NL-H∞ deviates less under disturbance torques than every other law, whatever
+it pays for that in volts.
 """
 
 from __future__ import annotations
@@ -87,8 +88,9 @@ def judge_h_infinity(experiments: Experiments) -> Judged:
     saved = 100.0 * (1.0 - ours / lqr)
     volts = [rows[0][k] for k in (3, 6)] + [rows[2][k] for k in (3, 6)]
     evidence = (
-        f"Against the nonlinear LQR of the same weights NL-H∞ deviates {np.nanmin(saved):.0f} to {np.nanmax(saved):.0f} % less "
-        f"under torques of {TORQUE:g} N·m (step and {FREQUENCY:g} Hz, at link and motor)"
+        "Against the nonlinear LQR of the same weights NL-H∞ deviates "
+        f"{np.nanmin(saved):.0f} to {np.nanmax(saved):.0f} % less under torques of {TORQUE:g} N·m "
+        f"(step and {FREQUENCY:g} Hz, at link and motor)"
     )
     if all(isinstance(v, float) for v in volts):
         extra = [100.0 * (volts[k] / volts[k + 2] - 1.0) for k in (0, 1)]  # type: ignore[operator]

@@ -1,8 +1,8 @@
 """The loop withstands step and sinusoidal disturbances after a command of 90° given at 2 s.
 
-Criteria, for a torque of a fifth of the largest gravity torque, at the link and at the motor. Step: the position comes back within
-±2 % of the command in the run and stays. Sine: it stays within 20 % of the command, 18°, and does not grow: the last two seconds
-deviate at most 5 % more than the two before.
+Criteria, for a torque of a fifth of the largest gravity torque, at the link and at the motor. Step: the
+position comes back within ±2 % of the command in the run and stays. Sine: it stays within 20 % of the
+command, 18°, and does not grow: the last two seconds deviate at most 5 % more than the two before.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def judge_sine_disturbance(experiments: Experiments) -> Judged:
         rows.append(row)
     holds = all(passed[FREQUENCY, c] for c in CHANNELS)
     bad = sorted({f for (f, _), ok in passed.items() if not ok})
-    peaks = [row[1:] for row in rows if row[0] == FREQUENCY][0]
+    peaks = next(row[1:] for row in rows if row[0] == FREQUENCY)
     shown = " and ".join("diverged" if p is None else f"{p:.1f}°" for p in peaks)
     evidence = f"Torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz: at most {shown} (link and motor). " + (
         f"The limit of 18° is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
@@ -90,7 +90,8 @@ def judge_sine_disturbance(experiments: Experiments) -> Judged:
     )
     claim = Claim(
         "withstands-sine-disturbance",
-        "The loop withstands a sinusoidal disturbance after a 90° command given at 2 s (stays within 18° and does not grow).",
+        "The loop withstands a sinusoidal disturbance after a 90° command given at 2 s "
+        "(stays within 18° and does not grow).",
         "holds" if holds else "fails",
         evidence,
         figures=("figure-12", "table-frequencies"),

@@ -1,7 +1,7 @@
 """The UKF reconstructs the four states from the link position alone.
 
-Criterion: on the nominal 180° step, from a wrong initial estimate (5° off at link and motor), each state's RMS error after the first
-second is below 2 % of that state's range in the run.
+Criterion: on the nominal 180° step, from a wrong initial estimate (5° off at link and motor), each state's
+RMS error after the first second is below 2 % of that state's range in the run.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def judge_reconstruction(experiments: Experiments) -> Judged:
     ukf = bench.estimator("ukf", mean=start, covariance=np.array([WRONG**2, 0.1, WRONG**2, 0.1]))
     outcome = bench.run(bench.nonlinear, Step(math.pi), STEP_DURATION, estimator=ukf)
     text = (
-        "The UKF reconstructs the four states from the link position alone (RMS error after the first second below 2 % of "
-        "each state's range, from an initial estimate 5° off)."
+        "The UKF reconstructs the four states from the link position alone (RMS error after the first second "
+        "below 2 % of each state's range, from an initial estimate 5° off)."
     )
     if outcome.diverged_at is not None:
         evidence = f"The loop diverged at {outcome.diverged_at:.2f} s."

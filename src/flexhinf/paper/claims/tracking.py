@@ -1,7 +1,8 @@
 """The loop tracks steps of 180° and 90°, and π + sin(πt/10).
 
-Criteria: a step is tracked if it settles within ±2 % inside the run and ends within ±2 % of the command. The sine is tracked
-if the largest error after the start has died out stays below 5 % of the command's mean value, 9°.
+Criteria: a step is tracked if it settles within ±2 % inside the run and ends within ±2 % of the command.
+The sine is tracked if the largest error after the start has died out stays below 5 % of the command's mean
+value, 9°.
 """
 
 from __future__ import annotations

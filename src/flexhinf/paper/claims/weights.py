@@ -1,13 +1,15 @@
 """What the paper says of its weights: 60 x1 reduces the overshoot, 300 x5 makes the response fast.
 
-Each weight is varied with the other kept; γ is the same multiple of each design's own γ*. Criteria: the overshoot of the 90°
-and of the 180° step falls as the weight of x1 grows from 0.5 to 2 times the paper's; the settling time of both falls as the weight of
-x5 grows likewise. Judged on every neighbouring pair of weights.
+Each weight is varied with the other kept; γ is the same multiple of each design's own γ*. Criteria: the
+overshoot of the 90° and of the 180° step falls as the weight of x1 grows from 0.5 to 2 times the paper's;
+the settling time of both falls as the weight of x5 grows likewise. Judged on every neighbouring pair of
+weights.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 from flexhinf.errors import FlexhinfError
@@ -47,7 +49,7 @@ def _sweep(
 def _falls(values: list[float | None]) -> bool:
     """Every value is smaller than the one before; a missing one is infinite."""
     numbers = [math.inf if v is None else v for v in values]
-    return all(b < a for a, b in zip(numbers[:-1], numbers[1:], strict=True))
+    return all(b < a for a, b in pairwise(numbers))
 
 
 def _table(rows: list[list[Any]], caption: str, anchor: str) -> Table:

@@ -30,7 +30,8 @@ def figure_07(experiments: Experiments) -> Drawn:
     return Drawn(
         "07",
         "Tracking π + sin(πt/10): link position.",
-        "The law acts on the angle from hanging and on the integral of the error, so a moving command is followed late.",
+        "The law acts on the angle from hanging and on the integral of the error, so a moving command is "
+        "followed late.",
         draw_responses(runs, TRACKING_DURATION),
         {name: tracking_numbers(outcome) for name, outcome in runs.items()},
     )

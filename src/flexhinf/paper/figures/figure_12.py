@@ -15,7 +15,8 @@ def figure_12(experiments: Experiments) -> Drawn:
     return Drawn(
         "12",
         "Step to 90° with a sinusoidal disturbance: link position.",
-        f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {DISTURBED_FROM:g} s on, at the link or at the motor.",
+        f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {DISTURBED_FROM:g} s on, at the link or "
+        "at the motor.",
         draw_disturbed(runs),
         {
             "nonlinear": disturbance_numbers(runs["link_torque"]),
