@@ -27,13 +27,17 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int) -> int:
     variables, the insertion tables, and the gradients of the lower degrees.
     """
     n, md, m, _ = size
-    tables = sum(4 * n * count(n, k - 1) + (8 + 2 * k + 4) * count(n, k) for k in range(1, degree + 1))
+    highest = count(n, degree)
+    tables = sum(4 * n * count(n, k - 1) + (2 * k + 8) * count(n, k) for k in range(1, degree + 1))
+    pairs = 4 * degree * highest if highest > 5_000 else 0
     lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
-    transform = 16 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
-    values = 8 * 6 * count(n, degree)
-    chunks = 100_000_000 if count(n, degree) > 100_000 else 0
-    return tables + lower + transform + values + chunks
+    transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
+    values = 8 * 8 * highest
+    products = 24 * min(4_000_000, highest * degree) + 4 * sum(
+        min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
+    )
+    return tables + pairs + lower + transform + values + products
 
 
 def check_memory(size: tuple[int, int, int, int], degree: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, monomials, product
 from flexhinf.polynomial.law import PolynomialLaw
+
+if TYPE_CHECKING:
+    from flexhinf.hinf.sampled import Penalty, SampledCheck
 
 __all__ = ["HJISolution"]
 
@@ -148,6 +152,43 @@ class HJISolution:
         priced = np.linalg.solve(self.expansion.r2, w2.T).T
         left = (slope * f).sum(1) + ((h * h).sum(1) + (w1 * w1).sum(1) - (w2 * priced).sum(1)) / 2
         return left[0] if single else left
+
+    def exact_fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) of the exact plant at deviations (N, n)."""
+        return self._fields(x, "this")
+
+    def sampled_region(
+        self,
+        gamma: float | None = None,
+        penalty: Penalty | None = None,
+        *,
+        rays: int = 4000,
+        seed: int = 0,
+        largest: float = 1e3,
+    ) -> SampledCheck:
+        """Largest level set on which the dissipation inequality held at the points looked at; not a proof.
+
+        Parameters
+        ----------
+        gamma : float, optional
+            The attenuation level to check, not below the designed one. Default: 1.1 times the designed one.
+        penalty : callable, mapping, sequence or matrix, optional
+            The penalty to check, smaller than the designed one: h(x) from (N, n) to (N, s), {state: weight},
+            one weight per state, or a matrix (s, n). Default: 0.9 times the designed h.
+        rays : int
+            Directions followed outwards, drawn on the ellipsoid xᵀPx = 1 with the given `seed`.
+        seed : int
+        largest : float
+            Largest deviation in any state that is looked at.
+
+        Returns
+        -------
+        SampledCheck
+            See `flexhinf.hinf.sampled` for what is checked and why the checked pair must be the weaker one.
+        """
+        from flexhinf.hinf.sampled import sample_region
+
+        return sample_region(self, gamma, penalty, rays=rays, seed=seed, largest=largest)
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.

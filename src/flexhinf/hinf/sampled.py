@@ -1,0 +1,306 @@
+"""Where the truncated solution can be trusted, judged by looking at points: a `SampledCheck`, not a proof.
+
+With the exact fields, u = −R2⁻¹ g2ᵀ V_xᵀ satisfies V̇ ≤ ½ γ²|d|² − ½ |z|² wherever
+
+    r(x) = V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ ≤ 0.
+
+For the designed γ and h, r is a remainder of either sign. So a weaker pair is checked, a larger γ and a
+smaller penalty: the difference is the margin that makes r strictly negative near the operating point. Rays
+are followed outwards while V increases along them and r ≤ 0; the lowest level at which one of them stops is
+then lowered further by ascent over directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from flexhinf.hinf.solution import HJISolution
+
+__all__ = ["GAMMA_MARGIN", "PENALTY_MARGIN", "SampledCheck", "sample_region"]
+
+GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
+PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty
+
+_SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation looked at, and its growth from point to point along a ray
+_BISECTIONS = 20
+_ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
+_SLACK = (
+    2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
+)
+_STARTS, _APART = 16, 0.95  # starts of the ascent, and the cosine of the angle they must keep from each other
+_OFFSPRING, _ROUNDS = 16, 30  # variations of each start, rounds
+
+Penalty = Callable[[np.ndarray], np.ndarray] | Mapping[str, float] | Sequence[float] | np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SampledCheck:
+    """The largest level set {V ≤ level} around 0 on which nothing against it was found.
+
+    Attributes
+    ----------
+    solution : HJISolution
+    gamma : float
+        The checked attenuation level.
+    margin : str
+        How the checked pair differs from the designed one.
+    level : float
+        Infinite if no ray stopped within `largest`.
+    worst_point : ndarray, shape (n,)
+        Deviation at which the limiting ray stopped.
+    limit : str
+        Why it stopped: "inequality", "V stops increasing", or "nothing found".
+    rays, seed : int
+    largest : float
+        Largest deviation (in any state) that was looked at.
+    """
+
+    solution: HJISolution = field(repr=False)
+    gamma: float
+    margin: str
+    level: float
+    worst_point: np.ndarray
+    limit: str
+    rays: int
+    seed: int
+    largest: float
+
+    def step_amplitude(
+        self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
+    ) -> float:
+        """Largest rest-to-rest step whose start lies in the level set; see `rest.step_amplitude`."""
+        from flexhinf.hinf.rest import step_amplitude
+
+        return step_amplitude(self.solution, self.level, moved, integrals)
+
+    def report(self) -> str:
+        """The result in words."""
+        names = ", ".join(
+            f"{name} = {value:.4g}"
+            for name, value in zip(self.solution.state_names, self.worst_point, strict=True)
+        )
+        return "\n".join(
+            [
+                f"sampled check, {self.rays} rays and ascent on the worst (seed {self.seed}); not a proof",
+                f"checked: gamma = {self.gamma:.6g}; {self.margin}",
+                f"largest level set: V <= {self.level:.6g}, limited by: {self.limit}",
+                f"worst point (deviation): {names}",
+            ]
+        )
+
+
+def sample_region(
+    solution: HJISolution,
+    gamma: float | None = None,
+    penalty: Penalty | None = None,
+    *,
+    rays: int = 4000,
+    seed: int = 0,
+    largest: float = 1e3,
+) -> SampledCheck:
+    """Follow rays, then lower the worst level by ascent: what `HJISolution.sampled_region` does."""
+    checked_gamma = GAMMA_MARGIN * solution.gamma if gamma is None else float(gamma)
+    if not checked_gamma >= solution.gamma or rays < 1 or not largest > _SMALLEST:
+        raise InvalidInput(
+            "The check cannot be made with these numbers.",
+            f"expected gamma ≥ the designed {solution.gamma:.6g}, rays ≥ 1 and largest > {_SMALLEST}, "
+            f"got {checked_gamma:.6g}, {rays} and {largest}",
+            "a weaker level than the designed one, for example 1.1 times it",
+        )
+    output, words = _checked_penalty(solution, penalty)
+    margin = f"{checked_gamma / solution.gamma:.4g} times the designed gamma, {words}"
+    game = _Inequality(solution, checked_gamma, output)
+    rng = np.random.default_rng(seed)
+    directions = game.directions(rng.standard_normal((rays, len(solution.P))))
+    start = _SMALLEST / np.median(np.abs(directions).max(axis=1))
+    radii = np.full(rays, start)
+    found = game.march(directions, radii, _GROWTH, largest, np.inf)
+    found = _lowered(game, found, largest, rng)
+    worst = int(np.argmin(found.level))
+    if not np.isfinite(found.level[worst]):
+        return SampledCheck(
+            solution,
+            checked_gamma,
+            margin,
+            np.inf,
+            np.zeros(len(solution.P)),
+            "nothing found",
+            rays,
+            seed,
+            largest,
+        )
+    reason = "inequality" if found.broken[worst] else "V stops increasing"
+    level = float(found.level[worst]) if found.radius[worst] > start else 0.0
+    return SampledCheck(
+        solution, checked_gamma, margin, level, found.point[worst], reason, rays, seed, largest
+    )
+
+
+def _checked_penalty(
+    solution: HJISolution, penalty: Penalty | None
+) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
+    """A function (x, designed h) → checked h, and its description."""
+    n = len(solution.P)
+    if penalty is None:
+        return lambda x, h: PENALTY_MARGIN * h, f"{PENALTY_MARGIN} times the designed penalty"
+    if callable(penalty):
+        return lambda x, h: penalty(x), "a given penalty function"
+    if isinstance(penalty, Mapping):
+        unknown = sorted(set(penalty) - set(solution.state_names))
+        if unknown:
+            raise InvalidInput(
+                "The penalty names a state that does not exist.",
+                f"expected names among {', '.join(solution.state_names)}, got {', '.join(unknown)}",
+                "the names of the problem's states",
+            )
+        weights = np.array([float(penalty.get(name, 0.0)) for name in solution.state_names])
+    else:
+        weights = np.asarray(penalty, dtype=float)
+    matrix = np.diag(weights) if weights.ndim == 1 else weights
+    if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
+        raise InvalidInput(
+            "The penalty does not fit the states.",
+            f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}",
+            "one weight per state, or {name: weight}",
+        )
+    return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"
+
+
+@dataclass(frozen=True)
+class _Stops:
+    """Where rays stopped: level (inf if they did not), radius, point (n,), and whether r > 0 there."""
+
+    level: np.ndarray
+    radius: np.ndarray
+    point: np.ndarray
+    broken: np.ndarray
+    direction: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Inequality:
+    """r and V along rays, for the checked pair."""
+
+    solution: HJISolution
+    gamma: float
+    output: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    def directions(self, sphere: np.ndarray) -> np.ndarray:
+        """Rays of equal V_2: unit vectors times P^(−½)."""
+        values, vectors = np.linalg.eigh(self.solution.P)
+        spread = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ spread.T
+
+    def on_sphere(self, points: np.ndarray) -> np.ndarray:
+        """The unit vectors whose `directions` point at `points`."""
+        values, vectors = np.linalg.eigh(self.solution.P)
+        sphere = points @ (vectors * np.sqrt(np.maximum(values, 1e-14 * values[-1])))
+        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+
+    def terms(self, x: np.ndarray) -> np.ndarray:
+        """The four terms of r at deviations (N, n), shape (4, N)."""
+        solution = self.solution
+        f, g1, g2, h = solution.exact_fields(x)
+        slope, h = solution.gradient(x), self.output(x, h)
+        w1 = np.einsum("ai,aij->aj", slope, g1) / self.gamma
+        w2 = np.einsum("ai,aij->aj", slope, g2)
+        priced = np.linalg.solve(solution.expansion.r2, w2.T).T
+        return np.stack(
+            [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
+        )
+
+    def stopped(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """V, whether r > 0, and whether V has stopped increasing along the ray through x, each (N,)."""
+        terms = self.terms(x)
+        broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
+        return self.solution.value(x), broken, ~((self.solution.gradient(x) * x).sum(1) > 0)
+
+    def march(
+        self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
+    ) -> _Stops:
+        """Follow every ray until it stops, passes `cap` or the lowest level so far, or leaves `largest`."""
+        count = len(directions)
+        level, radius = np.full(count, np.inf), radii.astype(float)
+        broken, last = np.zeros(count, bool), np.zeros(count)
+        active = np.arange(count)
+        reach = largest / np.abs(directions).max(axis=1)
+        while len(active):
+            x = directions[active] * radius[active, None]
+            value, violated, turned = self.stopped(x)
+            stop = violated | turned
+            for_good = active[stop]
+            if len(for_good):
+                level[for_good], radius[for_good], broken[for_good] = self._pinpoint(
+                    directions[for_good], last[for_good], radius[for_good]
+                )
+            going = active[~stop & (value < min(cap, _SLACK * level.min()))]
+            last[going] = radius[going]
+            radius[going] *= growth
+            active = going[radius[going] <= reach[going]]
+        return _Stops(level, radius, directions * radius[:, None], broken, directions)
+
+    def _pinpoint(
+        self, directions: np.ndarray, good: np.ndarray, bad: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bisect the radius at which rays stop; the level is that of the last good point."""
+        good, bad = good.copy(), bad.copy()
+        for _ in range(_BISECTIONS):
+            middle = (good + bad) / 2
+            _, violated, turned = self.stopped(directions * middle[:, None])
+            stop = violated | turned
+            bad, good = np.where(stop, middle, bad), np.where(stop, good, middle)
+        value = self.solution.value(directions * good[:, None])
+        _, broken, _ = self.stopped(directions * bad[:, None])
+        return value, bad, broken
+
+
+def _diverse(game: _Inequality, found: _Stops) -> np.ndarray:
+    """The rays that stopped lowest, no two of them close to each other."""
+    chosen: list[int] = []
+    sphere = game.on_sphere(found.direction)
+    for index in np.argsort(found.level):
+        if not np.isfinite(found.level[index]) or len(chosen) == _STARTS:
+            break
+        if all(sphere[index] @ sphere[other] < _APART for other in chosen):
+            chosen.append(int(index))
+    return np.array(chosen, dtype=int)
+
+
+def _lowered(game: _Inequality, found: _Stops, largest: float, rng: np.random.Generator) -> _Stops:
+    """Vary the directions of the worst rays, keep for each what stops at a lower level, narrow down."""
+    starts = _diverse(game, found)
+    if len(starts) == 0:
+        return found
+    elite = _chosen(found, starts)
+    spread = 0.3
+    for _ in range(_ROUNDS):
+        sphere = np.repeat(game.on_sphere(elite.direction), _OFFSPRING, axis=0)
+        varied = sphere + spread * rng.standard_normal(sphere.shape) / np.sqrt(sphere.shape[1])
+        inside = 0.7 * np.repeat(elite.radius, _OFFSPRING)
+        tried = game.march(game.directions(varied), inside, 1.03, largest, float(elite.level.max()))
+        levels = np.hstack([elite.level[:, None], tried.level.reshape(len(starts), _OFFSPRING)])
+        best = np.argmin(levels, axis=1)
+        places = np.where(
+            best == 0, np.arange(len(starts)), len(starts) + np.arange(len(starts)) * _OFFSPRING + best - 1
+        )
+        improved = levels.min() < elite.level.min() * (1 - 1e-3)
+        elite = _chosen(_joined(elite, tried), places)
+        spread *= 1.0 if improved else 0.75
+    return _joined(found, elite)
+
+
+def _chosen(stops: _Stops, places: np.ndarray) -> _Stops:
+    return _Stops(*(getattr(stops, name)[places] for name in _Stops.__dataclass_fields__))
+
+
+def _joined(one: _Stops, other: _Stops) -> _Stops:
+    return _Stops(
+        *(np.concatenate([getattr(one, name), getattr(other, name)]) for name in _Stops.__dataclass_fields__)
+    )

@@ -1,0 +1,49 @@
+"""Memory is estimated first, and what does not fit is refused with the number."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import memory, solve_hji
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.polynomial import basis
+
+
+def _plant(n: int) -> PolynomialPlant:
+    rng = np.random.default_rng(n)
+    f = {
+        1: -np.eye(n) + 0.1 * rng.standard_normal((n, n)),
+        2: 0.1 * rng.standard_normal((n, basis.count(n, 2))),
+    }
+    return PolynomialPlant.from_parts(
+        n, f, {0: np.ones((n, 1, 1))}, {0: np.ones((n, 1, 1))}, {1: np.eye(n)}, np.eye(1)
+    )
+
+
+def test_estimate_covers_what_is_used_and_not_much_more():
+    plant = _plant(17)
+    tracemalloc.start()
+    solution = solve_hji(plant, np.inf, 5)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert solution.memory == memory.estimate_memory(plant.size, 5)
+    assert 0.5 * peak < solution.memory < 3 * peak + 2e7
+
+
+def test_estimate_at_thirty_five_states_is_below_four_gigabytes():
+    assert 1e9 < memory.estimate_memory((35, 7, 7, 35), 6) < 4e9
+
+
+def test_refusal_names_need_and_supply_before_any_work():
+    with pytest.raises(
+        InvalidInput, match=r"(?s)Degree 30 in 35 states.*GB are needed.*available.*degree 29"
+    ):
+        solve_hji(_plant(35), 2.0, 30)
+
+
+def test_supply_is_some_number():
+    assert memory.available_memory() > 1e6
