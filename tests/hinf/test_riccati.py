@@ -14,8 +14,8 @@ from flexhinf.hinf.scaling import balance
 @pytest.mark.parametrize("n", [1, 4, 12])
 def test_stabilising_solution_equals_scipy_and_has_a_smaller_residual(n):
     rng = np.random.default_rng(n)
-    a, b, c = rng.standard_normal((n, n)) / n, rng.standard_normal((n, 2)), rng.standard_normal((n, n))
-    weights = np.diag([-1e6, 1.0])
+    a, b, c = rng.standard_normal((n, n)) / n, rng.standard_normal((n, n + 1)), rng.standard_normal((n, n))
+    weights = np.diag([-400.0] + [1.0] * n)
     m, q = -b @ np.linalg.inv(weights) @ b.T, c.T @ c
     found = solve_riccati(a, m, q)
     assert found is not None
