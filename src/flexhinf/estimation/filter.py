@@ -173,7 +173,9 @@ class RecursiveFilter(abc.ABC):
             If the result is not finite; the belief stays as it was.
         """
         self._u = self._vector(u, self.plant.inputs, "input")
-        self._accept(self.time_update(self._belief, self._u, self._parameters, self.process_noise))
+        with np.errstate(all="ignore"):  # checked below
+            belief = self.time_update(self._belief, self._u, self._parameters, self.process_noise)
+        self._accept(belief)
 
     def correct(self, y: Any) -> None:
         """Measurement update with y (p,); sets `log_likelihood` of this measurement.
@@ -186,9 +188,10 @@ class RecursiveFilter(abc.ABC):
             If the result is not finite; the belief stays as it was.
         """
         y = self._vector(y, self.plant.outputs, "measurement", "(skip `correct` for a sample without one)")
-        belief, innovation, spread = self.innovate(
-            self._belief, y, self._u, self._parameters, self.measurement_noise
-        )
+        with np.errstate(all="ignore"):  # checked below
+            belief, innovation, spread = self.innovate(
+                self._belief, y, self._u, self._parameters, self.measurement_noise
+            )
         self._accept(belief)
         factor = cholesky(np.asarray(spread, dtype=float))
         white = solve_lower(factor, np.asarray(innovation, dtype=float))

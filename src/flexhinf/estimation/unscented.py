@@ -146,11 +146,14 @@ class UnscentedKalmanFilter(RecursiveFilter):
         checked = {}
         for name, interval in bounds.items():
             self.plant.index(name)
-            low, high = (float(edge) for edge in np.broadcast_to(interval, (2,)))
+            try:
+                low, high = np.asarray(interval, dtype=float).tolist()
+            except (TypeError, ValueError):
+                low = high = np.nan
             if not low < high:
                 raise InvalidInput(
                     f"The bounds of {name!r} are not an interval.",
-                    f"expected low < high, got ({low:.6g}, {high:.6g})",
+                    f"expected (low, high) with low < high, got {interval!r}",
                     f"bounds={{{name!r}: (-1.0, 1.0)}}",
                 )
             checked[name] = (low, high)

@@ -1,0 +1,90 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from flexhinf.plant import Plant
+
+
+@dataclass
+class LinearCase:
+    """A random linear plant, correlated noise covariances and a first belief; `scale` is a standard deviation."""
+
+    n: int
+    m: int
+    p: int
+    seed: int = 0
+    scale: float = 1.0
+    period: float = 0.02
+
+    def __post_init__(self):
+        rng = np.random.default_rng(self.seed)
+        self.a = rng.normal(size=(self.n, self.n)) - 1.5 * np.eye(self.n)
+        self.b = rng.normal(size=(self.n, self.m))
+        self.c = rng.normal(size=(self.p, self.n))
+        self.q, self.r, self.p0 = (
+            self.covariance(rng, size, self.scale) for size in (self.n, self.p, self.n)
+        )
+        self.mean = self.scale * rng.normal(size=self.n)
+        self.rng = rng
+
+    @staticmethod
+    def covariance(rng, size, scale):
+        root = rng.normal(size=(size, size))
+        return scale**2 * (root @ root.T + 0.1 * np.eye(size))
+
+    @property
+    def plant(self):
+        return Plant(
+            lambda x, u, d, p: p.a @ x + p.b @ u,
+            lambda x, u, p: p.c @ x,
+            tuple(f"x{i}" for i in range(self.n)),
+            tuple(f"u{i}" for i in range(self.m)),
+            parameters={"a": self.a, "b": self.b, "c": self.c},
+        )
+
+    def arguments(self, **changes):
+        values = {
+            "plant": self.plant, "period": self.period, "process_noise": self.q, "measurement_noise": self.r,
+            "mean": self.mean, "covariance": self.p0,
+        }  # fmt: skip
+        return {**values, **changes}
+
+    def map(self, sub_steps):
+        """The Runge–Kutta map x → F x + G u as matrices: Taylor's exponential to order four, per sub-step."""
+        h, eye = self.period / sub_steps, np.eye(self.n)
+        z = h * self.a
+        one = eye + z @ (eye + z @ (eye / 2 + z @ (eye / 6 + z / 24)))
+        drive = h * (eye + z @ (eye / 2 + z @ (eye / 6 + z / 24))) @ self.b
+        f, g = eye, np.zeros_like(self.b)
+        for _ in range(sub_steps):
+            f, g = one @ f, one @ g + drive
+        return f, g
+
+
+def kalman_predict(mean, covariance, f, g, u, q):
+    return f @ mean + g @ u, f @ covariance @ f.T + q
+
+
+def kalman_correct(mean, covariance, c, y, r):
+    s = c @ covariance @ c.T + r
+    gain = np.linalg.solve(s, c @ covariance).T
+    rest = np.eye(len(mean)) - gain @ c
+    return mean + gain @ (y - c @ mean), rest @ covariance @ rest.T + gain @ r @ gain.T
+
+
+def relative(mean, covariance, other_mean, other_covariance):
+    """Largest difference of two beliefs, in standard deviations and correlations of the second."""
+    spread = np.sqrt(np.diag(other_covariance))
+    spread = np.where(spread > 0.0, spread, 1.0)
+    first = np.abs(mean - other_mean) / np.maximum(spread, np.abs(other_mean))
+    return max(first.max(), (np.abs(covariance - other_covariance) / np.outer(spread, spread)).max())
+
+
+@pytest.fixture
+def kalman():
+    class Tools:
+        case, predict, correct, relative = LinearCase, kalman_predict, kalman_correct, staticmethod(relative)
+
+    Tools.predict, Tools.correct = staticmethod(kalman_predict), staticmethod(kalman_correct)
+    return Tools

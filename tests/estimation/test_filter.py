@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.stats import multivariate_normal
+
+from flexhinf.errors import InvalidInput
+from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation.filter import covariance_matrix
+from flexhinf.plant import Estimator
+from flexhinf.robot import paper_arm
+
+KINDS = [UnscentedKalmanFilter, ExtendedKalmanFilter]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", KINDS)
+def test_log_likelihood(kalman, kind):
+    case = kalman.case(4, 1, 3)
+    estimator = kind(**case.arguments())
+    assert np.isnan(estimator.log_likelihood)
+    for _ in range(5):
+        y, mean, covariance = case.rng.normal(size=3), estimator.mean, estimator.covariance
+        estimator.correct(y)
+        density = multivariate_normal(case.c @ mean, case.c @ covariance @ case.c.T + case.r)
+        assert estimator.log_likelihood == pytest.approx(density.logpdf(y), rel=1e-11)
+        estimator.predict([0.0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reset_goes_back_to_the_start(kalman, kind):
+    case = kalman.case(3, 1, 2)
+    estimator = kind(**case.arguments())
+    first = []
+    for _ in range(2):
+        estimator.correct([0.1, 0.2])
+        estimator.predict([1.0])
+        first.append((estimator.mean, estimator.covariance))
+        estimator.reset()
+        np.testing.assert_array_equal(estimator.mean, case.mean)
+        assert np.isnan(estimator.log_likelihood)
+    np.testing.assert_array_equal(first[0][0], first[1][0])
+    np.testing.assert_array_equal(first[0][1], first[1][1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_satisfies_the_protocol_and_hands_out_copies(kalman, kind):
+    case = kalman.case(2, 1, 1)
+    estimator = kind(**case.arguments())
+    assert isinstance(estimator, Estimator)
+    estimator.mean[0] = 1e9
+    estimator.covariance[0, 0] = 1e9
+    case.mean[0] = 1e9
+    assert np.abs(estimator.mean).max() < 1e3
+    assert np.abs(estimator.covariance).max() < 1e3
+
+
+@pytest.mark.oracle
+def test_fast_modes_get_sub_steps(kalman):
+    case = kalman.case(2, 1, 1, period=0.1)
+    case.a = np.array([[-1.0, 30.0], [-30.0, -1.0]])
+    ukf = UnscentedKalmanFilter(**case.arguments())
+    assert ukf.sub_steps == 13
+    p = ukf.plant.parameters.named(ukf.plant.parameters.vector())
+    moved = ukf.transition(np.array([1.0, 0.0]), np.zeros(1), p)
+    np.testing.assert_allclose(moved, expm(0.1 * case.a)[:, 0], atol=2e-4)
+
+
+def test_covariances_as_numbers_diagonals_and_matrices():
+    np.testing.assert_array_equal(covariance_matrix(2.0, 2, "noise"), 2.0 * np.eye(2))
+    np.testing.assert_array_equal(covariance_matrix([1.0, 3.0], 2, "noise"), np.diag([1.0, 3.0]))
+    matrix = np.array([[2.0, 1.0], [1.0 + 1e-13, 2.0]])
+    symmetric = covariance_matrix(matrix, 2, "noise")
+    np.testing.assert_array_equal(symmetric, symmetric.T)
+    np.testing.assert_array_equal(covariance_matrix(0.0, 3, "noise"), np.zeros((3, 3)))
+    covariance_matrix(np.outer([1e-6, 1e6], [1e-6, 1e6]), 2, "noise")  # singular, of mixed scales
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        -1.0, [1.0, -1e-30], [1.0, 2.0, 3.0], np.eye(3), np.nan, [np.inf, 1.0], "small", None,
+        [[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[1e6, 0.0], [0.0, -1e-12]], [[0.0, 1.0], [1.0, 1.0]],
+        np.ones((1, 2, 2)),
+    ],
+)  # fmt: skip
+def test_what_is_no_covariance_is_refused(value):
+    with pytest.raises(InvalidInput):
+        covariance_matrix(value, 2, "noise")
+
+
+@pytest.mark.parametrize("value", [0.0, [1.0, 0.0], np.ones((2, 2)), [1e-30, 0.0]])
+def test_what_is_not_definite_is_refused_where_it_is_inverted(value):
+    with pytest.raises(InvalidInput, match="positive definite"):
+        covariance_matrix(value, 2, "noise", definite=True)
+
+
+def test_small_variances_are_definite():
+    covariance_matrix([1e-30, 1.0], 2, "noise", definite=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"period": 0.0}, {"period": -1e-3}, {"period": np.nan}, {"plant": "arm"},
+        {"process_noise": -1.0}, {"process_noise": [1.0, 2.0]}, {"measurement_noise": 0.0},
+        {"measurement_noise": [1.0, 1.0]}, {"mean": [0.0]}, {"mean": np.zeros(5)}, {"mean": [0, 0, 0, np.nan]},
+        {"mean": "rest"}, {"covariance": -1.0}, {"covariance": np.eye(5)},
+    ],
+)  # fmt: skip
+def test_bad_settings_are_refused(kind, changes):
+    settings = {
+        "plant": paper_arm().plant(), "period": 1e-3, "process_noise": 1e-8, "measurement_noise": 1e-6,
+        "mean": np.zeros(4), "covariance": 1e-4,
+    }  # fmt: skip
+    with pytest.raises(InvalidInput) as caught:
+        kind(**{**settings, **changes})
+    assert caught.value.what
+    assert caught.value.advice
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("value", [np.nan, [1.0, 2.0], "x", None, [[1.0]]])
+def test_bad_measurements_and_inputs_are_refused_and_change_nothing(kind, value):
+    estimator = kind(paper_arm().plant(), 1e-3, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    with pytest.raises(InvalidInput):
+        estimator.correct(value)
+    with pytest.raises(InvalidInput):
+        estimator.predict(value)
+    np.testing.assert_array_equal(estimator.mean, np.zeros(4))
+
+
+def test_a_plain_number_will_do_for_one_signal():
+    estimator = UnscentedKalmanFilter(paper_arm().plant(), 1e-3, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    estimator.correct(0.1)
+    estimator.predict(2.0)
+    assert 0.0 < estimator.mean[0] < 0.1

@@ -1,0 +1,70 @@
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexhinf.errors import InvalidInput
+from flexhinf.estimation import SigmaPoints
+
+
+@pytest.mark.paper
+def test_table_3_with_four_states():
+    sigma = SigmaPoints(4, 1.0, 2.0, 0.0)
+    assert sigma.spread == 2.0
+    np.testing.assert_allclose(sigma.mean_weights, [0.0] + [1 / 8] * 8, atol=1e-16)
+    np.testing.assert_allclose(sigma.covariance_weights, [2.0] + [1 / 8] * 8)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("n", "alpha", "beta", "kappa"), [(2, 0.7, 2.0, 1.0), (5, 1.0, 2.0, 0.0), (3, 1.0, 0.0, -0.5)]
+)
+def test_weights_are_those_of_equation_10(n, alpha, beta, kappa):
+    lam = alpha**2 * (n + kappa) - n
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sigma = SigmaPoints(n, alpha, beta, kappa)
+    assert sigma.spread == pytest.approx(np.sqrt(n + lam), rel=1e-15)
+    assert sigma.mean_weights[0] == pytest.approx(lam / (n + lam), abs=1e-15)
+    assert sigma.covariance_weights[0] == pytest.approx(lam / (n + lam) + 1 - alpha**2 + beta, abs=1e-14)
+    np.testing.assert_allclose(sigma.mean_weights[1:], 1 / (2 * (n + lam)), rtol=1e-14)
+    np.testing.assert_array_equal(sigma.mean_weights[1:], sigma.covariance_weights[1:])
+
+
+@pytest.mark.property
+@given(st.integers(1, 6), st.floats(0.5, 2.0), st.floats(0.0, 3.0), st.integers(0, 10**6))
+def test_points_have_the_mean_and_covariance_they_are_drawn_for(n, alpha, kappa, seed):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sigma = SigmaPoints(n, alpha, 2.0, kappa)
+    root = np.random.default_rng(seed).normal(size=(n, n))
+    covariance = root @ root.T
+    offsets = sigma.offsets(covariance)
+    assert offsets.shape == (n, 2 * n + 1)
+    assert sigma.mean_weights.sum() == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(offsets @ sigma.mean_weights, 0.0, atol=1e-12)
+    spread = offsets * sigma.covariance_weights @ offsets.T
+    np.testing.assert_allclose(spread, covariance, atol=1e-11 * max(1.0, np.abs(covariance).max()))
+
+
+def test_a_negative_weight_is_said():
+    with pytest.warns(UserWarning, match="negative"):
+        SigmaPoints(4, 0.1, 2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "kappa"),
+    [
+        (0.0, 2.0, 0.0),
+        (-1.0, 2.0, 0.0),
+        (1.0, 2.0, -4.0),
+        (np.nan, 2.0, 0.0),
+        (1.0, np.inf, 0.0),
+        (1.0, 2.0, np.nan),
+    ],
+)
+def test_scalings_without_points_are_refused(alpha, beta, kappa):
+    with pytest.raises(InvalidInput):
+        SigmaPoints(4, alpha, beta, kappa)

@@ -1,0 +1,261 @@
+import numpy as np
+import pytest
+from filterpy.kalman import MerweScaledSigmaPoints
+from filterpy.kalman import UnscentedKalmanFilter as Filterpy
+
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.estimation import UnscentedKalmanFilter
+from flexhinf.plant import Gaussian, Plant, rk4_step
+from flexhinf.robot import paper_arm
+
+SIZES = [(1, 1, 1), (2, 1, 1), (4, 2, 2), (5, 1, 5), (7, 3, 2)]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("n", "m", "p"), SIZES)
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])  # standard deviations: variances 1e-12 to 1e6
+@pytest.mark.parametrize("scaling", [{}, {"alpha": 1.3, "kappa": 0.5}])
+def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scaling):
+    case = kalman.case(n, m, p, seed=10 * n + p, scale=scale)
+    ukf = UnscentedKalmanFilter(**case.arguments(), **scaling)
+    f, g = case.map(ukf.sub_steps)
+    mean, covariance = case.mean, case.p0
+    for _ in range(60):
+        y, u = scale * case.rng.normal(size=p), scale * case.rng.normal(size=m)
+        ukf.correct(y)
+        mean, covariance = kalman.correct(mean, covariance, case.c, y, case.r)
+        assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
+        ukf.predict(u)
+        mean, covariance = kalman.predict(mean, covariance, f, g, u, case.q)
+        assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
+
+
+@pytest.mark.oracle
+def test_states_of_different_scales_and_a_singular_process_noise(kalman):
+    case = kalman.case(4, 1, 2, seed=4)
+    units = np.diag([1e-6, 1.0, 1e3, 1e-2])
+    case.a, case.b = units @ case.a @ np.linalg.inv(units), units @ case.b
+    case.c = case.c @ np.linalg.inv(units)
+    case.mean, case.p0 = units @ case.mean, units @ case.p0 @ units
+    direction = units @ np.ones(4)
+    case.q = np.outer(direction, direction)  # one direction only
+    ukf = UnscentedKalmanFilter(**case.arguments())
+    f, g = case.map(ukf.sub_steps)
+    mean, covariance = case.mean, case.p0
+    for _ in range(60):
+        y, u = case.rng.normal(size=2), case.rng.normal(size=1)
+        ukf.correct(y)
+        ukf.predict(u)
+        mean, covariance = kalman.correct(mean, covariance, case.c, y, case.r)
+        mean, covariance = kalman.predict(mean, covariance, f, g, u, case.q)
+    assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("known", [slice(None), slice(0, 2)])
+def test_exactly_known_states(kalman, known):
+    case = kalman.case(4, 1, 2, seed=6)
+    case.p0[known, :] = case.p0[:, known] = 0.0
+    ukf = UnscentedKalmanFilter(**case.arguments())
+    f, g = case.map(ukf.sub_steps)
+    mean, covariance = case.mean, case.p0
+    for _ in range(20):
+        y = case.rng.normal(size=2)
+        ukf.correct(y)
+        mean, covariance = kalman.correct(mean, covariance, case.c, y, case.r)
+        assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
+        ukf.predict([0.3])
+        mean, covariance = kalman.predict(mean, covariance, f, g, [0.3], case.q)
+
+
+def arm_flow(x, u):
+    """Sec. 6 again, in floats."""
+    q, dq, theta, dtheta = x
+    spring = 100.0 * (q - theta)
+    return np.array([dq, -9.8 * np.sin(q) - spring, dtheta, spring - 0.1 * dtheta + 0.9 * (u - dtheta)])
+
+
+def arm_step(x, dt, u):
+    return rk4_step(lambda s, v: arm_flow(s, v), x, (u, u, u), dt)
+
+
+def arm_ukf(**changes):
+    settings = {
+        "plant": paper_arm().plant(), "period": 1e-3, "process_noise": np.diag([1e-9, 1e-6, 1e-9, 1e-6]),
+        "measurement_noise": 1e-6, "mean": np.array([0.2, 0.0, 0.1, 0.0]), "covariance": [1e-2, 1e-1, 1e-2, 1e-1],
+    }  # fmt: skip
+    return UnscentedKalmanFilter(**{**settings, **changes})
+
+
+def arm_run(steps, seed=2):
+    rng = np.random.default_rng(seed)
+    x = np.zeros(4)
+    for k in range(steps):
+        u = 5.0 * np.sin(0.01 * k)
+        x = arm_step(x, 1e-3, u)
+        yield u, x[0] + 1e-3 * rng.normal()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("alpha", [1.0, 1.2])
+def test_the_arm_equals_filterpy(alpha):
+    ours = arm_ukf(alpha=alpha)
+    points = MerweScaledSigmaPoints(4, alpha, 2.0, 0.0)
+    theirs = Filterpy(4, 1, 1e-3, lambda x: x[:1], arm_step, points)
+    theirs.x, theirs.P = ours.mean, ours.covariance
+    theirs.Q, theirs.R = ours.process_noise, ours.measurement_noise
+    for u, y in arm_run(1500):
+        ours.predict(u)
+        theirs.predict(u=u)
+        ours.correct(y)
+        theirs.update(np.array([y]))
+    np.testing.assert_allclose(ours.mean, theirs.x, atol=1e-11)
+    np.testing.assert_allclose(ours.covariance, theirs.P, rtol=1e-9, atol=1e-14)
+
+
+def reference_without_redraw(ukf, run):
+    """Algorithm 1 without step 5, on plain NumPy."""
+    mean, covariance, r, q = ukf.mean, ukf.covariance, ukf.measurement_noise, ukf.process_noise
+    wm, wc = np.full(9, 1 / 8), np.full(9, 1 / 8)
+    wm[0], wc[0] = 0.0, 2.0
+    for u, y in run:
+        root = 2.0 * np.linalg.cholesky(covariance)
+        points = mean[:, None] + np.hstack([np.zeros((4, 1)), root, -root])
+        points = np.column_stack([arm_step(x, 1e-3, u) for x in points.T])
+        mean = points @ wm
+        e = points - mean[:, None]
+        covariance = e * wc @ e.T + q
+        s = points[:1] - points[:1] @ wm
+        pyy, pxy = s * wc @ s.T + r, e * wc @ s.T
+        gain = pxy / pyy
+        mean = mean + gain @ (y - points[:1] @ wm)
+        covariance = covariance - gain @ pyy @ gain.T
+    return mean, covariance
+
+
+@pytest.mark.oracle
+def test_without_redraw_the_propagated_points_are_measured():
+    ukf = arm_ukf(redraw=False)
+    for u, y in arm_run(800):
+        ukf.predict(u)
+        ukf.correct(y)
+    mean, covariance = reference_without_redraw(arm_ukf(), arm_run(800))
+    np.testing.assert_allclose(ukf.mean, mean, atol=1e-11)
+    np.testing.assert_allclose(ukf.covariance, covariance, rtol=1e-8, atol=1e-14)
+    redrawn = arm_ukf()
+    for u, y in arm_run(800):
+        redrawn.predict(u)
+        redrawn.correct(y)
+    assert abs(redrawn.covariance[0, 0] / covariance[0, 0] - 1.0) > 1e-3
+
+
+def test_without_redraw_the_first_measurement_needs_no_prediction(kalman):
+    case = kalman.case(3, 1, 1)
+    ukf = UnscentedKalmanFilter(**case.arguments(), redraw=False)
+    ukf.correct([0.3])
+    mean, covariance = kalman.correct(case.mean, case.p0, case.c, [0.3], case.r)
+    assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
+
+
+def test_without_redraw_the_points_move_with_the_initial_mean():
+    ukf = arm_ukf(redraw=False)
+    other = ukf.initial_at([1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_allclose(other.points.mean(axis=1), [1.0, 2.0, 3.0, 4.0], rtol=1e-14)
+    np.testing.assert_allclose(other.points[:, 0], other.mean)
+
+
+def test_bounds_hold_whatever_is_measured():
+    bounds = {"link_position": (-0.3, 0.3), "motor_velocity": (-0.5, 0.5)}
+    ukf = arm_ukf(bounds=bounds)
+    for k, (u, y) in enumerate(arm_run(400)):
+        ukf.predict(u)
+        assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
+        ukf.correct(y + (5.0 if k % 7 == 0 else 0.0))
+        assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
+    assert ukf.mean[0] == pytest.approx(0.3, abs=0.31)
+
+
+@pytest.mark.parametrize("redraw", [True, False])
+def test_wide_bounds_do_nothing(redraw):
+    free, bounded = (
+        arm_ukf(redraw=redraw),
+        arm_ukf(redraw=redraw, bounds=dict.fromkeys(free_names(), (-1e3, 1e3))),
+    )
+    for u, y in arm_run(300):
+        for ukf in (free, bounded):
+            ukf.predict(u)
+            ukf.correct(y)
+    np.testing.assert_allclose(bounded.mean, free.mean, atol=1e-12)
+    np.testing.assert_allclose(bounded.covariance, free.covariance, rtol=1e-9, atol=1e-15)
+
+
+def free_names():
+    return paper_arm().plant().states
+
+
+@pytest.mark.parametrize(
+    ("bounds", "word"),
+    [
+        ({"link_pos": (0.0, 1.0)}, "no state"),
+        ({"link_position": (1.0, 0.0)}, "not an interval"),
+        ({"link_position": (0.5, 1.0)}, "outside the bounds"),
+        ({"link_position": (np.nan, 1.0)}, "not an interval"),
+        ({"link_position": (0.0, 1.0, 2.0)}, "not an interval"),
+        ({"link_position": "wide"}, "not an interval"),
+        ({"link_position": 3.0}, "not an interval"),
+    ],
+)
+def test_bad_bounds_are_refused(bounds, word):
+    with pytest.raises(InvalidInput, match=word):
+        arm_ukf(bounds=bounds)
+
+
+@pytest.mark.parametrize("bounds", [None, {"x": (-9.0, 9.0)}])
+@pytest.mark.parametrize("covariance", [-1.0, np.nan])
+def test_a_damaged_belief_is_a_failure_that_bounds_do_not_hide(bounds, covariance):
+    """Clipped NaN would look like an estimate."""
+    plant = Plant(lambda x, u, d, p: -x + u, lambda x, u, p: x**2, ("x",), ("u",))
+    ukf = UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-3, [0.0], 1.0, bounds=bounds)
+    ukf._belief = Gaussian(np.zeros(1), np.full((1, 1), covariance))
+    with pytest.raises(NumericalFailure) as caught:
+        ukf.predict([0.0])
+    assert "not finite" in caught.value.what
+    assert "last finite mean" in caught.value.found
+    assert "noise" in caught.value.advice
+    with pytest.raises(NumericalFailure):
+        ukf.correct([2.0])
+
+
+def test_a_diverging_model_is_a_failure_and_keeps_the_last_belief():
+    plant = Plant(lambda x, u, d, p: x**3 + u, lambda x, u, p: x, ("x",), ("u",))
+    ukf = UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-3, [1.0], 1e-2)
+    means = [ukf.mean]
+    with pytest.raises(NumericalFailure, match="not finite"):  # noqa: PT012
+        while len(means) < 50:
+            ukf.predict([0.0])
+            means.append(ukf.mean)
+    np.testing.assert_array_equal(ukf.mean, means[-1])
+
+
+def test_the_covariance_is_exactly_symmetric():
+    ukf = arm_ukf()
+    for u, y in arm_run(50):
+        ukf.predict(u)
+        np.testing.assert_array_equal(ukf.covariance, ukf.covariance.T)
+        ukf.correct(y)
+        np.testing.assert_array_equal(ukf.covariance, ukf.covariance.T)
+
+
+def test_keys_tell_code_apart():
+    keys = [
+        arm_ukf(**changes).estimator_key
+        for changes in (
+            {},
+            {"period": 2e-3},
+            {"alpha": 1.1},
+            {"redraw": False},
+            {"bounds": {"link_position": (-9, 9)}},
+        )
+    ]
+    assert len(set(keys)) == len(keys)
+    assert arm_ukf(measurement_noise=3.0, covariance=1.0).estimator_key == keys[0]
