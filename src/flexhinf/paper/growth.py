@@ -21,7 +21,8 @@ EARLY, LATE = (0.4, 0.6), (0.8, 1.0)
 #: Samples that may be spent on a set of runs: 130 runs of 30 s at 1 kHz.
 SAMPLES = 4_000_000
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def affordable(wanted: int, period: float, duration: float = LONG) -> int:

@@ -15,11 +15,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexhinf.codegen import Kernel
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.program import measure_function, rk4_function
 from flexhinf.loop.shared import share
+from flexhinf.paper.rows import compile_rows
 from flexhinf.paper.steady_filter import SteadyFilter, linear_model, stationary_gain
 from flexhinf.plant import Law, Plant
 from flexhinf.plant.equilibrium import equilibrium
@@ -31,7 +33,7 @@ __all__ = ["Modes", "RestingLoop"]
 ITERATIONS, LAST_STEP = 12, 1e-7
 
 #: Where the integral that holds the goal is looked for, rad·s.
-INTEGRALS = np.linspace(-30.0, 30.0, 6001)
+INTEGRALS = np.linspace(-30.0, 30.0, 601)
 
 INTEGRAL = "_integral"
 
@@ -128,12 +130,13 @@ class RestingLoop:
         return {**named, "moving": np.sort(np.concatenate(moving))}
 
     @cached_property
-    def _step(self) -> ca.Function:
-        """(moving part, p, memory, data) → (moving part one period later, its Jacobian)."""
+    def _step(self) -> Kernel:
+        """z, p → z one period later and its Jacobian, for many plants."""
         key = ("resting loop", self.plant.code_key, self.controller.code_key, self.period, self.sub_steps)
-        return share(key, self._traced_step)
+        return share(key, lambda: compile_rows(self._traced_step(), ("memory", "data")))
 
     def _traced_step(self) -> ca.Function:
+        """(moving part z, p, memory, data) → (z one period later, its Jacobian)."""
         plant, controller, places = self.plant, self.controller, self._places
         moving, n = places["moving"].tolist(), plant.n
         z, p = ca.SX.sym("z", n + len(moving)), ca.SX.sym("p", plant.parameters.size)
@@ -148,7 +151,8 @@ class RestingLoop:
             x = advance(x, u, still, truth)
         later = ca.vertcat(x, after[moving])
         slope = ca.vec(ca.densify(ca.jacobian(later, z)).T)  # C order
-        return ca.Function("resting_loop", [z, p, fixed, data], [later, slope], {"cse": True})
+        names = (["z", "p", "memory", "data"], ["later", "slope"])
+        return ca.Function("resting_loop", [z, p, fixed, data], [later, slope], *names, {"cse": True})
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
@@ -227,12 +231,15 @@ class RestingLoop:
         self, z: np.ndarray, vectors: np.ndarray, memory: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rest, Jacobian there, whether it was found), all plants at once."""
-        (count, k), data = z.shape, self.controller.data_vector
-        same = [np.repeat(v[:, None], count, axis=1) for v in (memory, data)]
-        slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
+        count, k = z.shape
+        arrays = {"z": z, "p": vectors, "memory": memory, "data": self.controller.data_vector}
+        arrays |= {"later": np.zeros((count, k)), "slope": np.zeros((count, k * k))}
+        arrays = {name: np.ascontiguousarray(array).ravel() for name, array in arrays.items()}
+        z, later = arrays["z"].reshape(count, k), arrays["later"].reshape(count, k)
+        slope, size = arrays["slope"].reshape(count, k, k), np.full(count, np.inf)
         for _ in range(ITERATIONS):
-            later, flat = (np.asarray(r, dtype=float).T for r in self._step(z.T, vectors.T, *same))
-            slope, gap = flat.reshape(count, k, k), later - z
+            self._step.run(arrays, {"rows": count})
+            flat, gap = slope.reshape(count, -1), later - z
             fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
             size[~fine] = np.inf
             if not fine.any() or np.all(size[fine] <= LAST_STEP):

@@ -1,7 +1,7 @@
-"""Plants within the tolerances of Tables 1 and 2, and the linearised loop's verdict on each over a sweep of R^v.
+"""Plants within the tolerances of Tables 1 and 2, and what the linearised loop does with each, over R^v.
 
-The paper gives no R^v. Two forms are usual: q on every state (R^v = q I), and q on the velocities only, since what
-a model misses are torques. Only the ratio to R^n matters for the gain.
+The paper gives no R^v. Two forms are usual: q on every state (R^v = q I), and q on the velocities only, since
+what a model misses are torques. Only the ratio to R^n matters for the gain.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -44,13 +43,13 @@ def name_goal(goal: float) -> str:
 
 @dataclass(frozen=True)
 class Population:
-    """True plants: drawn uniformly, at corners of all tolerances, and with one parameter at one end.
+    """True plants: drawn uniformly, at corners of all tolerances, with one parameter at one end, nominal.
 
     Attributes
     ----------
     values : tuple of mappings by name
     kinds : (N,) array of str
-        "draw", "corner" or "single".
+        "draw", "corner", "single" or "nominal".
     """
 
     values: tuple[Mapping[str, float], ...]
@@ -66,8 +65,8 @@ class Population:
         signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (CORNERS, len(arm.uncertain)))
         corners = [arm.corner(list(row)) for row in signs]
         singles = [arm.corner({p.name: sign}) for p in arm.uncertain for sign in (-1.0, 1.0)]
-        kinds = ["draw"] * len(drawn) + ["corner"] * len(corners) + ["single"] * len(singles)
-        return Population((*drawn, *corners, *singles), np.array(kinds), arm.nominal)
+        kinds = ["draw"] * len(drawn) + ["corner"] * len(corners) + ["single"] * len(singles) + ["nominal"]
+        return Population((*drawn, *corners, *singles, arm.nominal), np.array(kinds), arm.nominal)
 
     def describe(self, k: int) -> str:
         """A plant by its changes in per cent."""
@@ -108,6 +107,7 @@ class ToleranceSweep:
     def __init__(self, bench: PaperBench, law: Law) -> None:
         self.bench, self.law = bench, law
         self.estimated = bench.settings.estimator != "none"
+        self._loops: dict[tuple[float, bool], RestingLoop] = {}
 
     @property
     def chosen(self) -> Case:
@@ -121,20 +121,21 @@ class ToleranceSweep:
             return ()
         return tuple(Case(form, q) for form in (ALL_STATES, VELOCITIES) for q in SWEPT)
 
-    @cached_property
-    def _loops(self) -> dict[tuple[float, bool], RestingLoop]:
-        bench, kind = self.bench, self.bench.settings.estimator
-        true_plant, loops = bench.arm.plant(inductance=True), {}
-        for goal in GOALS:
-            for estimated in {False, self.estimated}:
-                filter = bench.estimator(kind) if estimated else None
-                loops[goal, estimated] = RestingLoop(
-                    self.law, filter, true_plant, bench.settings.period, goal
-                )
-        return loops
+    def loop(self, goal: float, estimated: bool) -> RestingLoop:
+        """The loop at rest at a goal, made on first use."""
+        if (goal, estimated) not in self._loops:
+            bench = self.bench
+            filter = bench.estimator() if estimated else None
+            coil = bench.arm.plant(inductance=True)
+            self._loops[goal, estimated] = RestingLoop(self.law, filter, coil, bench.settings.period, goal)
+        return self._loops[goal, estimated]
+
+    def growth(self, cases: Sequence[Case], population: Population) -> dict[tuple[Case, float], np.ndarray]:
+        """`rates` of all plants for every case and goal."""
+        return {(case, goal): self.rates(case, goal, population.values) for case in cases for goal in GOALS}
 
     def rates(self, case: Case, goal: float, values: Sequence[Mapping[str, float]]) -> np.ndarray:
         """Growth rates (N,) in 1/s; infinite for a loop without rest."""
-        loop = self._loops[goal, case.q is not None]
+        loop = self.loop(goal, case.q is not None)
         noise: Any = None if case.q is None else case.covariance(self.bench.model.states)
         return loop.modes(values, noise).rate

@@ -1,0 +1,165 @@
+"""Eq. (5) measured: ∫|z|² and ∫|d|² of a run, and the finite-energy disturbance that makes their ratio largest.
+
+d is the paper's disturbance, the command in ė = x1 − d, and z = (h(x), √R2 u). The true state is fed back, from
+rest at x(0) = 0. The search is power iteration: d is replaced by the gradient of ∫|z|², scaled to the same energy
+(Tierno, Murray, Doyle & Gregory 1997), with the gradient by the adjoint of the sampled loop along the run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from flexhinf.codegen import Kernel
+from flexhinf.errors import NumericalFailure
+from flexhinf.hinf import HJISolution
+from flexhinf.loop import Controller, Loop, Samples
+from flexhinf.loop.program import rk4_function
+from flexhinf.paper.bench import PaperBench
+from flexhinf.paper.rows import compile_rows
+from flexhinf.scalars import trace
+
+__all__ = ["Attained", "GainBench"]
+
+#: Horizon, s: disturbances die out well before, and the response with them.
+HORIZON = 20.0
+
+#: Sampling period of the search, s, unless the settings' is longer. What is found is run at the settings' period.
+SEARCH_PERIOD = 1e-2
+
+
+@dataclass(frozen=True)
+class Attained:
+    """One disturbance and what it attained.
+
+    Attributes
+    ----------
+    gain : float
+        √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged.
+    energy : float
+        ∫|d|², rad²·s.
+    reach : float
+        Largest |x1|, rad.
+    """
+
+    gain: float
+    energy: float
+    reach: float
+
+
+class GainBench:
+    """Runs of a law's loop under disturbances of Eq. (5).
+
+    Parameters
+    ----------
+    bench : PaperBench
+    law : HJISolution
+    """
+
+    def __init__(self, bench: PaperBench, law: HJISolution) -> None:
+        self.bench, self.law = bench, law
+        self.period = bench.settings.period
+        self.search_period = max(self.period, SEARCH_PERIOD)
+        self._loops: dict[float, Loop] = {}
+        problem = bench.problem
+        self.weights = problem.penalty.weights(problem.state_names)
+        self.effort = float(problem.r2[0, 0])
+
+    def _loop(self, period: float) -> Loop:
+        if period not in self._loops:
+            self._loops[period] = Loop(self.bench.model, Controller(self.law, None, period))
+        return self._loops[period]
+
+    # Runs -----------------------------------------------------------------------------------------
+    def times(self, period: float) -> np.ndarray:
+        """Samples of the horizon, s."""
+        return np.arange(round(HORIZON / period) + 1) * period
+
+    def attained(self, disturbance: Any) -> Attained:
+        """Of a disturbance given as a function of time (arrays in, arrays out), held between samples."""
+        times = self.times(self.period)
+        d = np.asarray(disturbance(times), dtype=float)
+        states, u = self._simulate(self.period, d)
+        if len(u) < len(d):
+            return Attained(np.inf, float("nan"), float(np.abs(states[:, 0]).max()))
+        z = self._cost(states, u)
+        inner = 0.5 * (z[1:] + z[:-1])
+        outer = np.maximum(np.cumsum(d[:-1] ** 2), 1e-300)
+        ratio = np.cumsum(inner) / outer
+        return Attained(
+            float(np.sqrt(ratio.max())), float(outer[-1] * self.period), float(np.abs(states[:, 0]).max())
+        )
+
+    def _simulate(self, period: float, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(states with the integral (N, 5), u (N,)); shorter than d if the loop diverged."""
+        times = self.times(period)
+        try:
+            run = self._loop(period).run(Samples(times, d), None, None, HORIZON)
+        except NumericalFailure as failure:
+            run = failure.trajectory  # type: ignore[attr-defined]
+        x, u = run.signals["state"], run.signals["input"][:, 0]
+        growth = period * (0.5 * (x[1:, 0] + x[:-1, 0]) - d[: len(x) - 1])
+        integral = np.concatenate([[0.0], np.cumsum(growth)])
+        return np.column_stack([x, integral]), u
+
+    def _cost(self, states: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """|z|² at each sample."""
+        return ((states * self.weights) ** 2).sum(axis=1) + self.effort * u**2
+
+    # Search ---------------------------------------------------------------------------------------
+    @cached_property
+    def _slopes(self) -> Kernel:
+        """(x, integral) → ∂(next)/∂(x, integral) and ∂|z|²/∂(x, integral), for the search's period."""
+        plant, period, law = self.bench.model, self.search_period, self.law
+        n, data = plant.n, np.ravel(law.law_data)
+        parts = self._loop(period).sub_steps
+        s = ca.SX.sym("s", n + 1)
+        u = trace(law.evaluate_law, n + 1, data.size)(s, ca.DM(data))
+        x, truth = s[:n], ca.DM(np.concatenate([[period / parts], plant.parameters.vector()]))
+        still = ca.SX.zeros(3 * len(plant.disturbances))
+        for _ in range(parts):
+            x = rk4_function(plant)(x, u, still, truth)
+        later = ca.vertcat(x, s[n] + period * 0.5 * (s[0] + x[0]))
+        z = ca.vertcat(ca.DM(self.weights) * s, np.sqrt(self.effort) * u)
+        slope = ca.vec(ca.densify(ca.jacobian(later, s)).T)
+        results, names = [slope, ca.densify(ca.gradient(ca.dot(z, z), s))], (["s"], ["slope", "cost"])
+        return compile_rows(ca.Function("slopes", [s], results, *names, {"cse": True}))
+
+    def gradient(self, d: np.ndarray) -> tuple[np.ndarray, float] | None:
+        """(∂∫|z|²/∂d, ∫|z|²) at the search's samples; None if the loop diverged."""
+        states, u = self._simulate(self.search_period, d)
+        if len(u) < len(d):
+            return None
+        count, n = states.shape
+        arrays = {"s": states.ravel(), "slope": np.zeros(count * n * n), "cost": np.zeros(count * n)}
+        self._slopes.run(arrays, {"rows": count})
+        slopes, costs = arrays["slope"].reshape(count, n, n), arrays["cost"].reshape(count, n)
+        adjoint, gradient = costs[-1], np.zeros(count)
+        for k in range(count - 2, -1, -1):
+            gradient[k] = -adjoint[-1]  # d acts on the next integral only, by −period
+            adjoint = costs[k] + adjoint @ slopes[k]
+        return gradient * self.search_period**2, float(self._cost(states, u).sum() * self.search_period)
+
+    def worst(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
+        """The disturbance of this energy found from `start`; None if the loop diverges on the way."""
+        d, best = self.scaled(start, energy), (-np.inf, start)
+        for _ in range(turns):
+            found = self.gradient(d)
+            if found is None:
+                return None
+            slope, value = found
+            best = max(best, (value, d), key=lambda pair: pair[0])
+            d = self.scaled(slope, energy)
+        return best[1]
+
+    def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
+        """d with ∫|d|² = energy."""
+        return d * np.sqrt(energy / (self.search_period * float(d @ d)))
+
+    def held(self, d: np.ndarray) -> Any:
+        """d of the search as a function of time."""
+        return lambda t: d[np.minimum((t / self.search_period + 1e-6).astype(int), len(d) - 1)]
