@@ -2,7 +2,8 @@
 
 from flexhinf.hinf.gamma import smallest_gamma
 from flexhinf.hinf.hji import linear_law, solve_hji
+from flexhinf.hinf.sampled import SampledCheck
 from flexhinf.hinf.solution import HJISolution
 from flexhinf.hinf.storage import load_solution
 
-__all__ = ["HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji"]
+__all__ = ["HJISolution", "SampledCheck", "linear_law", "load_solution", "smallest_gamma", "solve_hji"]
