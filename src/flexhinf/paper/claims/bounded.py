@@ -1,0 +1,170 @@
+"""The UKF is bounded.
+
+The abstract speaks of a "bounded UKF" and never says what is bounded, so the word is judged in one stated
+reading: the estimation error stays bounded. Criterion: in nominal runs of 30 s (180° and 90° steps, the tracking
+command of Fig. 7, a disturbance torque the filter does not know), each with five seeds, no run diverges, and
+no state's largest error in the last ten seconds is more than 1.5 times that of the ten before. This looks at
+runs and proves nothing.
+
+The other reading, bounds on states in the filter, is ours: `bounds=` clips sigma points and estimate to intervals.
+Its effect is shown on starts with a bad estimate, and has no part in the verdict.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from flexhinf.loop import Sine, Step
+from flexhinf.paper.bench import Outcome, PaperBench
+from flexhinf.paper.claims.judged import Judged
+from flexhinf.paper.growth import LONG, affordable, in_two_threads
+from flexhinf.report import Claim, Column, Table
+
+__all__ = ["judge"]
+
+TEXT = (
+    "The UKF is bounded (a word the paper does not define; read here as: its estimation error stays bounded)."
+)
+
+#: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.
+SEEDS, GROWS = 5, 1.5
+
+#: Bad starts of the estimate: x̂(0|−1), rad and rad/s, with the standard deviations of a P0 that admits them.
+STARTS = {"off by 17°": (0.3, -0.5, -0.1, -0.5), "off by 86°, moving": (0.0, 5.0, 1.5, 5.0)}
+SPREAD = (1.0, 20.0, 3.0, 20.0)
+
+#: Bounds of the unmeasured states, as multiples of the largest values in the nominal 180° step.
+ROOM = 1.5
+
+COMMANDS: tuple[tuple[str, Any, Any], ...] = (
+    ("180° step", Step(math.pi), None),
+    ("90° step", Step(math.pi / 2), None),
+    ("π + sin(πt/10)", Sine(1.0, 1.0 / 20.0, offset=math.pi), None),
+    ("90° step, 2 N·m at the link from 6 s", Step(math.pi / 2), {"link_torque": Step(2.0, at=6.0)}),
+)
+
+
+def judge(bench: PaperBench) -> Judged:
+    """ukf-bounded."""
+    rows, grown, diverged, count = [], 0, 0, affordable(SEEDS, bench.settings.period)
+    largest = np.zeros(bench.model.n)
+    for name, command, disturbance in COMMANDS:
+        outcomes = _runs(bench, command, disturbance, count)
+        errors = [_errors(o) for o in outcomes if o.diverged_at is None]
+        diverged += len(outcomes) - len(errors)
+        worst = np.max([late for _, late in errors], axis=0) if errors else None
+        ratios = [np.max(late / np.maximum(early, 1e-300)) for early, late in errors]
+        grown += sum(r > GROWS for r in ratios)
+        shown = [None] * bench.model.n if worst is None else [float(w) for w in worst]
+        rows.append((name, len(outcomes), *shown, max(map(float, ratios), default=None)))
+        largest = largest if worst is None else np.maximum(largest, worst)
+    bounds = _bounds(bench)
+    clipped = _bounded_rows(bench, bounds)
+    listed = ", ".join(f"{value:.2g}" for value in largest) if largest.any() else "unknown"
+    claim = Claim(
+        "ukf-bounded",
+        TEXT,
+        "fails" if grown or diverged else "holds",
+        f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
+        f"more than {GROWS:g}. Largest |error| of the last ten seconds: {listed} (rad, rad/s). {_effect(clipped)}",
+        figures=("table-bounded", "table-bounds"),
+    )
+    numbers = {
+        "runs": count * len(COMMANDS),
+        "diverged": diverged,
+        "grown": grown,
+        "largest_error": largest.tolist(),
+    }
+    return Judged(claim, (_error_table(bench, rows), _bounds_table(clipped, bounds)), numbers)
+
+
+def _runs(bench: PaperBench, command: Any, disturbance: Any, count: int) -> list[Outcome]:
+    def one(k: int) -> Outcome:
+        seed = bench.settings.seed + k
+        ukf = bench.estimator("ukf")
+        return bench.run(bench.nonlinear, command, LONG, disturbance=disturbance, estimator=ukf, seed=seed)
+
+    return in_two_threads(one, list(range(count)))
+
+
+def _errors(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
+    """Largest |estimation error| of each state in the middle and in the last third."""
+    run = outcome.run
+    error = np.abs(run.signals["estimate"] - run.signals["state"])
+    middle = (run.time >= LONG / 3) & (run.time < 2 * LONG / 3)
+    return error[middle].max(axis=0), error[run.time >= 2 * LONG / 3].max(axis=0)
+
+
+# Bounds on states ----------------------------------------------------------------------------------
+def _bounds(bench: PaperBench) -> dict[str, tuple[float, float]]:
+    """Of the states that are not measured."""
+    run = bench.run(bench.nonlinear, Step(math.pi), 8.0, estimator=None).run
+    names = [name for name in bench.model.states if name not in bench.model.outputs]
+    reach = {name: ROOM * float(np.abs(run.signal("state", name)).max()) for name in names}
+    return {name: (-max(r, 2.0), max(r, 2.0)) for name, r in reach.items()}
+
+
+def _bounded_rows(bench: PaperBench, bounds: Mapping[str, tuple[float, float]]) -> list[tuple[Any, ...]]:
+    """Start, whether bounded, largest errors of the unmeasured states, peak voltage, overshoot."""
+    rows, low, high = [], *(np.full(bench.model.n, e) for e in (-np.inf, np.inf))
+    for name, (lower, upper) in bounds.items():
+        low[bench.model.index(name)], high[bench.model.index(name)] = lower, upper
+    unmeasured = [bench.model.index(name) for name in bounds]
+    for start, mean in STARTS.items():
+        for chosen in (None, bounds):
+            ukf = bench.estimator(
+                "ukf", mean=np.clip(mean, low, high), covariance=np.array(SPREAD) ** 2, bounds=chosen
+            )
+            outcome = bench.run(bench.nonlinear, Step(math.pi), 8.0, estimator=ukf)
+            kept = "yes" if chosen else "no"
+            if outcome.diverged_at is not None:
+                rows.append(
+                    (start, kept, *[None] * len(bounds), None, None, f"diverged at {outcome.diverged_at:g} s")
+                )
+                continue
+            run, m = outcome.run, outcome.metrics
+            error = np.abs(run.signals["estimate"] - run.signals["state"]).max(axis=0)[unmeasured]
+            rows.append((start, kept, *map(float, error), m["peak_input"], m["overshoot_percent"], "finite"))
+    return rows
+
+
+def _effect(rows: list[tuple[Any, ...]]) -> str:
+    """What clipping does, in words."""
+    parts = []
+    for free, clipped in zip(rows[::2], rows[1::2], strict=True):
+        volts = [f"{row[-3]:.0f} V" if row[-3] is not None else row[-1] for row in (free, clipped)]
+        parts.append(f"start {free[0]}: peak {volts[0]} without, {volts[1]} with")
+    return f"Bounds on the unmeasured states (ours), {'; '.join(parts)}."
+
+
+def _error_table(bench: PaperBench, rows: list[tuple[Any, ...]]) -> Table:
+    states = [Column(name.replace("_", " "), _unit(bench, name)) for name in bench.model.states]
+    columns = ("command", "runs", *states, Column("last over middle third", "", 2))
+    caption = "Largest |estimation error| of the UKF in the last ten seconds, nominal arm."
+    return Table(columns, rows, caption, "table-bounded")
+
+
+def _unit(bench: PaperBench, name: str) -> str:
+    return bench.model.unit(name)
+
+
+def _bounds_table(rows: list[tuple[Any, ...]], bounds: Mapping[str, tuple[float, float]]) -> Table:
+    errors = [Column(f"largest error of {name.replace('_', ' ')}", "", 2) for name in bounds]
+    columns = (
+        "estimate starts",
+        "bounds",
+        *errors,
+        Column("peak", "V", 1),
+        Column("overshoot", "%", 2),
+        "run",
+    )
+    limits = ", ".join(f"{name.replace('_', ' ')} ±{upper:.3g}" for name, (_, upper) in bounds.items())
+    caption = (
+        "Bounds on the sigma points of the unmeasured states, on the 180° step from a bad estimate with a P0 of "
+        f"{', '.join(f'{s:g}²' for s in SPREAD)}: {limits}."
+    )
+    return Table(columns, rows, caption, "table-bounds")
