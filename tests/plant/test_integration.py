@@ -36,7 +36,7 @@ def test_order_four_with_inputs_that_change():
 
 
 def test_sub_steps():
-    assert sub_steps(1e-3, 100.0) == 7
+    assert sub_steps(1e-3, 99.0) == 10
     assert sub_steps(1e-3, 100.0, largest=0.25) == 1
     assert sub_steps(1e-3, 0.0) == 1
     assert sub_steps(1.0, 10 * SIMULATION_STEP) == 10

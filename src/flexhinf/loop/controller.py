@@ -255,6 +255,7 @@ class Controller:
         self._estimate[:] = np.nan
 
     def _keep_reference(self) -> None:
+        """Make the command of the last good sample the one that holds."""
         self._reference[: len(self.tracked)] = self.memory.named(self._memory).reference
 
     def _misfit(self, y: Any, reference: Any) -> InvalidInput:
@@ -272,8 +273,7 @@ class Controller:
                 f"after y={y!r}, reference={reference!r}",
                 "reset(); then check the measurement's unit and the noise covariances",
             )
-        if code == BAD_REFERENCE:  # so that it is not kept as the last command
-            self._keep_reference()
+        self._keep_reference()
         return NumericalFailure(
             f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
             "nothing was updated.",

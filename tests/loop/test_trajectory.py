@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Controller, Loop, Step
+from flexhinf.robot import paper_arm
+
+
+@pytest.fixture(scope="module")
+def run(made):
+    loop = Loop(paper_arm().plant(inductance=True), Controller(made.law, made.ukf()))
+    return loop.run(Step(1.2, at=0.5), {"link_torque": 1.0}, 1e-3, 6.0, seed=3)
+
+
+def test_the_dataset_is_labelled(run):
+    data = run.data
+    assert set(data.data_vars) == {"state", "estimate", "output", "input", "reference", "disturbance"}
+    assert data.state.dims == ("time", "state_name")
+    assert data.time.attrs["units"] == "s"
+    np.testing.assert_allclose(data.time, np.arange(6001) * 1e-3)
+    assert data.state_name.values.tolist() == list(paper_arm().plant(inductance=True).states)
+    assert data.state_unit.values.tolist() == ["rad", "rad/s", "rad", "rad/s", "A"]
+    assert data.input.attrs["units"] == "V"
+    assert data.disturbance_name.values.tolist() == ["link_torque", "motor_torque"]
+    assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
+    assert data.attrs["seed"] == "3"
+    assert data.attrs["reference"] == "step to 1.2 at 0.5 s"
+    by_name = data.state.sel(state_name="link_position").values
+    np.testing.assert_array_equal(by_name, run.signal("state", "link_position"))
+
+
+def test_what_is_recorded(run):
+    assert np.all(run.signal("reference", "link_position") == np.where(run.time >= 0.5, 1.2, 0.0))
+    assert np.all(run.signal("disturbance", "link_torque") == 1.0)
+    error = run.signals["output"][:, 0] - run.signal("state", "link_position")
+    assert error.std() == pytest.approx(1e-3, rel=0.05)
+
+
+def test_nothing_can_be_changed(run):
+    with pytest.raises(ValueError, match="read-only"):
+        run.signals["state"][0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        run.time[0] = 1.0
+
+
+@pytest.mark.oracle
+def test_metrics_of_the_run(run):
+    metrics = run.metrics()
+    q, r = run.signal("state", "link_position"), run.signal("reference", "link_position")
+    after = run.time >= 0.5
+    assert metrics["overshoot_percent"] == pytest.approx(100 * (q[after].max() - 1.2) / 1.2, rel=1e-12)
+    outside = run.time[after][np.abs(q[after] - 1.2) > 0.024][-1]
+    assert metrics["settling_time_s"] == pytest.approx(outside - 0.5, abs=1e-9)
+    assert metrics["steady_state_error"] == np.abs(q - r)[-601:].max()
+    assert metrics["peak_input"] == np.abs(run.signals["input"]).max()
+    assert metrics["tracking_rmse"] == pytest.approx(np.sqrt(np.mean((q - r) ** 2)), rel=1e-14)
+    differences = run.signals["estimate"] - run.signals["state"][:, :4]
+    np.testing.assert_allclose(
+        metrics["estimation_rmse"], np.sqrt(np.mean(differences**2, axis=0)), rtol=1e-14
+    )
+    assert run.metrics("link_position") == metrics
+
+
+def test_unknown_names_are_refused(run):
+    with pytest.raises(InvalidInput, match="not tracked"):
+        run.metrics("motor_position")
+    with pytest.raises(InvalidInput, match="no state 'speed'"):
+        run.signal("state", "speed")
+    with pytest.raises(InvalidInput, match="no velocity"):
+        run.signal("velocity", "link_position")
+    with pytest.raises(InvalidInput):
+        run.tracked("speed")
+
+
+def test_the_plot(run, tmp_path):
+    figure = run.plot()
+    assert isinstance(figure, Figure)
+    above, below = figure.axes
+    assert [line.get_label() for line in above.lines] == ["link position in °", "estimated", "command"]
+    np.testing.assert_allclose(above.lines[0].get_ydata(), np.degrees(run.signal("state", "link_position")))
+    assert [line.get_label() for line in below.lines] == ["motor voltage in V"]
+    figure.savefig(tmp_path / "run.png")
+    assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_plot_of_a_run_that_tracks_nothing(made):
+    plant, _ = made.two_inputs()
+    law = made.LinearLaw(plant.states, plant.inputs, -np.ones((2, 4)))
+    run = Loop(plant, Controller(law, None, 1e-2)).run(duration=0.1, initial_state={"a": 1.0})
+    above, below = run.plot().axes
+    assert len(above.lines) == 8
+    assert len(below.lines) == 2
