@@ -214,6 +214,22 @@ def test_several_inputs_and_a_state_that_is_not_tracked(made):
     assert run.metrics()["settling_time_s"] < 15.0
 
 
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_a_model_without_parameters_disturbances_or_a_hash(made, kind):
+    class Flow(list):
+        def __call__(self, x, u, d, p):
+            return np.array([x[1], u[0] - np.sin(x[0])])
+
+    plant = Plant(Flow(), lambda x, u, p: x[0], ("x", "v"), ("u",))
+    law = made.LinearLaw(("x", "v", "x_integral"), plant.inputs, [-6.0, -4.0, -3.0])
+    estimator = kind(plant, 1e-2, 1e-6, 1e-6, np.zeros(2), 1e-4)
+    controller = Controller(law, estimator, 1e-2)
+    run = Loop(plant, controller).run(1.0, noise=1e-4, duration=20.0)
+    assert run.signals["state"][-1, 0] == pytest.approx(1.0, abs=1e-3)
+    assert run.signals["disturbance"].shape == (2001, 0)
+    np.testing.assert_array_equal(controller.step(run.signals["output"][0], 1.0), run.signals["input"][0])
+
+
 def test_about_a_pose_it_stays_there(made):
     law = made.law_about([1.0])
     ukf = made.ukf(mean=law.operating_point[:4])

@@ -41,6 +41,8 @@ def test_the_papers_problem():
 def test_one_point_is_a_row():
     f, g1, g2, h = arm().fields(np.ones(5))
     assert (f.shape, g1.shape, g2.shape, h.shape) == ((1, 5), (1, 5, 1), (1, 5, 1), (1, 2))
+    shapes = [field.shape for field in arm().fields(np.zeros((0, 5)))]
+    assert shapes == [(0, 5), (0, 5, 1), (0, 5, 1), (0, 2)]
 
 
 def test_about_a_pose_the_fields_are_deviations():

@@ -43,6 +43,8 @@ class GeneralisedPlant:
         a command, and none with it (the paper's choice).
     pose : sequence or mapping, optional
         Wanted values of the integrated states; the operating point is the equilibrium there. None: origin.
+    rest : (x*, u*), optional
+        The operating point itself, where it is known: state (n,) and input (m,) of the plant. Instead of `pose`.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class GeneralisedPlant:
     command: str | None = None
     disturbances: Sequence[str] | None = None
     pose: Any = None
+    rest: tuple[Any, Any] | None = None
 
     def __post_init__(self) -> None:
         if self.command not in ("disturbance", None):
@@ -114,9 +117,23 @@ class GeneralisedPlant:
     # Operating point ------------------------------------------------------------------------------
     @cached_property
     def _rest(self) -> tuple[np.ndarray, np.ndarray]:
+        if self.rest is not None:
+            return self._given_rest(*self.rest)
         if self.pose is None:
             return np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))
         return equilibrium(self.plant, self.integrate, pose_values(self.pose, self.integrate))
+
+    def _given_rest(self, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
+        x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+        shapes = (self.plant.n,), (len(self.plant.inputs),)
+        if self.pose is not None or (x.shape, u.shape) != shapes:
+            raise InvalidInput(
+                "The operating point does not fit the plant.",
+                f"expected rest=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
+                f"pose={self.pose!r}",
+                "either pose or rest",
+            )
+        return x, u
 
     @property
     def operating_point(self) -> np.ndarray:
@@ -214,6 +231,9 @@ class GeneralisedPlant:
                 f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
                 "deviations from the operating point, integrals of the error included",
             )
-        f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
         count, n = points.shape
+        if not count:  # to CasADi, a matrix without columns is a zero
+            f, g1, g2, h = self.fields(np.zeros((1, n)))
+            return f[:0], g1[:0], g2[:0], h[:0]
+        f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
         return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h
