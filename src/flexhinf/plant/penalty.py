@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,39 @@ class Penalty:
     def of(penalty: Any) -> Penalty:
         """A Penalty as it is; anything else as the weights of the states, with R2 = I."""
         return penalty if isinstance(penalty, Penalty) else Penalty(penalty)
+
+    def expanded(self, groups: Mapping[str, Sequence[str]]) -> Penalty:
+        """The same penalty with the name of each group replaced by its signals; single names win over groups.
+
+        Parameters
+        ----------
+        groups : mapping of str to sequence of str
+            A group of states; ``NAME_integral`` then stands for the integrals of all of them. Its weight is one
+            number, or one for each.
+
+        Raises
+        ------
+        InvalidInput
+            If a group has another number of weights than members.
+        """
+        if not isinstance(self.states, Mapping):
+            return self
+        weights: dict[str, Any] = {}
+        for name, weight in self.states.items():
+            stem = name.removesuffix("_integral")
+            members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]
+            if members and np.ndim(weight) and np.shape(weight) != (len(members),):
+                raise InvalidInput(
+                    f"The weights of {name!r} do not fit its signals.",
+                    f"expected one number, or one for each of {list(members)}, got {weight!r}",
+                    "a number for all of them",
+                )
+            each = weight if members and np.ndim(weight) else [weight] * len(members)
+            weights.update(zip(members, each))
+        singles = {
+            n: w for n, w in self.states.items() if not (n in groups or n.removesuffix("_integral") in groups)
+        }
+        return replace(self, states={**weights, **singles})
 
     def r2(self, inputs: int) -> np.ndarray:
         """R2 as a symmetric positive definite matrix (m, m)."""

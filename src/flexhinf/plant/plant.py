@@ -40,6 +40,8 @@ class Plant:
         Names of the measured signals (``output_1`` … by default).
     units : mapping of str to str, optional
         Unit of each named signal.
+    groups : mapping of str to sequence of str, optional
+        Names that stand for several signals, for example one per joint; understood by `with_objective`.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class Plant:
     parameters: Any = field(default_factory=dict)
     outputs: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):
@@ -110,6 +113,11 @@ class Plant:
             )
         return tuple(self.states).index(name)
 
+    def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
+        """Names of signals, with each group replaced by what it stands for."""
+        names = (names,) if isinstance(names, str) else tuple(names)
+        return tuple(single for name in names for single in self.groups.get(name, (name,)))
+
     @property
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this plant's code from another's (not its parameter values)."""
@@ -129,16 +137,19 @@ class Plant:
         integrate: Sequence[str] = (),
         pose: Any = None,
         disturbances: Sequence[str] | None = None,
+        rest: tuple[Any, Any] | None = None,
     ) -> GeneralisedPlant:
         """The problem of Eq. (3): this plant with a penalty, integrals of the tracking error, disturbances.
 
-        See `flexhinf.plant.generalised.GeneralisedPlant` for the arguments.
+        See `flexhinf.plant.generalised.GeneralisedPlant` for the arguments. The name of a group stands for all
+        its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
         from flexhinf.plant.generalised import GeneralisedPlant
         from flexhinf.plant.penalty import Penalty
 
-        integrate = (integrate,) if isinstance(integrate, str) else tuple(integrate)
-        return GeneralisedPlant(self, Penalty.of(penalty), integrate, command, disturbances, pose)
+        weights = Penalty.of(penalty).expanded(self.groups)
+        channels = None if disturbances is None else self.expanded(disturbances)
+        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, rest)
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property

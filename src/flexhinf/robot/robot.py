@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import GeneralisedPlant, Penalty, Plant
+from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
+from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
+from flexhinf.robot.elastic import ElasticFlow, Links
+from flexhinf.robot.extras import checked_extras
+from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
-from flexhinf.robot.single_link import REQUIRED, single_link_plant
+from flexhinf.robot.penalised import robot_penalty
+from flexhinf.robot.quantities import check_values
+from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
+from flexhinf.robot.single_link import Pendulum
 
 __all__ = ["Robot"]
 
@@ -25,25 +32,50 @@ class Robot:
     ----------
     name : str
     parameters : sequence of Parameter
-        Physical numbers with tolerances and sources.
-    penalty : Penalty
+        Physical numbers with tolerances and sources, one per joint where there are several joints.
+    penalty : Penalty, optional
         The robot's own penalty, used by `problem`.
+    links : Links
+        A single link in closed form, or an `Arm`.
+    drive : {"voltage", "torque"}
+        What the inputs are: motor voltages (V), or torques on the link side (N·m, N).
+    home : (n,), optional
+        Link positions that are meant when no pose is given, rad or m; zero by default.
+    description : str
+
+    Raises
+    ------
+    InvalidInput
+        If the parameters are not those of the model, or the home pose is outside the limits.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
-    penalty: Penalty
+    penalty: Penalty | None = None
+    links: Links = field(default_factory=Pendulum)
+    drive: str = "voltage"
+    home: Sequence[float] | None = None
+    description: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         names = [parameter.name for parameter in self.parameters]
-        missing = [name for name in REQUIRED if name not in names]
+        required = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names))
+        missing = [name for name in required if name not in names]
         if missing or len(set(names)) != len(names):
             raise InvalidInput(
                 f"The robot {self.name!r} does not have the parameters of its model.",
-                f"expected each of {list(REQUIRED)} once, got {names}",
+                f"expected each of {list(required)} once, got {names}",
                 f"add {missing}" if missing else "each name once",
             )
+        home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
+        object.__setattr__(self, "home", tuple(home.tolist()))
+
+    # Numbers --------------------------------------------------------------------------------------
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of all signals."""
+        return self.links.joint_names
 
     @cached_property
     def nominal(self) -> dict[str, float]:
@@ -67,39 +99,154 @@ class Robot:
         changed = tuple(replace(p, value=float(values.get(p.name, p.value))) for p in self.parameters)
         return replace(self, parameters=changed)
 
-    def plant(self, measured: Sequence[str] = ("link_position",), inductance: bool = False) -> Plant:
-        """Physics with voltage-driven motors.
+    def with_parameters(self, *parameters: Parameter) -> Robot:
+        """The same robot with these parameters, in place of those of the same name or beside them."""
+        given = {parameter.name: parameter for parameter in parameters}
+        kept = [given.pop(p.name, p) for p in self.parameters]
+        return replace(self, parameters=(*kept, *given.values()))
+
+    def plant_parameters(self, values: Mapping[str, float] | None = None) -> dict[str, Any]:
+        """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
+
+        Parameters
+        ----------
+        values : mapping of str to float, optional
+            All parameters by name; nominal by default.
+        """
+        values = self.nominal if values is None else values
+        columns = reflected(values, self.drive, self.joint_names)
+        packed = self.links.packed(values)
+        return packed | {name: self.links.joint_array(column) for name, column in columns.items()}
+
+    # Plants ---------------------------------------------------------------------------------------
+    def plant(
+        self,
+        measured: str | Sequence[str] = ("link_position",),
+        inductance: bool = False,
+        extras: str | Sequence[str] = (),
+    ) -> Plant:
+        """Physics: Spong's model, with what a real joint adds where asked for.
+
+        The states are all link positions, all link velocities, all motor positions, all motor velocities, and
+        with `inductance` all coil currents. With one joint they have these plain names; with several each has
+        the joint's name behind it (``link_position_elbow``), and the plain name stands for all of them. Motor
+        signals are seen from the link side.
 
         Parameters
         ----------
         measured : sequence of str
-            Measured signals, out of link_position, motor_position, joint_torque, link_velocity and
-            motor_velocity.
+            Measured signals: link_position, motor_position, joint_torque, link_velocity, motor_velocity, of all
+            joints or of single ones (``motor_position_elbow``), in any mix.
         inductance : bool
-            With the motor coil's inductance, which adds the state coil_current (A).
+            With the motor coils' inductance: the same as ``extras=("inductance",)``.
+        extras : sequence of str
+            See `flexhinf.robot.extras`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
+            stribeck_friction.
+
+        Raises
+        ------
+        InvalidInput
+            For unknown names, numbers of the wrong sign, or an extra whose number the robot does not state.
         """
-        measured = (measured,) if isinstance(measured, str) else tuple(measured)
-        return single_link_plant(self.nominal, measured, inductance)
+        joints, parameters = self.joint_names, self.plant_parameters()
+        on = checked_extras(extras, inductance, parameters, self.name)
+        sensors = expanded(measured, SENSORS, joints)
+        check_values(parameters)
+        states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
+        return Plant(
+            ElasticFlow(self.links, self.drive, on),
+            Sensors(sensors, joints, on),
+            states=[name for quantity in states for name in signal_names(quantity, joints)],
+            inputs=signal_names(DRIVES[self.drive], joints),
+            disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
+            parameters=parameters,
+            outputs=sensors,
+            units=units_of(joints, self.links.slides),
+            groups=groups_of(joints),
+        )
+
+    def operating_point(
+        self, pose: Any = None, extras: str | Sequence[str] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where the robot rests at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
+
+        Parameters
+        ----------
+        pose : sequence, mapping by joint name, or number for one joint
+            Link positions, rad or m; the robot's home by default.
+        extras : sequence of str
+            As for `plant`: they change the spring, and add the coil's state.
+
+        Returns
+        -------
+        x, u : ndarray
+            State and input of `plant`.
+
+        Raises
+        ------
+        InvalidInput
+            For a pose that does not fit the joints or leaves their limits.
+        """
+        q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
+        packed = self.plant_parameters()
+        check_values(packed)
+        on = checked_extras(extras, False, packed, self.name)
+        return operating_point(self.links, self.drive, q, Parameters(packed), on)
 
     def problem(
-        self, penalty: Any = None, pose: Any = None, measured: Sequence[str] = ("link_position",)
+        self,
+        penalty: Any = None,
+        pose: Any = None,
+        measured: str | Sequence[str] = ("link_position",),
+        command: str | None = "disturbance",
+        disturbances: str | Sequence[str] | None = None,
+        integrate: str | Sequence[str] = ("link_position",),
+        extras: str | Sequence[str] = (),
     ) -> GeneralisedPlant:
-        """The paper's problem: penalty (11), five states, the command as the disturbance, about rest.
+        """The synthesis problem about the equilibrium at a pose; by default the paper's.
+
+        That is: the robot's own penalty, five states per joint, the command as the disturbance.
 
         Parameters
         ----------
         penalty : Penalty or weights, optional
-            Instead of the robot's own; weights alone come with R2 = 1, see `Penalty`.
+            Instead of the robot's own; weights alone come with R2 = 1, see `Penalty`. Weights by name are those
+            of states, of ``link_position_integral`` and of ``joint_torque`` (deviation of the spring's torque); a
+            plain name stands for all joints, with one weight for all or one each. The input's weight is the
+            penalty's effort.
         pose : sequence or mapping, optional
-            Link position to design about, rad; hanging by default.
+            Link positions to design about, rad or m; the robot's home by default.
         measured : sequence of str
             As for `plant`.
+        command : {"disturbance", None}
+            Whether the commanded position is a disturbance of the synthesis (the paper's g1).
+        disturbances : sequence of str, optional
+            Torques that are disturbances: link_torque, motor_torque, of all joints or single ones.
+        integrate : sequence of str
+            Whose tracking error is integrated.
+        extras : sequence of str
+            As for `plant`; only those that are smooth.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no penalty, something does not fit, or the pose leaves the limits.
         """
-        return self.plant(measured).with_objective(
-            self.penalty if penalty is None else penalty,
-            command="disturbance",
-            integrate=("link_position",),
-            pose=pose,
+        chosen = self.penalty if penalty is None else penalty
+        if chosen is None:
+            raise InvalidInput(
+                f"The robot {self.name!r} states no penalty of its own.",
+                "expected penalty=..., got none",
+                "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
+            )
+        plant = self.plant(measured, extras=extras)
+        states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
+        return plant.with_objective(
+            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states),
+            command=command,
+            integrate=integrate,
+            disturbances=disturbances,
+            rest=self.operating_point(pose, extras),
         )
 
     # Tolerances -----------------------------------------------------------------------------------
@@ -108,12 +255,14 @@ class Robot:
         """The parameters with a tolerance."""
         return tuple(p for p in self.parameters if p.tolerance > 0.0)
 
-    def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """All parameters, the uncertain ones uniform in their intervals."""
-        return {p.name: float(rng.uniform(*p.interval)) if p.tolerance else p.value for p in self.parameters}
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
+        return self.plant_parameters(
+            {p.name: float(rng.uniform(*p.interval)) if p.tolerance else p.value for p in self.parameters}
+        )
 
-    def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, float]:
-        """All parameters, the uncertain ones at one end of their intervals.
+    def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
+        """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
 
         Parameters
         ----------
@@ -141,4 +290,4 @@ class Robot:
                     f"expected −1 to 1, got {sign!r}",
                     "−1, 0 or 1",
                 )
-        return {p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters}
+        return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

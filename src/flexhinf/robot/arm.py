@@ -1,0 +1,118 @@
+"""The links of an arm of n joints, with parameters that are arrays: perturbing them compiles nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics
+from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint
+
+__all__ = ["Arm"]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A tree of rigid links.
+
+    Parameters of the plant: ``gravity``, ``mass`` (n,), ``centre_of_mass`` (n, 3) in each link's frame, and
+    ``inertia`` (n, 6), xx xy xz yy yz zz about the centre of mass in axes parallel to the link's frame.
+
+    Parameters
+    ----------
+    tree : Tree
+        Joints and placements; constant.
+    down : (3,)
+        Direction of free fall in the world's frame; made a unit vector.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such direction.
+    """
+
+    tree: Tree
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+
+    def __post_init__(self) -> None:
+        try:
+            vector = np.asarray(self.down, dtype=float)
+            length = float(np.linalg.norm(vector))
+        except (TypeError, ValueError):
+            vector, length = np.zeros(0), 0.0
+        if vector.shape != (3,) or not np.isfinite(length) or length == 0.0:
+            raise InvalidInput(
+                "The direction of gravity is none.",
+                f"expected three numbers, got {self.down!r}",
+                "[0, 0, -1]",
+            )
+        object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.tree.names
+
+    @property
+    def slides(self) -> tuple[bool, ...]:
+        """Whether each joint is prismatic."""
+        return tuple(joint.slides for joint in self.tree.joints)
+
+    @property
+    def limits(self) -> tuple[tuple[float, float] | None, ...]:
+        """Range of each joint, rad or m."""
+        return tuple(joint.limits for joint in self.tree.joints)
+
+    def _names(self, joint: str, quantity: str, components: tuple[str, ...]) -> list[str]:
+        return [per_joint(f"{quantity}_{component}", joint, len(self.tree)) for component in components]
+
+    def required(self) -> tuple[str, ...]:
+        """Names of the parameters that the links must have."""
+        names = ["gravity"]
+        for joint in self.tree.names:
+            names.append(per_joint("mass", joint, len(self.tree)))
+            names += self._names(joint, "centre_of_mass", VECTOR) + self._names(joint, "inertia", INERTIA)
+        return tuple(names)
+
+    def packed(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """The links' parameters as the plant has them."""
+        rows = self.tree.names
+
+        def table(quantity: str, components: tuple[str, ...]) -> np.ndarray:
+            return np.array(
+                [[values[name] for name in self._names(row, quantity, components)] for row in rows]
+            )
+
+        return {
+            "gravity": values["gravity"],
+            "mass": np.array([values[per_joint("mass", row, len(rows))] for row in rows]),
+            "centre_of_mass": table("centre_of_mass", VECTOR),
+            "inertia": table("inertia", INERTIA),
+        }
+
+    def joint_array(self, column: list[float]) -> Any:
+        """An array (n,)."""
+        return np.array(column)
+
+    # Dynamics -------------------------------------------------------------------------------------
+    def _fall(self, p: Any) -> tuple[Any, ...]:
+        return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
+
+    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any) -> Any:
+        """q̈1 by the articulated-body algorithm, (n,) of any element."""
+        bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
+        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self._fall(p)))
+
+    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
+        """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
+        bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
+        return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self._fall(p)))
+
+    def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
+        """G(q1), (n,), N·m or N."""
+        nothing = [0.0] * len(self.tree)
+        return np.asarray(self.torques(np.asarray(q, dtype=float), nothing, nothing, p), dtype=float)

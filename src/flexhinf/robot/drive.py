@@ -1,0 +1,95 @@
+"""Motors, gears and springs: the numbers of each joint, reflected to the link side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.extras import DEFAULTS
+from flexhinf.robot.quantities import per_joint
+
+__all__ = ["DRIVES", "MOTOR", "OPTIONAL", "reflected", "required_of_drive"]
+
+#: What the input is: the motor's voltage (V), or its torque on the link side (N·m).
+DRIVES = {"voltage": "motor_voltage", "torque": "drive_torque"}
+
+MOTOR = ("resistance", "torque_constant", "back_emf_constant")
+
+#: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
+OPTIONAL = ("inductance", *DEFAULTS)
+
+#: Ways to state the inertia on the motor side.
+RAW = ("motor_inertia", "rotor_inertia", "hub_inertia", "gear_ratio", "gear_efficiency", "motor_efficiency")
+
+
+def required_of_drive(drive: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown drive.
+    """
+    if drive not in DRIVES:
+        raise InvalidInput(
+            "The motors are driven in an unknown way.",
+            f"expected one of {list(DRIVES)}, got {drive!r}",
+            "'voltage'",
+        )
+    required = []
+    for joint in joints:
+
+        def own(quantity: str, joint: str = joint) -> str:
+            return per_joint(quantity, joint, len(joints))
+
+        inertia = ("rotor_inertia", "gear_ratio") if own("rotor_inertia") in names else ("motor_inertia",)
+        motor = MOTOR if drive == "voltage" else ()
+        required += [own(quantity) for quantity in ("stiffness", *inertia, "friction", *motor)]
+    return required
+
+
+def reflected(values: Mapping[str, float], drive: str, joints: Sequence[str]) -> dict[str, list[float]]:
+    """What the plant's equations need, one number per joint, all seen from the link.
+
+    J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
+    motor are η_g η_m N k_t and N k_b. Stiffness, friction and what the joint adds are stated on the link side.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        The robot's parameters by name.
+    drive : {"voltage", "torque"}
+    joints : sequence of str
+    """
+
+    def of(quantity: str, joint: str, default: Any = None) -> float:
+        name = per_joint(quantity, joint, len(joints))
+        return values[name] if default is None else values.get(name, default)
+
+    packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
+    packed |= {quantity: [] for quantity in (MOTOR if drive == "voltage" else ())}
+    packed |= {
+        quantity: []
+        for quantity in OPTIONAL
+        if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
+        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and _dry(values))
+    }
+    for joint in joints:
+        ratio = of("gear_ratio", joint, 1.0)
+        factor = {
+            "torque_constant": ratio * of("gear_efficiency", joint, 1.0) * of("motor_efficiency", joint, 1.0),
+            "back_emf_constant": ratio,
+        }
+        for quantity, column in packed.items():
+            if quantity == "motor_inertia" and per_joint("rotor_inertia", joint, len(joints)) in values:
+                column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
+            elif quantity in OPTIONAL and quantity != "inductance":
+                column.append(of(quantity, joint, DEFAULTS[quantity]))
+            else:
+                column.append(factor.get(quantity, 1.0) * of(quantity, joint))
+    return packed
+
+
+def _dry(values: Mapping[str, float]) -> bool:
+    return any(name.startswith(("coulomb_friction", "static_friction")) for name in values)

@@ -1,0 +1,18 @@
+"""Rigid-body dynamics of trees of joints on any element: forward, inverse, mass matrix."""
+
+from flexhinf.robot.dynamics.articulated_body import forward_dynamics
+from flexhinf.robot.dynamics.bodies import Body, bodies_of
+from flexhinf.robot.dynamics.mass_matrix import mass_matrix
+from flexhinf.robot.dynamics.newton_euler import inverse_dynamics
+from flexhinf.robot.dynamics.tree import Joint, Placement, Tree
+
+__all__ = [
+    "Body",
+    "Joint",
+    "Placement",
+    "Tree",
+    "bodies_of",
+    "forward_dynamics",
+    "inverse_dynamics",
+    "mass_matrix",
+]

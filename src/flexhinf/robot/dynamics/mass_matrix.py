@@ -1,0 +1,81 @@
+"""The mass matrix: the composite-rigid-body algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.robot.dynamics.bodies import Body
+from flexhinf.robot.dynamics.folded import (
+    IDENTITY,
+    add,
+    add_matrices,
+    apply,
+    cross,
+    dot,
+    minus,
+    plus,
+    rotated_symmetric,
+    scaled,
+    symmetric,
+)
+from flexhinf.robot.dynamics.motion import Frame, frames_of
+from flexhinf.robot.dynamics.tree import Tree
+
+__all__ = ["mass_matrix"]
+
+
+def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
+    """M(q), (n, n) of any element, [featherstone2008].
+
+    Parameters
+    ----------
+    tree : Tree
+    bodies : sequence of Body
+    q : (n,)
+        Positions of the joints.
+    """
+    frames = frames_of(tree, q)
+    n, composite = len(tree), list(bodies)
+    matrix = np.zeros((n, n), dtype=object)
+    for i in reversed(range(n)):
+        force, moment = _column(tree.joints[i].slides, composite[i])
+        matrix[i, i] = force[2] if tree.joints[i].slides else moment[2]
+        j = i
+        while tree.parents[j] >= 0:
+            force, moment = frames[j].to_parent(force, moment)
+            j = tree.parents[j]
+            matrix[i, j] = matrix[j, i] = force[2] if tree.joints[j].slides else moment[2]
+        parent = tree.parents[i]
+        if parent >= 0:
+            composite[parent] = _joined(composite[parent], _seen_by_parent(composite[i], frames[i]))
+    return matrix
+
+
+def _column(slides: bool, body: Body) -> tuple[Any, Any]:
+    """Force and moment for a unit acceleration of the joint."""
+    x, y, _ = body.moment
+    if slides:
+        return (0.0, 0.0, body.mass), (y, minus(0.0, x), 0.0)
+    return (minus(0.0, y), x, 0.0), tuple(row[2] for row in body.inertia)
+
+
+def _joined(one: Body, other: Body) -> Body:
+    return Body(
+        plus(one.mass, other.mass), add(one.moment, other.moment), add_matrices(one.inertia, other.inertia)
+    )
+
+
+def _seen_by_parent(body: Body, frame: Frame) -> Body:
+    """The body about the parent's origin: h + m r, and I − [h][r] − [r][h + m r]."""
+    r, h = frame.translation, apply(frame.rotation, body.moment)
+    moment = add(h, scaled(body.mass, r))
+    inertia = rotated_symmetric(frame.rotation, body.inertia)
+
+    def entry(i: int, j: int) -> Any:
+        felt = add(cross(h, cross(r, IDENTITY[j])), cross(r, cross(moment, IDENTITY[j])))
+        return minus(inertia[i][j], dot(IDENTITY[i], felt))
+
+    return Body(body.mass, moment, symmetric(entry))

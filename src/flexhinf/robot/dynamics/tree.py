@@ -1,0 +1,262 @@
+"""The kinematic tree: joints with their places, in frames whose z axis is the joint's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.dynamics.folded import (
+    IDENTITY,
+    Matrix,
+    Vector,
+    add,
+    apply,
+    apply_transposed,
+    product,
+    transpose,
+)
+
+__all__ = ["KINDS", "Joint", "Placement", "Tree"]
+
+#: What a joint may do.
+KINDS = ("revolute", "continuous", "prismatic")
+
+#: An entry of a rotation this near to −1, 0 or 1 is that number: cos(π/2) is 6e-17 in floating point.
+SNAP = 1e-15
+
+Rows = tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a frame is in its parent's frame.
+
+    Attributes
+    ----------
+    rotation : 3 rows of 3
+        Takes components in this frame to components in the parent's.
+    translation : (3,)
+        This frame's origin in the parent's frame, m.
+    """
+
+    rotation: Rows = IDENTITY  # type: ignore[assignment]
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @staticmethod
+    def of(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
+        """From a translation (m) and roll, pitch, yaw (rad) about fixed x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+        Raises
+        ------
+        InvalidInput
+            If these are not three finite numbers each.
+        """
+        for name, value in (("xyz", xyz), ("rpy", rpy)):
+            _three(name, value)
+        (sr, cr), (sp, cp), (sy, cy) = ((_snap(math.sin(a)), _snap(math.cos(a))) for a in map(float, rpy))
+        rotation = (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+        return Placement(_snapped(rotation), (float(xyz[0]), float(xyz[1]), float(xyz[2])))
+
+    def then(self, other: Placement) -> Placement:
+        """The place, in this one's parent, of a frame that is at `other` in this one."""
+        moved = add(self.translation, apply(self.rotation, other.translation))
+        return Placement(_snapped(product(self.rotation, other.rotation)), _floats(moved))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint, and the frame of the link behind it: that frame moves with the link.
+
+    Parameters
+    ----------
+    name : str
+    kind : {"revolute", "continuous", "prismatic"}
+        Turns, turns without limits, or slides.
+    axis : (3,)
+        In the link's frame; made a unit vector.
+    placement : Placement
+        Of the link's frame at position zero, in the parent link's frame (the world's for the first).
+    limits : (lower, upper), optional
+        rad or m.
+    parent : str, optional
+        The joint before it; by default the one listed before (see `Tree`). "world" for the base.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown kind, an axis without direction, limits in the wrong order, or a name that cannot be part
+        of a state's name.
+    """
+
+    name: str
+    kind: str = "revolute"
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+    placement: Placement = Placement()
+    limits: tuple[float, float] | None = None
+    parent: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name or self.name.split() != [self.name]:
+            raise InvalidInput(
+                "A joint has no usable name.",
+                f"expected text without spaces, got {self.name!r}",
+                "'shoulder'",
+            )
+        if self.name == "world" or self.name.endswith("_integral"):
+            raise InvalidInput(
+                f"The joint name {self.name!r} has another meaning.",
+                "expected neither 'world' (the base) nor an ending '_integral' (the integral of an error)",
+                "another name",
+            )
+        if self.kind not in KINDS:
+            raise InvalidInput(
+                f"The joint {self.name!r} is of an unknown kind.",
+                f"expected one of {list(KINDS)}, got {self.kind!r}",
+                "merge fixed joints into their links; a planar or floating base is not supported",
+            )
+        length = float(np.linalg.norm(_three(f"axis of joint {self.name!r}", self.axis)))
+        if length == 0.0:
+            raise InvalidInput(
+                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
+            )
+        unit = tuple(_snap(float(a) / length) for a in self.axis)
+        object.__setattr__(self, "axis", unit)
+        if self.limits is not None:
+            lower, upper = (float(limit) for limit in self.limits)
+            if not lower < upper:
+                raise InvalidInput(
+                    f"The limits of joint {self.name!r} leave no room.",
+                    f"expected lower < upper, got {lower:g} and {upper:g}",
+                    "limits = [lower, upper] in rad (m for a prismatic joint)",
+                )
+            object.__setattr__(self, "limits", (lower, upper))
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is prismatic."""
+        return self.kind == "prismatic"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its position."""
+        return "m" if self.slides else "rad"
+
+    @cached_property
+    def alignment(self) -> Rows:
+        """Rotation whose third column is the axis: from the aligned frame to the link's."""
+        a = self.axis
+        k = int(np.argmax(np.abs(a)))
+        if a[(k + 1) % 3] == a[(k + 2) % 3] == 0.0:  # along ± a coordinate axis: nothing but zeros and ±1
+            x, y, z = np.roll(np.eye(3), -1 - k, axis=0)
+            x, z = (x, z) if a[k] > 0.0 else (-x, -z)
+        else:
+            z = np.array(a)
+            x = np.cross(np.eye(3)[int(np.argmin(np.abs(a)))], z)
+            x /= np.linalg.norm(x)
+            y = np.cross(z, x)
+        return _snapped(np.column_stack([x, y, z]).tolist())
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Joints on a fixed base, parents before children.
+
+    Parameters
+    ----------
+    joints : sequence of Joint
+        A joint without a parent hangs on the one listed before it, the first on the world.
+
+    Raises
+    ------
+    InvalidInput
+        If a name repeats, or a parent is not an earlier joint.
+    """
+
+    joints: tuple[Joint, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        names = self.names
+        if not names or len(set(names)) != len(names):
+            raise InvalidInput(
+                "The joints are none, or repeat.", f"expected distinct names, got {list(names)}", "rename one"
+            )
+        for place, joint in enumerate(self.joints):
+            if joint.parent not in (None, "world", *names[:place]):
+                raise InvalidInput(
+                    f"The joint {joint.name!r} hangs on {joint.parent!r}, which is no joint before it.",
+                    f"expected 'world' or one of {list(names[:place])}",
+                    "parents before their children; leave out parent for a chain",
+                )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints, in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """Number of each joint's parent, −1 for the world."""
+        names = self.names
+        return tuple(
+            place - 1
+            if joint.parent is None
+            else (-1 if joint.parent == "world" else names.index(joint.parent))
+            for place, joint in enumerate(self.joints)
+        )
+
+    @cached_property
+    def aligned(self) -> tuple[tuple[Matrix, Vector], ...]:
+        """Rotation and translation of each aligned frame at position zero, in its parent's aligned frame."""
+        places = []
+        for joint, parent in zip(self.joints, self.parents):
+            rotation, translation = (
+                product(joint.placement.rotation, joint.alignment),
+                joint.placement.translation,
+            )
+            if parent >= 0:
+                before = self.joints[parent].alignment
+                rotation, translation = (
+                    product(transpose(before), rotation),
+                    apply_transposed(before, translation),
+                )
+            places.append((_snapped(rotation), _floats(translation)))
+        return tuple(places)
+
+
+def _three(name: str, value: Sequence[float]) -> np.ndarray:
+    try:
+        vector = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        vector = np.array(np.nan)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise InvalidInput(
+            f"The {name} is no vector.", f"expected three finite numbers, got {value!r}", "[0, 0, 1]"
+        )
+    return vector
+
+
+def _snap(value: float) -> float:
+    nearest = round(value)
+    return float(nearest) if abs(value - nearest) < SNAP else value
+
+
+def _snapped(rotation: Matrix) -> Rows:
+    return tuple(tuple(_snap(float(entry)) for entry in row) for row in rotation)  # type: ignore[return-value]
+
+
+def _floats(vector: Vector) -> tuple[float, float, float]:
+    x, y, z = (float(entry) for entry in vector)
+    return x, y, z

@@ -1,0 +1,94 @@
+"""What a real joint adds to Spong's model: one switch each, for the true plant.
+
+========================  ===============================================================================
+switch                    adds
+========================  ===============================================================================
+``inductance``            the motor coil: L di/dt = V − R i − k_b q̇2; one more state per joint
+``joint_damping``         the spring's own damping D (q̇2 − q̇1)
+``spring_hardening``      a cubic part of the spring: K δ + K₃ δ³, δ = q2 − q1
+``backlash``              a dead zone of the spring of this total width
+``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
+``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
+========================  ===============================================================================
+
+Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
+as long as the torque is below F_c. Backlash is not smooth: a synthesis refuses it by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.scalars import clip
+
+__all__ = ["DEFAULTS", "EXTRAS", "checked_extras", "friction_torque", "spring_torque"]
+
+#: The parameter that each switch needs.
+EXTRAS = {
+    "inductance": "inductance",
+    "joint_damping": "damping",
+    "spring_hardening": "spring_hardening",
+    "backlash": "backlash",
+    "coulomb_friction": "coulomb_friction",
+    "stribeck_friction": "static_friction",
+}
+
+#: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
+DEFAULTS = {
+    "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
+    "stribeck_velocity": 0.1, "friction_smoothing": 0.01,
+}  # fmt: skip
+
+
+def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot: str) -> tuple[str, ...]:
+    """The switches that are on, in a fixed order.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown switch, or one whose number the robot does not state.
+    """
+    asked: Iterable[str] = (extras,) if isinstance(extras, str) else extras
+    asked = {*asked, "inductance"} if inductance else set(asked)
+    for name in sorted(asked):
+        if name not in EXTRAS:
+            raise InvalidInput(
+                f"Nothing that a real joint adds is called {name!r}.",
+                f"expected names out of {list(EXTRAS)}",
+                "extras=('joint_damping', 'coulomb_friction')",
+            )
+        if EXTRAS[name] not in given:
+            raise InvalidInput(
+                f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
+                f"expected it beside {sorted(given)}",
+                f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
+            )
+    return tuple(name for name in EXTRAS if name in asked)
+
+
+def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
+    """Torque of the spring on the link, of the twist δ = q2 − q1 and its rate."""
+    if "backlash" in extras:
+        half = 0.5 * p.backlash
+        twist = twist - clip(twist, -half, half)
+    torque = p.stiffness * twist
+    if "spring_hardening" in extras:
+        torque = torque + p.spring_hardening * (twist * twist * twist)
+    if "joint_damping" in extras:
+        torque = torque + p.damping * rate
+    return torque
+
+
+def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
+    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
+    if not {"coulomb_friction", "stribeck_friction"} & set(extras):
+        return 0.0
+    level = p.coulomb_friction
+    if "stribeck_friction" in extras:
+        ratio = velocity / p.stribeck_velocity
+        level = level + (p.static_friction - level) * np.exp(-(ratio * ratio))
+    return level * np.tanh(velocity / p.friction_smoothing)

@@ -1,0 +1,100 @@
+"""Where a robot rests: the springs hold the weight, the motors hold the springs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.elastic import Links
+
+__all__ = ["checked_pose", "operating_point"]
+
+
+def operating_point(
+    links: Links, drive: str, q: np.ndarray, p: Any, extras: Collection[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """State x* = (q, 0, q + K⁻¹ G(q), 0 (, i*)) and input u*, in the order of `Robot.plant`.
+
+    Parameters
+    ----------
+    links : Links
+    drive : {"voltage", "torque"}
+    q : (n,)
+        Link positions.
+    p : Parameters
+        Of the plant.
+    extras : collection of str
+        With a hardening spring or backlash the twist is that of the spring as it is.
+    """
+    weight = links.gravity_torque(q, p)
+    twist = weight / np.atleast_1d(p.stiffness)
+    if "spring_hardening" in extras:
+        twist = _hardened_twist(weight, np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening))
+    if "backlash" in extras:
+        twist = twist + 0.5 * np.sign(weight) * p.backlash
+    rest = np.zeros(len(q))
+    states = [q, rest, q + twist, rest]
+    if drive == "torque":
+        return np.concatenate(states), np.array(weight, dtype=float)
+    current = weight / p.torque_constant
+    if "inductance" in extras:
+        states.append(current)
+    return np.concatenate(states), np.asarray(p.resistance * current, dtype=float)
+
+
+def _hardened_twist(weight: np.ndarray, stiffness: np.ndarray, cubic: np.ndarray) -> np.ndarray:
+    """Solution of K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root."""
+    twist = weight / stiffness
+    for _ in range(100):
+        error = stiffness * twist + cubic * twist**3 - weight
+        step = error / (stiffness + 3.0 * cubic * twist**2)
+        twist = twist - step
+        if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
+            break
+    return twist
+
+
+def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np.ndarray:
+    """Link positions (n,) from a sequence, a mapping by joint name, a number for one joint, or None.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown joint, another number of values, or a position outside the joint's limits.
+    """
+    names = links.joint_names
+    if pose is None:
+        pose = default
+    if isinstance(pose, Mapping):
+        named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
+        if len(names) == 1 and "link_position" in named:
+            named[names[0]] = named.pop("link_position")
+        unknown = [name for name in named if name not in names]
+        if unknown:
+            raise InvalidInput(
+                f"The pose names a joint that the robot {robot!r} does not have: {unknown[0]!r}.",
+                f"expected names out of {list(names)}",
+                "one of these",
+            )
+        pose = [named.get(name, value) for name, value in zip(names, default)]
+    try:
+        values = np.atleast_1d(np.array(pose, dtype=float))
+    except (TypeError, ValueError):
+        values = np.array([np.nan])
+    if values.shape != (len(names),) or not np.all(np.isfinite(values)):
+        raise InvalidInput(
+            f"The pose does not fit the robot {robot!r}.",
+            f"expected {len(names)} finite positions for {list(names)}, got {pose!r}",
+            "one link position per joint, rad (m for a prismatic joint)",
+        )
+    for name, value, limits, slides in zip(names, values, links.limits, links.slides):
+        if limits is not None and not limits[0] <= value <= limits[1]:
+            raise InvalidInput(
+                f"The pose is outside the limits of joint {name!r}.",
+                f"expected {limits[0]:g} to {limits[1]:g} {'m' if slides else 'rad'}, got {value:g}",
+                "a pose within the limits; angles are in rad",
+            )
+    return values

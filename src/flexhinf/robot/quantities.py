@@ -1,0 +1,100 @@
+"""The physical numbers a robot is made of: unit, and what they must be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+
+__all__ = ["INERTIA", "QUANTITIES", "VECTOR", "Quantity", "check_values", "per_joint", "unit_of"]
+
+
+class Quantity(NamedTuple):
+    """What is known of a number before its value.
+
+    Attributes
+    ----------
+    unit, sliding_unit : str
+        For a joint that turns, and for one that slides.
+    sign : {"positive", "not negative", "any"}
+    """
+
+    unit: str
+    sliding_unit: str
+    sign: str = "any"
+
+
+def _same(unit: str, sign: str = "any") -> Quantity:
+    return Quantity(unit, unit, sign)
+
+
+#: Components of a centre of mass and of an inertia, in the order of their arrays.
+VECTOR, INERTIA = ("x", "y", "z"), ("xx", "xy", "xz", "yy", "yz", "zz")
+
+QUANTITIES: dict[str, Quantity] = {
+    "gravity": _same("m/s²"),
+    # links
+    "mass": _same("kg", "not negative"),
+    **{f"centre_of_mass_{axis}": _same("m") for axis in VECTOR},
+    **{f"inertia_{axes}": _same("kg·m²") for axes in INERTIA},
+    "length": _same("m"),  # of a single link: from the axis to the centre of mass
+    "link_inertia": _same("kg·m²", "positive"),  # of a single link: about the axis
+    # joints, seen from the link
+    "stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "motor_inertia": Quantity("kg·m²", "kg", "positive"),
+    "friction": Quantity("N·m·s/rad", "N·s/m", "not negative"),
+    # motors
+    "rotor_inertia": Quantity("kg·m²", "kg·m²", "positive"),
+    "hub_inertia": Quantity("kg·m²", "kg", "not negative"),
+    "gear_ratio": Quantity("1", "rad/m", "positive"),
+    "gear_efficiency": _same("1", "positive"),
+    "motor_efficiency": _same("1", "positive"),
+    "resistance": _same("Ω", "positive"),
+    "inductance": _same("H", "positive"),
+    "torque_constant": Quantity("N·m/A", "N/A"),
+    "back_emf_constant": Quantity("V·s/rad", "V·s/m"),
+    # what a real joint adds
+    "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
+    "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),
+    "backlash": Quantity("rad", "m", "not negative"),
+    "coulomb_friction": Quantity("N·m", "N", "not negative"),
+    "static_friction": Quantity("N·m", "N", "not negative"),
+    "stribeck_velocity": Quantity("rad/s", "m/s", "positive"),
+    "friction_smoothing": Quantity("rad/s", "m/s", "positive"),
+}
+
+
+def unit_of(quantity: str, slides: bool = False) -> str:
+    """Unit of a quantity at a joint that turns or slides."""
+    known = QUANTITIES[quantity]
+    return known.sliding_unit if slides else known.unit
+
+
+def per_joint(quantity: str, joint: str, joints: int) -> str:
+    """Name of one joint's number: with the joint's name behind it where there are several."""
+    return quantity if joints == 1 else f"{quantity}_{joint}"
+
+
+def check_values(values: Mapping[str, Any]) -> None:
+    """Refuse numbers of the wrong sign among packed parameters (floats, or one array per quantity).
+
+    Raises
+    ------
+    InvalidInput
+        With the quantity, its value and its unit.
+    """
+    for name, value in values.items():
+        quantity = QUANTITIES.get(name)
+        if quantity is None or quantity.sign == "any":
+            continue
+        positive = quantity.sign == "positive"
+        numbers = np.asarray(value, dtype=float)
+        if not np.all(numbers > 0.0 if positive else numbers >= 0.0):
+            raise InvalidInput(
+                f"The parameter {name!r} must be {quantity.sign}.",
+                f"expected {'> 0' if positive else '>= 0'} {quantity.unit}, got {numbers.tolist()!r}",
+                "correct the value",
+            )
