@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 
 __all__ = ["app", "main"]
 
@@ -79,6 +80,86 @@ def paper(
     folder = write(out, result.files)
     _print_claims([judged.claim for judged in result.judged], result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")
+
+
+@app.command()
+def design(
+    robot: Annotated[str, typer.Argument(help="Robot: paper is the built-in arm.")],
+    degrees: Annotated[str, typer.Option(help="Degrees of V to compare.")] = "2,4,6",
+    goal: Annotated[str, typer.Option(help="Goal pose, one angle per joint: 180deg, or 3.14 (rad).")] = "0",
+    penalty: Annotated[
+        str, typer.Option(help="Weights, one per state (integrals last). Default: the robot's.")
+    ] = "",
+    effort: Annotated[float, typer.Option(help="R2, the price of the input; 0 keeps the robot's.")] = 0.0,
+    gamma_ratio: Annotated[float, typer.Option(help="γ/γ* of the design.")] = 1.5,
+    checked_gamma_ratio: Annotated[float, typer.Option(help="γ/γ* of the inequality that is checked.")] = 1.6,
+    checked_penalty: Annotated[
+        str, typer.Option(help="Weights of the checked inequality. Default: 0.9 × penalty.")
+    ] = "",
+    rays: Annotated[int, typer.Option(help="Directions in which the region is looked at.")] = 4000,
+    seed: Annotated[int, typer.Option(help="Seed of the directions.")] = 0,
+) -> None:
+    """Choose the degree by data: where can each solution be trusted, and which step fits in it?"""
+    from flexhinf.design import shrinking, try_degrees
+    from flexhinf.plant import Penalty
+    from flexhinf.robot import paper_arm
+
+    if robot != "paper":
+        raise InvalidInput(
+            "There is no such robot.", f"expected 'paper', got {robot!r}", "flexhinf design paper"
+        )
+    arm = paper_arm()
+    asked = _numbers("degrees", degrees, int)
+    price = arm.penalty.effort if effort == 0.0 else effort
+    weights = (
+        Penalty(tuple(_numbers("penalty", penalty)), price) if penalty else Penalty(arm.penalty.states, price)
+    )
+    problem = arm.problem(weights, pose=_angles("goal", goal))
+    weaker = _numbers("checked penalty", checked_penalty) if checked_penalty else None
+    with _progress(2 * len(asked)) as tell:
+        choices = list(
+            try_degrees(problem, asked, gamma_ratio, checked_gamma_ratio, weaker, rays, seed, tell)
+        )
+    _print_choices(choices)
+    for low, high in shrinking(choices):
+        typer.secho(f"note: degree {high} allows a smaller step than degree {low}.", fg="yellow", err=True)
+
+
+def _numbers(what: str, text: str, kind: Callable[[str], Any] = float) -> list[Any]:
+    """Numbers between commas."""
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise InvalidInput(
+            f"The {what} cannot be read.", f"expected numbers between commas, got {text!r}", "2,4,6"
+        ) from None
+
+
+def _angles(what: str, text: str) -> list[float]:
+    """Angles between commas, in rad, or in degrees with the suffix deg."""
+
+    def angle(part: str) -> float:
+        part = part.strip()
+        return math.radians(float(part.removesuffix("deg"))) if part.endswith("deg") else float(part)
+
+    return _numbers(what, text, angle)
+
+
+def _print_choices(choices: Sequence[Any]) -> None:
+    """A table of what each degree gives."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Where each solution can be trusted: sampled, not proved", title_justify="left")
+    for column in ("degree", "law", "V ≤", "step, rad", "°", "residual", "solve, ms", "check, s"):
+        table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
+    names = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
+    for c in choices:
+        law = names.get(c.degree, f"degree {c.degree - 1}")
+        step = f"{c.step_amplitude:.3f}", f"{math.degrees(c.step_amplitude):.0f}"
+        times = f"{1e3 * c.solve_seconds:.1f}", f"{c.check_seconds:.1f}"
+        table.add_row(str(c.degree), law, f"{c.level:.4g}", *step, f"{c.residual:.0e}", *times)
+    Console().print(table)
 
 
 def _command(settings: Any, out: Path) -> list[str]:

@@ -1,0 +1,117 @@
+"""The corridor from a problem to a judged law: one call per arrow.
+
+So far it chooses the degree by data: solve to several degrees, look where each solution can be trusted, and
+say what it cost.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.plant import GeneralisedPlant
+
+__all__ = ["DegreeChoice", "shrinking", "try_degrees"]
+
+
+@dataclass(frozen=True)
+class DegreeChoice:
+    """What a degree gives.
+
+    Attributes
+    ----------
+    degree : int
+        Of V; the law has one less.
+    solution : HJISolution
+    level : float
+        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled).
+    step_amplitude : float
+        Largest rest-to-rest step whose start lies in it, in the unit of the tracked states.
+    limit : str
+        What bounds the level set.
+    residual : float
+        Largest relative residual of the homological equations, as measured.
+    solve_seconds, check_seconds : float
+        Wall time.
+    """
+
+    degree: int
+    solution: HJISolution
+    level: float
+    step_amplitude: float
+    limit: str
+    residual: float
+    solve_seconds: float
+    check_seconds: float
+
+
+def try_degrees(
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma_ratio: float = 1.5,
+    checked_gamma_ratio: float = 1.6,
+    checked_penalty: object = None,
+    rays: int = 4000,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Iterator[DegreeChoice]:
+    """Solve to each degree and sample the region where the solution holds.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+        About the goal pose: a step to the goal starts at a deviation from it.
+    degrees : sequence of int
+    gamma_ratio, checked_gamma_ratio : float
+        γ/γ* of the design, and of the inequality that is checked. The checked one must be weaker, see
+        `HJISolution.sampled_region`.
+    checked_penalty : optional
+        Penalty of the inequality that is checked; 0.9 times the designed one by default.
+    rays, seed : int
+        Of the sampled check.
+    tell : callable
+        Told what comes next, twice per degree.
+
+    Yields
+    ------
+    DegreeChoice
+
+    Raises
+    ------
+    InfeasibleGamma, InvalidInput
+        As `solve_hji` and `HJISolution.sampled_region`.
+    """
+    gamma_star = smallest_gamma(problem)
+    for degree in degrees:
+        tell(f"degree {degree}: solve")
+        start = time.perf_counter()
+        solution = solve_hji(problem, gamma=gamma_ratio * gamma_star, degree=degree)
+        solved = time.perf_counter()
+        tell(f"degree {degree}: sample the region")
+        check = solution.sampled_region(
+            gamma=checked_gamma_ratio * gamma_star,
+            penalty=checked_penalty,  # type: ignore[arg-type]
+            rays=rays,
+            seed=seed,
+        )
+        amplitude = check.step_amplitude()
+        residual = max((record.residual for record in solution.records), default=float("nan"))
+        yield DegreeChoice(
+            degree,
+            solution,
+            check.level,
+            amplitude,
+            check.limit,
+            residual,
+            solved - start,
+            time.perf_counter() - solved,
+        )
+
+
+def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
+    """Pairs (lower, higher) of neighbouring degrees where the higher one allows a smaller step."""
+    ordered = sorted(choices, key=lambda choice: choice.degree)
+    return [(a.degree, b.degree) for a, b in pairwise(ordered) if b.step_amplitude < a.step_amplitude]
