@@ -19,9 +19,9 @@ from flexhinf.codegen import Kernel
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.loop import Controller, Loop
-from flexhinf.loop.program import measure_function, rk4_function
+from flexhinf.loop.program import measure_function
 from flexhinf.loop.shared import share
-from flexhinf.paper.rows import compile_rows
+from flexhinf.paper.rows import compile_rows, one_period, slopes_in_rows
 from flexhinf.paper.steady_filter import SteadyFilter, linear_model, stationary_gain
 from flexhinf.plant import Law, Plant
 from flexhinf.plant.equilibrium import equilibrium
@@ -130,29 +130,45 @@ class RestingLoop:
         return {**named, "moving": np.sort(np.concatenate(moving))}
 
     @cached_property
-    def _step(self) -> Kernel:
-        """z, p → z one period later and its Jacobian, for many plants."""
-        key = ("resting loop", self.plant.code_key, self.controller.code_key, self.period, self.sub_steps)
-        return share(key, lambda: compile_rows(self._traced_step(), ("memory", "data")))
+    def _control(self) -> Kernel:
+        """(moving part z, p, memory, data) → u and the controller's moving part after, with their Jacobians."""
+        key = ("control at rest", self.plant.code_key, self.controller.code_key, self.period)
+        return share(key, lambda: compile_rows(self._traced_control(), ("memory", "data")))
 
-    def _traced_step(self) -> ca.Function:
-        """(moving part z, p, memory, data) → (z one period later, its Jacobian)."""
+    def _traced_control(self) -> ca.Function:
         plant, controller, places = self.plant, self.controller, self._places
         moving, n = places["moving"].tolist(), plant.n
         z, p = ca.SX.sym("z", n + len(moving)), ca.SX.sym("p", plant.parameters.size)
         fixed, data = ca.SX.sym("memory", controller.memory.size), ca.SX.sym("data", controller.data.size)
-        x, memory, truth = z[:n], ca.SX(fixed), ca.vertcat(self.period / self.sub_steps, p)
+        memory, noise = ca.SX(fixed), ca.SX.zeros(len(controller.measured))
         memory[moving] = z[n:]
-        noise, still = ca.SX.zeros(len(controller.measured)), ca.SX.zeros(3 * len(plant.disturbances))
-        y = measure_function(plant, controller)(x, memory[places["u"].tolist()], noise, truth)
+        # The output does not see the sub-step's length, the first number of `truth`.
+        y = measure_function(plant, controller)(
+            z[:n], memory[places["u"].tolist()], noise, ca.vertcat(0.0, p)
+        )
         u, _, after = controller.traced(y, memory[places["reference"].tolist()], memory, data)
-        advance = rk4_function(plant)
-        for _ in range(self.sub_steps):
-            x = advance(x, u, still, truth)
-        later = ca.vertcat(x, after[moving])
-        slope = ca.vec(ca.densify(ca.jacobian(later, z)).T)  # C order
-        names = (["z", "p", "memory", "data"], ["later", "slope"])
-        return ca.Function("resting_loop", [z, p, fixed, data], [later, slope], *names, {"cse": True})
+        later = after[moving]
+        results = [u, later, slopes_in_rows(ca.jacobian(u, z)), slopes_in_rows(ca.jacobian(later, z))]
+        names = (["z", "p", "memory", "data"], ["u", "after", "u_slope", "after_slope"])
+        return ca.Function("control_at_rest", [z, p, fixed, data], results, *names, {"cse": True})
+
+    def _period(
+        self, z: np.ndarray, vectors: np.ndarray, memory: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """z (N, k) one period later, and the Jacobian (N, k, k)."""
+        (count, k), n, m = z.shape, self.plant.n, len(self.plant.inputs)
+        sizes = {"u": m, "after": k - n, "u_slope": m * k, "after_slope": (k - n) * k}
+        arrays = {"z": z, "p": vectors, "memory": memory, "data": self.controller.data_vector}
+        arrays |= {name: np.zeros((count, size)) for name, size in sizes.items()}
+        arrays = {name: np.ascontiguousarray(array).ravel() for name, array in arrays.items()}
+        self._control.run(arrays, {"rows": count})
+        u, by_z = arrays["u"].reshape(count, m), arrays["u_slope"].reshape(count, m, k)
+        x, by_state, by_input = one_period(self.plant, self.period, self.sub_steps, z[:, :n], u, vectors)
+        slope = np.empty((count, k, k))
+        slope[:, :n] = by_input @ by_z
+        slope[:, :n, :n] += by_state
+        slope[:, n:] = arrays["after_slope"].reshape(count, k - n, k)
+        return np.hstack([x, arrays["after"].reshape(count, k - n)]), slope
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
@@ -232,13 +248,9 @@ class RestingLoop:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rest, Jacobian there, whether it was found), all plants at once."""
         count, k = z.shape
-        arrays = {"z": z, "p": vectors, "memory": memory, "data": self.controller.data_vector}
-        arrays |= {"later": np.zeros((count, k)), "slope": np.zeros((count, k * k))}
-        arrays = {name: np.ascontiguousarray(array).ravel() for name, array in arrays.items()}
-        z, later = arrays["z"].reshape(count, k), arrays["later"].reshape(count, k)
-        slope, size = arrays["slope"].reshape(count, k, k), np.full(count, np.inf)
+        slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
         for _ in range(ITERATIONS):
-            self._step.run(arrays, {"rows": count})
+            later, slope = self._period(z, vectors, memory)
             flat, gap = slope.reshape(count, -1), later - z
             fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
             size[~fine] = np.inf

@@ -18,9 +18,8 @@ from flexhinf.codegen import Kernel
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples
-from flexhinf.loop.program import rk4_function
 from flexhinf.paper.bench import PaperBench
-from flexhinf.paper.rows import compile_rows
+from flexhinf.paper.rows import compile_rows, one_period, slopes_in_rows
 from flexhinf.scalars import trace
 
 __all__ = ["Attained", "GainBench"]
@@ -112,32 +111,39 @@ class GainBench:
 
     # Search ---------------------------------------------------------------------------------------
     @cached_property
-    def _slopes(self) -> Kernel:
-        """(x, integral) → ∂(next)/∂(x, integral) and ∂|z|²/∂(x, integral), for the search's period."""
-        plant, period, law = self.bench.model, self.search_period, self.law
-        n, data = plant.n, np.ravel(law.law_data)
-        parts = self._loop(period).sub_steps
+    def _feedback(self) -> Kernel:
+        """(x, integral) → ∂u and ∂|z|² by them."""
+        n, data = self.bench.model.n, np.ravel(self.law.law_data)
         s = ca.SX.sym("s", n + 1)
-        u = trace(law.evaluate_law, n + 1, data.size)(s, ca.DM(data))
-        x, truth = s[:n], ca.DM(np.concatenate([[period / parts], plant.parameters.vector()]))
-        still = ca.SX.zeros(3 * len(plant.disturbances))
-        for _ in range(parts):
-            x = rk4_function(plant)(x, u, still, truth)
-        later = ca.vertcat(x, s[n] + period * 0.5 * (s[0] + x[0]))
+        u = trace(self.law.evaluate_law, n + 1, data.size)(s, ca.DM(data))
         z = ca.vertcat(ca.DM(self.weights) * s, np.sqrt(self.effort) * u)
-        slope = ca.vec(ca.densify(ca.jacobian(later, s)).T)
-        results, names = [slope, ca.densify(ca.gradient(ca.dot(z, z), s))], (["s"], ["slope", "cost"])
-        return compile_rows(ca.Function("slopes", [s], results, *names, {"cse": True}))
+        results = [slopes_in_rows(ca.jacobian(u, s)), ca.densify(ca.gradient(ca.dot(z, z), s))]
+        return compile_rows(ca.Function("feedback", [s], results, ["s"], ["by_state", "cost"], {"cse": True}))
+
+    def _slopes(self, states: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂(next)/∂(x, integral) (N, 5, 5) and ∂|z|²/∂(x, integral) (N, 5), at the search's period."""
+        (count, k), plant, period = states.shape, self.bench.model, self.search_period
+        arrays = {"s": np.ascontiguousarray(states).ravel()}
+        arrays |= {name: np.zeros(count * k) for name in ("by_state", "cost")}
+        self._feedback.run(arrays, {"rows": count})
+        p = np.tile(plant.parameters.vector(), (count, 1))
+        parts, n = self._loop(period).sub_steps, k - 1
+        _, by_state, by_input = one_period(plant, period, parts, states[:, :n], u[:, None], p)
+        slope = np.zeros((count, k, k))
+        slope[:, :n] = by_input @ arrays["by_state"].reshape(count, 1, k)
+        slope[:, :n, :n] += by_state
+        slope[:, n] = 0.5 * period * slope[:, 0]  # the integral, by the trapezoidal rule
+        slope[:, n, 0] += 0.5 * period
+        slope[:, n, n] += 1.0
+        return slope, arrays["cost"].reshape(count, k)
 
     def gradient(self, d: np.ndarray) -> tuple[np.ndarray, float] | None:
         """(∂∫|z|²/∂d, ∫|z|²) at the search's samples; None if the loop diverged."""
         states, u = self._simulate(self.search_period, d)
         if len(u) < len(d):
             return None
-        count, n = states.shape
-        arrays = {"s": states.ravel(), "slope": np.zeros(count * n * n), "cost": np.zeros(count * n)}
-        self._slopes.run(arrays, {"rows": count})
-        slopes, costs = arrays["slope"].reshape(count, n, n), arrays["cost"].reshape(count, n)
+        count = len(states)
+        slopes, costs = self._slopes(states, u)
         adjoint, gradient = costs[-1], np.zeros(count)
         for k in range(count - 2, -1, -1):
             gradient[k] = -adjoint[-1]  # d acts on the next integral only, by −period
