@@ -50,7 +50,7 @@ def test_gradient_is_the_derivative(n, k):
 def test_product_with_and_without_a_kept_table(monkeypatch, cached, n, a, b, c):
     if not cached:
         monkeypatch.setattr(algebra, "_CACHED_TABLE", 0)
-        monkeypatch.setattr(algebra, "_CHUNK", 30)
+        monkeypatch.setattr(algebra, "_ROWS", 2)
     rng = np.random.default_rng(a)
     left, right = rng.standard_normal((basis.count(n, a), c)), rng.standard_normal((c, basis.count(n, b)))
     right[:, rng.random(right.shape[1]) < 0.5] = 0

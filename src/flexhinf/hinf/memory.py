@@ -33,7 +33,7 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int) -> int:
     lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
     transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
-    values = 8 * 8 * highest
+    values = 8 * 10 * highest
     products = 24 * min(4_000_000, highest * degree) + 4 * sum(
         min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
     )

@@ -15,7 +15,7 @@ from flexhinf.polynomial import basis
 __all__ = ["add_part", "evaluate", "gradient", "monomials", "product"]
 
 _CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
-_CHUNK = 4_000_000  # products formed at a time when no table is kept
+_ROWS = 64  # monomials of one factor whose products are formed at a time when no table is kept
 
 
 def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
@@ -103,16 +103,25 @@ def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.n
     rows, size = left.shape[0], basis.count(n, a + b)
     if rows * right.shape[1] <= _CACHED_TABLE:
         return np.bincount(basis.merge(n, a, b).ravel(), (left @ right).ravel(), size)
-    active = np.flatnonzero(right.any(axis=0))
-    tuples = basis.indices(n, b)
-    total = np.zeros(size)
-    step = max(1, _CHUNK // rows)
-    for begin in range(0, len(active), step):
-        columns = active[begin : begin + step]
-        table = np.broadcast_to(np.arange(rows, dtype=np.int32)[:, None], (rows, len(columns)))
-        for position in range(b):
-            table = basis.insertion(n, a + position + 1)[table, tuples[columns, position]]
-        total += np.bincount(table.ravel(), (left @ right[:, columns]).ravel(), size)
+    return _product_by_columns(left, right, n, a, b)
+
+
+def _product_by_columns(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.ndarray:
+    """The same without a table of all pairs: one monomial of `right` at a time, grouped by its last index."""
+    total = np.zeros(basis.count(n, a + b))
+    active = right.any(axis=0)
+    prefixed = np.ascontiguousarray(basis.merge(n, a, b - 1).T)
+    last = basis.indices(n, b - 1)[:, -1] if b > 1 else np.zeros(1, int)
+    transposed = np.ascontiguousarray(left.T)
+    for j in range(n):
+        prefixes = np.flatnonzero(last <= j) if b > 1 else np.zeros(1, int)
+        columns = basis.insertion(n, b)[prefixes, j]
+        prefixes, columns = prefixes[active[columns]], columns[active[columns]]
+        appended = np.ascontiguousarray(basis.insertion(n, a + b)[:, j])
+        for begin in range(0, len(columns), _ROWS):
+            products = right[:, columns[begin : begin + _ROWS]].T @ transposed
+            for prefix, row in zip(prefixes[begin : begin + _ROWS], products, strict=True):
+                np.add.at(total, appended[prefixed[prefix]], row)
     return total
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from flexhinf.polynomial.rotation import rotate_pairs
-from flexhinf.polynomial.transform import change_variables
+from flexhinf.polynomial.transform import Workspace, change_variables
 
 __all__ = ["Coordinates", "eigen_coordinates", "schur_coordinates"]
 
@@ -35,6 +35,7 @@ class Coordinates:
     real: np.ndarray
     inverse: np.ndarray
     rotations: dict[int, np.ndarray]
+    workspace: Workspace = field(default_factory=Workspace, repr=False)
 
     @property
     def condition(self) -> float:
@@ -48,7 +49,7 @@ class Coordinates:
         n = len(self.real)
         if len(entries) <= _SMALL:
             return change_variables(entries, n, k, self.real @ self._pairs())
-        return rotate_pairs(change_variables(entries, n, k, self.real), n, k, self.rotations)
+        return rotate_pairs(change_variables(entries, n, k, self.real, self.workspace), n, k, self.rotations)
 
     def leave(self, entries: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries in x of a polynomial given in z, real in x."""
@@ -56,7 +57,8 @@ class Coordinates:
         if len(entries) <= _SMALL:
             return np.real(change_variables(entries, n, k, self._pairs().conj().T @ self.inverse))
         back = {first: np.ascontiguousarray(block.conj().T) for first, block in self.rotations.items()}
-        return change_variables(np.real(rotate_pairs(entries, n, k, back)), n, k, self.inverse)
+        rotated = np.real(rotate_pairs(entries, n, k, back))
+        return change_variables(rotated, n, k, self.inverse, self.workspace)
 
     def _pairs(self) -> np.ndarray:
         pairs = np.eye(len(self.real), dtype=complex)

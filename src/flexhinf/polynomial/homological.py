@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.algebra import gradient
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
 from flexhinf.polynomial.triangular import diagonal_sums, substitute
 
@@ -23,6 +22,7 @@ __all__ = ["HomologicalEquation", "HomologicalSolution"]
 
 _HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
+_ROWS = 8_192  # gradients formed at a time for a residual
 _REFINE = 1e-14  # residual above which a large solution is refined
 _ACCEPT = 3e-14  # residual above which the eigenvector route is given up
 
@@ -83,14 +83,12 @@ class HomologicalEquation:
     def residual(self, entries: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries of V_x A x + r."""
         n = len(self.matrix)
-        rates = gradient(entries, n, k) @ self.matrix
-        table = basis.insertion(n, k)
-        if table.size <= _SMALL * 100:
-            total = np.bincount(table.ravel(), rates.ravel(), basis.count(n, k))
-        else:
-            total = np.zeros(basis.count(n, k))
-            for j in range(n):
-                total[table[:, j]] += rates[:, j]  # insertion of a fixed index never repeats a tuple
+        table, weights = basis.insertion(n, k), k * basis.multiplicity(n, k - 1)
+        total = np.zeros(basis.count(n, k))
+        for begin in range(0, len(table), _ROWS):
+            rows = table[begin : begin + _ROWS]
+            slopes = entries[rows] * weights[begin : begin + _ROWS, None]
+            np.add.at(total, rows.ravel(), (slopes @ self.matrix).ravel())
         return total / basis.multiplicity(n, k) + known
 
     @cached_property

@@ -16,15 +16,35 @@ import numpy as np
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.threads import run_all
 
-__all__ = ["change_variables"]
+__all__ = ["Workspace", "change_variables"]
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
 _TILE_PRODUCTS = 200_000  # per matrix product: stays in cache, and below where BLAS starts threads of its own
 _TILE_BYTES = 2_000_000
-_LARGE = 20_000_000  # opened tensors from this size on are worth a second thread
+_LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
 
 
-def change_variables(entries: np.ndarray, n: int, k: int, matrix: np.ndarray) -> np.ndarray:
+class Workspace:
+    """Two buffers that the steps write to in turn, kept from one change of variables to the next.
+
+    Memory that is fresh from the system costs several times the arithmetic done on it.
+    """
+
+    def __init__(self) -> None:
+        self._buffers = [np.empty(0), np.empty(0)]
+
+    def take(self, turn: int, rows: int, columns: int, dtype: np.dtype) -> np.ndarray:
+        """An array whose content is arbitrary; it lives until the next call with the same parity of `turn`."""
+        size = rows * columns * dtype.itemsize // 8
+        if self._buffers[turn % 2].size < size:
+            self._buffers[turn % 2] = np.empty(0)  # give back before asking for more
+            self._buffers[turn % 2] = np.empty(size)
+        return self._buffers[turn % 2][:size].view(dtype).reshape(rows, columns)
+
+
+def change_variables(
+    entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: Workspace | None = None
+) -> np.ndarray:
     """Tensor entries of p(M z) as a polynomial in z, for p homogeneous of degree `k`.
 
     Parameters
@@ -33,6 +53,8 @@ def change_variables(entries: np.ndarray, n: int, k: int, matrix: np.ndarray) ->
         Tensor entries of p, real or complex.
     matrix : ndarray, shape (n, n)
         M, real or complex.
+    workspace : Workspace, optional
+        To be used again by later calls, one at a time.
 
     Returns
     -------
@@ -47,8 +69,10 @@ def change_variables(entries: np.ndarray, n: int, k: int, matrix: np.ndarray) ->
             opened = matrix.T @ tensor[opening]
             tensor = opened.reshape(len(opening), -1)[:, _sorted_pairs(n, s)]
         else:
-            tensor = _contract_one_index(tensor, opening, n, s, matrix)
-    return tensor.reshape(-1)
+            shape = len(opening), basis.count(n, s + 1)
+            result = workspace.take(s, *shape, dtype) if workspace else np.empty(shape, dtype)
+            tensor = _contract_one_index(tensor, opening, n, s, matrix, result)
+    return tensor.reshape(-1).copy() if workspace else tensor.reshape(-1)
 
 
 @lru_cache(64)
@@ -59,10 +83,9 @@ def _sorted_pairs(n: int, s: int) -> np.ndarray:
 
 
 def _contract_one_index(
-    tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray
+    tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
 ) -> np.ndarray:
     width = basis.count(n, s)
-    result = np.empty((len(opening), basis.count(n, s + 1)), tensor.dtype)
     blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
     columns = min(width, max(1, _TILE_PRODUCTS * blocks // n**2))
     rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else _TILE_PRODUCTS // n**2)
