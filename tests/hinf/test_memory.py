@@ -45,5 +45,11 @@ def test_refusal_names_need_and_supply_before_any_work():
         solve_hji(_plant(35), 2.0, 30)
 
 
+def test_refusal_comes_before_the_expansion(arm, monkeypatch):
+    monkeypatch.setattr(type(arm), "expand", lambda self, degree: pytest.fail("expanded first"))
+    with pytest.raises(InvalidInput, match="Degree 200 in 5 states does not fit"):
+        solve_hji(arm, 2.0, 200)
+
+
 def test_supply_is_some_number():
     assert memory.available_memory() > 1e6

@@ -114,6 +114,8 @@ def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
             f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
             "plant.with_objective(penalty) makes a problem of a plant",
         )
+    n, m = len(problem.state_names), len(problem.r2)
+    check_memory((n, 0, m, 0), degree)  # the expansion itself would already not fit
     return problem.expand(degree - 1)
 
 

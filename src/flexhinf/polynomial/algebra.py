@@ -109,7 +109,7 @@ def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.n
 def _product_by_columns(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.ndarray:
     """The same without a table of all pairs: one monomial of `right` at a time, grouped by its last index."""
     total = np.zeros(basis.count(n, a + b))
-    active = right.any(axis=0)
+    active: np.ndarray = np.any(right, axis=0)
     prefixed = np.ascontiguousarray(basis.merge(n, a, b - 1).T)
     last = basis.indices(n, b - 1)[:, -1] if b > 1 else np.zeros(1, int)
     transposed = np.ascontiguousarray(left.T)
