@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "robot": ("Parameter", "Robot", "paper_arm"),
+    "robot": ("Parameter", "Robot", "catalogue", "load_robot", "paper_arm"),
     "plant": ("GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant"),
     "hinf": ("HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji"),
     "estimation": ("ExtendedKalmanFilter", "UnscentedKalmanFilter"),
@@ -21,7 +21,7 @@ _PUBLIC = {
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
 
 __all__ = [  # noqa: RUF022 (grouped by room, as above)
-    "Parameter", "Robot", "paper_arm",
+    "Parameter", "Robot", "catalogue", "load_robot", "paper_arm",
     "GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant",
     "HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji",
     "ExtendedKalmanFilter", "UnscentedKalmanFilter",
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flexhinf.hinf import HJISolution, linear_law, load_solution, smallest_gamma, solve_hji
     from flexhinf.loop import Constant, Controller, Loop, Quintic, Samples, Sine, Step, Trajectory
     from flexhinf.plant import GeneralisedPlant, Penalty, Plant, PolynomialPlant
-    from flexhinf.robot import Parameter, Robot, paper_arm
+    from flexhinf.robot import Parameter, Robot, catalogue, load_robot, paper_arm
 
 
 def __getattr__(name: str) -> Any:

@@ -71,6 +71,7 @@ class Penalty:
         if not isinstance(self.states, Mapping):
             return self
         weights: dict[str, Any] = {}
+        weight: Any
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
             members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]

@@ -99,18 +99,23 @@ class Arm:
         return np.array(column)
 
     # Dynamics -------------------------------------------------------------------------------------
-    def _fall(self, p: Any) -> tuple[Any, ...]:
+    def fall(self, p: Any) -> tuple[Any, ...]:
+        """Acceleration of free fall in the world's frame, m/s²."""
         return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
+
+    def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
+        """The links as other tools want them: tree, mass (n,), centre of mass (n, 3) and inertia (n, 6)."""
+        return self.tree, p.mass, p.centre_of_mass, p.inertia
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any) -> Any:
         """q̈1 by the articulated-body algorithm, (n,) of any element."""
         bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
-        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self._fall(p)))
+        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p)))
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
         bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
-        return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self._fall(p)))
+        return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self.fall(p)))
 
     def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
         """G(q1), (n,), N·m or N."""

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import friction_torque, spring_torque
 
 __all__ = ["ElasticFlow", "Links"]
@@ -48,6 +49,19 @@ class Links(Protocol):
 
     def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
         """G(q1), (n,) numbers: what the springs must hold, N·m or N."""
+        ...
+
+    @property
+    def down(self) -> tuple[float, float, float]:
+        """Direction of free fall."""
+        ...
+
+    def fall(self, p: Any) -> tuple[Any, ...]:
+        """Acceleration of free fall, m/s²."""
+        ...
+
+    def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
+        """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of rigid links that move alike."""
         ...
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
-
-import numpy as np
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.parameter import Parameter
 
-__all__ = ["INERTIA", "QUANTITIES", "VECTOR", "Quantity", "check_values", "per_joint", "unit_of"]
+__all__ = ["INERTIA", "QUANTITIES", "VECTOR", "Quantity", "check_parameters", "per_joint", "unit_of"]
 
 
 class Quantity(NamedTuple):
@@ -78,23 +78,38 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
     return quantity if joints == 1 else f"{quantity}_{joint}"
 
 
-def check_values(values: Mapping[str, Any]) -> None:
-    """Refuse numbers of the wrong sign among packed parameters (floats, or one array per quantity).
+def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
+    """Refuse parameters that mean nothing, or have the wrong sign.
+
+    Parameters
+    ----------
+    robot : str
+    parameters : sequence of Parameter
+    slides : mapping of str to bool
+        Joints by name, and whether they are prismatic.
 
     Raises
     ------
     InvalidInput
-        With the quantity, its value and its unit.
+        With the parameter, its value and its unit.
     """
-    for name, value in values.items():
-        quantity = QUANTITIES.get(name)
-        if quantity is None or quantity.sign == "any":
-            continue
-        positive = quantity.sign == "positive"
-        numbers = np.asarray(value, dtype=float)
-        if not np.all(numbers > 0.0 if positive else numbers >= 0.0):
+    known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
+    for joint, sliding in slides.items():
+        known |= {per_joint(quantity, joint, len(slides)): (quantity, sliding) for quantity in QUANTITIES}
+    for parameter in parameters:
+        if parameter.name not in known:
+            close = difflib.get_close_matches(parameter.name, known, n=1)
             raise InvalidInput(
-                f"The parameter {name!r} must be {quantity.sign}.",
-                f"expected {'> 0' if positive else '>= 0'} {quantity.unit}, got {numbers.tolist()!r}",
+                f"The robot {robot!r} has no use for a parameter {parameter.name!r}.",
+                f"expected one of {list(QUANTITIES)}"
+                + (f" with _JOINT for {list(slides)}" if slides else ""),
+                repr(close[0]) if close else "a name of the list",
+            )
+        quantity, sliding = known[parameter.name]
+        sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)
+        if (sign == "positive" and not parameter.value > 0.0) or (sign != "any" and parameter.value < 0.0):
+            raise InvalidInput(
+                f"The parameter {parameter.name!r} must {'be positive' if sign == 'positive' else 'not be negative'}.",
+                f"expected {'> 0' if sign == 'positive' else '>= 0'} {unit}, got {parameter.value:g} {unit}",
                 "correct the value",
             )

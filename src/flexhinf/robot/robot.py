@@ -17,7 +17,7 @@ from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.penalised import robot_penalty
-from flexhinf.robot.quantities import check_values
+from flexhinf.robot.quantities import check_parameters
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
 from flexhinf.robot.single_link import Pendulum
 
@@ -68,6 +68,7 @@ class Robot:
                 f"expected each of {list(required)} once, got {names}",
                 f"add {missing}" if missing else "each name once",
             )
+        check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
 
@@ -151,7 +152,6 @@ class Robot:
         joints, parameters = self.joint_names, self.plant_parameters()
         on = checked_extras(extras, inductance, parameters, self.name)
         sensors = expanded(measured, SENSORS, joints)
-        check_values(parameters)
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
             ElasticFlow(self.links, self.drive, on),
@@ -189,7 +189,6 @@ class Robot:
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = self.plant_parameters()
-        check_values(packed)
         on = checked_extras(extras, False, packed, self.name)
         return operating_point(self.links, self.drive, q, Parameters(packed), on)
 

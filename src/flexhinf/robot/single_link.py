@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.robot.dynamics import Joint, Tree
 from flexhinf.robot.signals import SENSORS
 
 __all__ = ["SENSORS", "Pendulum"]
@@ -64,3 +65,24 @@ class Pendulum:
     def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
         """M g l sin q1, (1,), N·m."""
         return np.asarray(p.mass * p.gravity * p.length * np.sin(q), dtype=float)
+
+    @property
+    def down(self) -> tuple[float, float, float]:
+        """Direction of free fall in the frame of `rigid`."""
+        return (1.0, 0.0, 0.0)
+
+    def fall(self, p: Any) -> tuple[Any, ...]:
+        """Acceleration of free fall in the frame of `rigid`, m/s²."""
+        return (p.gravity, 0.0, 0.0)
+
+    def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
+        """A rigid link that moves alike, about z with x pointing down: tree, mass, centre of mass, inertia.
+
+        Only m l and I count. Half the lever with twice the mass keeps both, and leaves an inertia about the centre
+        of mass, I − m l²/2, that is positive even for a point mass.
+        """
+        mass, length = float(p.mass), float(p.length)
+        about = float(p.link_inertia) - 0.5 * mass * length**2
+        tree = Tree((Joint(self.joint, limits=self.range),))
+        six = [[about, 0.0, 0.0, about, 0.0, about]]
+        return tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array(six)

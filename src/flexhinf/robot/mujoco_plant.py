@@ -1,0 +1,254 @@
+"""The same robot in MuJoCo: physics that is not ours, as a true plant for `flexhinf.Loop`.
+
+MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with
+`armature` making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Parameters
+from flexhinf.robot.dynamics import Tree
+from flexhinf.robot.extras import checked_extras
+from flexhinf.robot.robot import Robot
+from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, signal_names, units_of
+
+__all__ = ["MuJoCoPlant", "mujoco_xml"]
+
+#: The part of a rotor's inertia that MuJoCo's body has; the rest is its armature.
+ROTOR_SHARE = 1e-3
+
+#: What a real joint adds and MuJoCo's tendon and joint can express exactly.
+EXPRESSED = ("joint_damping",)
+
+
+class MuJoCoPlant:
+    """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4.
+
+    Voltage-driven motors are without their coil: the torque k_t V / R is applied, and the back-EMF k_t k_b / R is
+    part of the rotor's damping.
+
+    Parameters
+    ----------
+    robot : Robot
+    measured : sequence of str or None
+        As for `Robot.plant`; None gives the whole state, for a controller without an estimator.
+    step : float
+        Longest step of integration, s.
+    extras : sequence of str
+        ``joint_damping`` or nothing.
+    parameters : mapping, optional
+        Of the plant, for example `Robot.draw`; nominal by default.
+
+    Attributes
+    ----------
+    states, inputs, disturbances, outputs : tuple of str
+        As for `Robot.plant`.
+    units : dict
+
+    Raises
+    ------
+    InvalidInput
+        If MuJoCo is not installed, or for an extra that it does not express.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        measured: str | Sequence[str] | None = ("link_position",),
+        step: float = 1e-3,
+        extras: str | Sequence[str] = (),
+        parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        packed = robot.plant_parameters() if parameters is None else dict(parameters)
+        on = checked_extras(extras, False, packed, robot.name)
+        if set(on) - set(EXPRESSED):
+            raise InvalidInput(
+                "MuJoCo does not express all of these extras.",
+                f"expected names out of {list(EXPRESSED)}, got {list(on)}",
+                "robot.plant(extras=...) as the true plant",
+            )
+        if not (np.isfinite(step) and step > 0.0):
+            raise InvalidInput("The step of integration is not positive.", f"got {step!r} s", "1e-3")
+        self._mujoco: Any = _imported()
+        self._p = p = Parameters(packed)
+        joints = robot.joint_names
+        self._n, self._step, self._robot = len(joints), float(step), robot
+        model = robot.plant(SENSORS if measured is None else measured)
+        self.states, self.inputs = tuple(model.states), tuple(model.inputs)
+        self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
+        sensed = None if measured is None else Sensors(expanded(measured, SENSORS, joints), joints, on)
+        self._sensors = sensed
+        self.outputs = self.states if sensed is None else sensed.names
+        self._gain = (
+            np.atleast_1d(p.torque_constant / p.resistance) if robot.drive == "voltage" else np.ones(self._n)
+        )
+        self.model = self._mujoco.MjModel.from_xml_string(mujoco_xml(robot, packed, on))
+        self.data = self._mujoco.MjData(self.model)
+        self.reset(None)
+
+    # Black box ------------------------------------------------------------------------------------
+    def reset(self, initial_state: Any = None) -> None:
+        """Start again at a state (4 n,) in the order of `states`; at rest in the robot's home by default."""
+        x = (
+            self._robot.operating_point()[0]
+            if initial_state is None
+            else np.asarray(initial_state, dtype=float)
+        )
+        if x.shape != (len(self.states),):
+            raise InvalidInput(
+                "The initial state does not fit MuJoCo's plant.",
+                f"expected {len(self.states)} numbers for {list(self.states)}, got shape {x.shape}",
+                "one number per state",
+            )
+        n = self._n
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = x[_positions(n)], x[_velocities(n)]
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def step(self, u: Any, disturbance: Any, period: float) -> None:
+        """Advance by one period (s) with the input (n,) and the disturbance (2 n,) held."""
+        n = self._n
+        count = max(1, int(np.ceil(period / self._step - 1e-9)))
+        torque = np.zeros(2 * n) if np.size(disturbance) == 0 else np.array(disturbance, dtype=float)
+        torque[n:] += self._gain * np.asarray(u, dtype=float)
+        self.model.opt.timestep = period / count
+        self.data.qfrc_applied[:] = torque
+        self._mujoco.mj_step(self.model, self.data, count)
+
+    def state(self) -> np.ndarray:
+        """x (4 n,), in the order of `states`."""
+        n, x = self._n, np.empty(4 * self._n)
+        x[_positions(n)], x[_velocities(n)] = self.data.qpos, self.data.qvel
+        return x
+
+    def output(self) -> np.ndarray:
+        """The measured signals."""
+        x = self.state()
+        return x if self._sensors is None else np.asarray(self._sensors(x, None, self._p), dtype=float)
+
+
+def _positions(n: int) -> np.ndarray:
+    return np.r_[0:n, 2 * n : 3 * n]
+
+
+def _velocities(n: int) -> np.ndarray:
+    return np.r_[n : 2 * n, 3 * n : 4 * n]
+
+
+def _imported() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise InvalidInput(
+            "MuJoCo is not installed.", "expected the package 'mujoco'", "pip install 'flexhinf[mujoco]'"
+        ) from error
+    return mujoco
+
+
+# The model ----------------------------------------------------------------------------------------
+def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str] = ()) -> str:
+    """The robot as MJCF: links, rotors, springs; joints in the order links, then motors.
+
+    Parameters
+    ----------
+    robot : Robot
+    parameters : mapping
+        Of its plant.
+    extras : sequence of str
+        ``joint_damping`` or nothing.
+    """
+    p = Parameters(dict(parameters))
+    rigid = robot.links.rigid(p)
+    tree: Tree = rigid[0]
+    links, motors = (signal_names(name, robot.joint_names) for name in MECHANICAL[::2])
+    friction = p.friction
+    if robot.drive == "voltage":
+        friction = friction + p.torque_constant * p.back_emf_constant / p.resistance
+    damping = p.damping if "joint_damping" in extras else 0.0
+    inertia, stiffness, friction, damping = (
+        np.broadcast_to(value, len(tree)) for value in (p.motor_inertia, p.stiffness, friction, damping)
+    )
+    rotors = [
+        f"<body><joint name={quoteattr(name)} type={_kind(joint.slides)} {_across(robot)} "
+        f'armature="{_n(j * (1.0 - ROTOR_SHARE))}" damping="{_n(b)}"/>{_rotor(joint.slides, j)}</body>'
+        for name, joint, j, b in zip(motors, tree.joints, inertia, friction)
+    ]
+    springs = [
+        f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="0"><joint joint={quoteattr(motor)} coef="1"/>'
+        f'<joint joint={quoteattr(link)} coef="-1"/></fixed>'
+        for k, c, motor, link in zip(stiffness, damping, motors, links)
+    ]
+    return (
+        f'<mujoco><compiler angle="radian"/><option integrator="RK4" gravity="{_row(robot.links.fall(p))}">'
+        f'<flag contact="disable"/></option><worldbody>{_bodies(rigid, -1, links)}{"".join(rotors)}</worldbody>'
+        f"<tendon>{''.join(springs)}</tendon></mujoco>"
+    )
+
+
+def _bodies(rigid: Any, parent: int, names: Sequence[str]) -> str:
+    """The links behind a parent, each with its own."""
+    (tree, masses, centres, inertias), text = rigid, ""
+    for i, joint in enumerate(tree.joints):
+        if tree.parents[i] == parent:
+            place = joint.placement
+            text += (
+                f'<body pos="{_row(place.translation)}" quat="{_row(_quaternion(place.rotation))}">'
+                f"{_inertial(masses[i], centres[i], inertias[i])}<joint name={quoteattr(names[i])} "
+                f'type={_kind(joint.slides)} axis="{_row(joint.axis)}"/>{_bodies(rigid, i, names)}</body>'
+            )
+    return text
+
+
+def _rotor(slides: bool, inertia: float) -> str:
+    mass, moment = (inertia * ROTOR_SHARE, 1.0) if slides else (1.0, inertia * ROTOR_SHARE)
+    return f'<inertial pos="0 0 0" mass="{_n(mass)}" diaginertia="{_n(moment)} {_n(moment)} {_n(moment)}"/>'
+
+
+def _across(robot: Robot) -> str:
+    """An axis that gravity does not act along, for rotors that slide."""
+    down = np.asarray(robot.links.down)
+    across = np.cross(down, np.eye(3)[int(np.argmin(np.abs(down)))])
+    return f'axis="{_row(across / np.linalg.norm(across))}"'
+
+
+def _kind(slides: bool) -> str:
+    return '"slide"' if slides else '"hinge"'
+
+
+def _n(number: Any) -> str:
+    return repr(float(number))
+
+
+def _row(numbers: Any) -> str:
+    return " ".join(_n(number) for number in numbers)
+
+
+def _inertial(mass: float, centre: Any, six: Any) -> str:
+    """Principal moments by our own decomposition: MuJoCo's rounds."""
+    xx, xy, xz, yy, yz, zz = six
+    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    place = f'pos="{_row(centre)}" quat="{_row(_quaternion(axes))}"'
+    return f'<inertial {place} mass="{_n(mass)}" diaginertia="{_row(moments)}"/>'
+
+
+def _quaternion(rotation: Any) -> np.ndarray:
+    """(w, x, y, z) of a rotation matrix: the eigenvector that Shepperd's largest component picks."""
+    r = np.asarray(rotation, dtype=float)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = r
+    table = np.array([
+        [1 + xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz],
+    ])  # fmt: skip
+    row = table[int(np.argmax(np.diag(table)))]
+    return row / np.linalg.norm(row)

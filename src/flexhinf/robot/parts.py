@@ -1,0 +1,191 @@
+"""The parts a robot is assembled from: links, elastic joints with their motors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.drive import MOTOR
+from flexhinf.robot.parameter import Parameter
+
+__all__ = ["ElasticJoint", "Link", "Number", "SingleLink"]
+
+#: A plain number, or one with tolerance and source.
+Number = float | Parameter
+
+#: Relative excess of one principal moment over the sum of the others that is rounding in a data sheet.
+TRIANGLE_SLACK = 1e-6
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link, in the frame of the joint that carries it.
+
+    Parameters
+    ----------
+    mass : number
+        kg.
+    centre_of_mass : three numbers
+        m.
+    inertia : six numbers
+        xx, xy, xz, yy, yz, zz about the centre of mass, axes parallel to the link's frame, kg·m².
+
+    Raises
+    ------
+    InvalidInput
+        For a mass that is not positive, or an inertia that no rigid body has.
+    """
+
+    mass: Number
+    centre_of_mass: Sequence[Number]
+    inertia: Sequence[Number]
+
+    def __post_init__(self) -> None:
+        for name, length in (("centre_of_mass", 3), ("inertia", 6)):
+            value = tuple(getattr(self, name))
+            if len(value) != length:
+                raise InvalidInput(
+                    f"The {name.replace('_', ' ')} of a link is incomplete.",
+                    f"expected {length} numbers, got {len(value)}",
+                    "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
+                )
+            object.__setattr__(self, name, value)
+        if not _value(self.mass) > 0.0:
+            raise InvalidInput(
+                "The mass of a link must be positive.",
+                f"expected > 0 kg, got {_value(self.mass):g}",
+                "its mass",
+            )
+        xx, xy, xz, yy, yz, zz = map(_value, self.inertia)
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if not moments[0] > 0.0:
+            raise InvalidInput(
+                "The inertia of a link must be positive.",
+                f"expected principal moments > 0 kg·m², got {_listed(moments)}",
+                "inertia = {xx, xy, xz, yy, yz, zz} about the centre of mass; a point mass gets a small one",
+            )
+        if moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
+            raise InvalidInput(
+                "The inertia of a link violates the triangle inequality: no rigid body has it.",
+                f"expected each principal moment <= the sum of the others, got {_listed(moments)} kg·m²",
+                "moments about the centre of mass (not about the joint), in kg·m²",
+            )
+
+
+@dataclass(frozen=True)
+class SingleLink:
+    """A single link that turns about a horizontal axis, with its inertia stated about that axis.
+
+    Parameters
+    ----------
+    inertia : number
+        About the axis, kg·m².
+    mass, length : number
+        kg, and from the axis to the centre of mass, m; both zero for an axis that is vertical.
+    """
+
+    inertia: Number
+    mass: Number = 0.0
+    length: Number = 0.0
+
+
+@dataclass(frozen=True)
+class ElasticJoint:
+    """The spring of a joint, and the motor behind it; all seen from the link unless said.
+
+    Parameters
+    ----------
+    stiffness : number
+        N·m/rad (N/m for a prismatic joint, and so on).
+    motor_inertia : number, optional
+        Rotor's inertia reflected to the link side, N² J_m, kg·m².
+    rotor_inertia, gear_ratio, hub_inertia : number, optional
+        Instead: the rotor's own inertia J_m (kg·m²), the ratio N, and what turns with the output (kg·m²).
+    friction : number
+        Viscous, on the motor side of the spring, N·m·s/rad.
+    resistance, torque_constant, back_emf_constant : number, optional
+        Of the motor, Ω, N·m/A, V·s/rad; before the gear where there is a gear ratio. Without them the input is
+        a torque.
+    gear_efficiency, motor_efficiency : number, optional
+        η_g, η_m.
+    inductance : number, optional
+        H.
+    damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
+        What a real joint adds, see `flexhinf.robot.extras`.
+
+    Raises
+    ------
+    InvalidInput
+        If the inertia on the motor side is stated twice or not at all, or the motor in part.
+    """
+
+    stiffness: Number
+    motor_inertia: Number | None = None
+    rotor_inertia: Number | None = None
+    gear_ratio: Number | None = None
+    hub_inertia: Number | None = None
+    friction: Number = 0.0
+    resistance: Number | None = None
+    torque_constant: Number | None = None
+    back_emf_constant: Number | None = None
+    gear_efficiency: Number | None = None
+    motor_efficiency: Number | None = None
+    inductance: Number | None = None
+    damping: Number | None = None
+    spring_hardening: Number | None = None
+    backlash: Number | None = None
+    coulomb_friction: Number | None = None
+    static_friction: Number | None = None
+    stribeck_velocity: Number | None = None
+    friction_smoothing: Number | None = None
+
+    def __post_init__(self) -> None:
+        if (self.motor_inertia is None) == (self.rotor_inertia is None):
+            raise InvalidInput(
+                "The inertia on the motor side must be stated once.",
+                "expected motor_inertia (reflected to the link side, N² J_m) or rotor_inertia with gear_ratio, got "
+                + ("neither" if self.motor_inertia is None else "both"),
+                "one of them; the rotor's inertia is never part of the link's",
+            )
+        if self.rotor_inertia is not None and self.gear_ratio is None:
+            raise InvalidInput(
+                "A rotor inertia needs its gear ratio.",
+                f"expected gear_ratio beside rotor_inertia = {_value(self.rotor_inertia):g} kg·m², got none",
+                "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
+            )
+        if self.hub_inertia is not None and self.rotor_inertia is None:
+            raise InvalidInput(
+                "A hub inertia is added to a reflected rotor inertia.",
+                "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
+                "add it to motor_inertia",
+            )
+        stated = [name for name in MOTOR if getattr(self, name) is not None]
+        if stated and len(stated) != len(MOTOR):
+            raise InvalidInput(
+                "A motor is stated in part.",
+                f"expected all of {list(MOTOR)} (voltage driven) or none (torque driven), got {stated}",
+                "the missing numbers from its data sheet",
+            )
+
+    @property
+    def stated(self) -> dict[str, Number]:
+        """The numbers that are given, by name."""
+        every = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: number for name, number in every.items() if number is not None}
+
+    @property
+    def drive(self) -> str:
+        """What its input is."""
+        return "torque" if self.resistance is None else "voltage"
+
+
+def _value(number: Number) -> float:
+    return number.value if isinstance(number, Parameter) else float(number)
+
+
+def _listed(numbers: Any) -> list[float]:
+    return [float(f"{number:.6g}") for number in numbers]

@@ -1,0 +1,255 @@
+"""Robots from files: TOML of our own, or a URDF with the elastic data beside it."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Penalty
+from flexhinf.robot.assembly import assembled, single_link_robot
+from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.file_errors import check_tolerance, told
+from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
+from flexhinf.robot.quantities import INERTIA
+from flexhinf.robot.robot import Robot
+from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
+from flexhinf.robot.shipped import catalogue
+from flexhinf.robot.urdf import RigidArm, read_urdf
+
+__all__ = ["load_robot"]
+
+GRAVITY = 9.81
+
+
+def load_robot(
+    source: str | Path,
+    elastic: str | Path | None = None,
+    *,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> Robot:
+    """A robot from a file, or from the catalogue by name.
+
+    Parameters
+    ----------
+    source : path or str
+        A robot file (``arm.toml``), a URDF (``arm.urdf``), or a name of `catalogue`.
+    elastic : path, optional
+        For a URDF: the robot file with the spring and the motor of each joint.
+    joints : sequence of str, optional
+        For a URDF: the joints that move; the others are locked. By default all that are not fixed.
+    locked : mapping of str to float, optional
+        For a URDF: joints that do not move, and where they stand, rad or m.
+
+    Raises
+    ------
+    InvalidInput
+        With the file, the key, the value and what is allowed there.
+    """
+    path = _found(source)
+    if path.suffix.lower() == ".toml":
+        if elastic is not None:
+            raise InvalidInput(
+                "A robot file holds the elastic data itself.",
+                f"expected elastic=... beside a URDF, got it beside {path.name!r}",
+                "load_robot('arm.toml'), or urdf = '…' in that file",
+            )
+        table, file = _read(path)
+        if table.urdf is None:
+            return _own(table, file, joints, locked)
+        return _with_urdf(table, file, _found(path.parent / table.urdf), joints, locked)
+    if elastic is None:
+        raise InvalidInput(
+            f"{path.name}: a URDF says nothing about elastic joints.",
+            "expected elastic='joints.toml', got none",
+            "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
+        )
+    table, file = _read(_found(elastic))
+    return _with_urdf(table, file, path, joints, locked)
+
+
+def _found(source: str | Path) -> Path:
+    shipped = catalogue()
+    if str(source) in shipped:
+        return shipped[str(source)]
+    path = Path(source)
+    if path.is_file():
+        return path
+    close = difflib.get_close_matches(str(source), shipped, n=1)
+    raise InvalidInput(
+        f"There is no robot file {str(source)!r}.",
+        f"expected a file, or a name of the catalogue: {list(shipped)}",
+        f"{close[0]!r}" if close else "the path of a .toml or .urdf file",
+    )
+
+
+def _read(path: Path) -> tuple[RobotTable, str]:
+    from pydantic import ValidationError
+
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(
+            f"{path.name}: this is no TOML.", f"expected key = value, got: {error}", "correct that line"
+        ) from error
+    try:
+        table = RobotTable.model_validate(data)
+    except ValidationError as error:
+        raise told(error, path.name, data) from error
+    if not table.name:
+        table.name = path.stem
+    return table, path.name
+
+
+# A robot file on its own --------------------------------------------------------------------------
+def _own(
+    table: RobotTable, file: str, chosen: Sequence[str] | None, locked: Mapping[str, float] | None
+) -> Robot:
+    if chosen is not None or locked or table.joints is not None or table.locked:
+        raise InvalidInput(
+            f"{file}: joints are chosen or locked in a URDF only.",
+            "expected neither joints nor locked without urdf",
+            "leave the joint out of the file",
+        )
+    joints, links, springs = [], [], []
+    for row in table.joint:
+        if row.link is None:
+            raise InvalidInput(
+                f"{file}: the joint {row.name!r} has no link.",
+                "expected [joint.link], or urdf = '…' at the top of the file",
+                "mass, centre_of_mass and inertia",
+            )
+        placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
+        limits: Any = None if row.limits is None else tuple(row.limits)
+        axis = row.axis or (0.0, 0.0, 1.0)
+        joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
+        links.append(_blamed(file, row.name, lambda row=row: _link(row.link, file, row.name)))
+        springs.append(_blamed(file, row.name, lambda row=row: _elastic(row, file)))
+    common = _common(table, file)
+    if isinstance(links[0], SingleLink):
+        if len(joints) > 1 or table.down is not None:
+            raise InvalidInput(
+                f"{file}: axis_inertia is for a single link about a horizontal axis.",
+                f"expected one joint and no 'down', got {len(joints)} joints",
+                "mass, centre_of_mass and inertia of each link",
+            )
+        return single_link_robot(table.name, joints[0], links[0], springs[0], **common)
+    down = {} if table.down is None else {"down": table.down}
+    return assembled(table.name, joints, links, springs, **down, **common)
+
+
+def _link(table: LinkTable | None, file: str, joint: str) -> Link | SingleLink:
+    assert table is not None
+    whole = {"mass": table.mass, "centre_of_mass": table.centre_of_mass, "inertia": table.inertia}
+    single = {"axis_inertia": table.axis_inertia, "length": table.length}
+    if table.axis_inertia is not None and table.inertia is None and table.centre_of_mass is None:
+        stated = {"inertia": table.axis_inertia, "mass": table.mass, "length": table.length}
+        return SingleLink(
+            **{k: _number(v, file, f"{joint}, link, {k}") for k, v in stated.items() if v is not None}
+        )
+    missing = [name for name, value in whole.items() if value is None]
+    if missing or any(value is not None for value in single.values()):
+        raise InvalidInput(
+            "A link is stated in part, or twice.",
+            f"expected {list(whole)}, or axis_inertia with mass and length, got "
+            f"{[name for name, value in {**whole, **single}.items() if value is not None]}",
+            f"add {missing}" if missing else "one of the two ways",
+        )
+    assert table.inertia is not None
+    assert table.centre_of_mass is not None
+    centre, six = table.centre_of_mass, table.inertia
+    for name, part in (("centre_of_mass", centre), ("inertia", six)):
+        check_tolerance(file, f"{joint}, link, {name}", part.tolerance)
+    return Link(
+        _number(table.mass, file, f"{joint}, link, mass"),
+        [
+            Parameter("centre_of_mass", value, centre.tolerance, source=centre.source)
+            for value in centre.value
+        ],
+        [Parameter("inertia", getattr(six, axes), six.tolerance, source=six.source) for axes in INERTIA],
+    )
+
+
+# With a URDF --------------------------------------------------------------------------------------
+def _with_urdf(
+    table: RobotTable,
+    file: str,
+    urdf: Path,
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float] | None,
+) -> Robot:
+    for row in table.joint:
+        twice = [
+            key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if getattr(row, key) is not None
+        ]
+        if twice:
+            raise InvalidInput(
+                f"{file}: the joint {row.name!r} states {twice[0]!r}, which the URDF states too.",
+                f"expected name, spring, motor (and limits) only, got {twice}",
+                f"leave it out; {urdf.name} decides",
+            )
+    chosen = joints if joints is not None else table.joints
+    arm: RigidArm = read_urdf(urdf, chosen, {**table.locked, **(locked or {})})
+    rows = {row.name: row for row in table.joint}
+    names = [joint.name for joint in arm.joints]
+    unknown = [name for name in rows if name not in arm.movable]
+    if unknown:
+        close = difflib.get_close_matches(unknown[0], arm.movable, n=1)
+        raise InvalidInput(
+            f"{file}: there is no joint {unknown[0]!r} in {urdf.name}.",
+            f"expected one of {list(arm.movable)}",
+            f"{close[0]!r}" if close else "one of these",
+        )
+    missing = [name for name in names if name not in rows]
+    if missing:
+        raise InvalidInput(
+            f"{file}: the joint {missing[0]!r} of {urdf.name} has no stiffness.",
+            f"expected a [[joint]] for each of {names}, missing: {missing}",
+            "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
+        )
+    kept = [rows[name] for name in names]
+    placed = [
+        Joint(j.name, j.kind, j.axis, j.placement, tuple(r.limits) if r.limits else j.limits, j.parent)  # type: ignore[arg-type]
+        for j, r in zip(arm.joints, kept)
+    ]
+    springs = [_blamed(file, row.name, lambda row=row: _elastic(row, file)) for row in kept]
+    down = {} if table.down is None else {"down": table.down}
+    return assembled(table.name, placed, arm.links, springs, **down, **_common(table, file))
+
+
+# Parts --------------------------------------------------------------------------------------------
+def _common(table: RobotTable, file: str) -> dict[str, Any]:
+    penalty = None
+    if table.penalty is not None:
+        penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
+    gravity = GRAVITY if table.gravity is None else _number(table.gravity, file, "gravity")
+    return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
+
+
+def _elastic(row: JointTable, file: str) -> ElasticJoint:
+    stated = {**dict(row.spring), **dict(row.motor)}
+    numbers = {
+        name: _number(value, file, f"{row.name}, {name}")
+        for name, value in stated.items()
+        if value is not None
+    }
+    return ElasticJoint(**numbers)
+
+
+def _number(table: NumberTable | None, file: str, where: str) -> Parameter:
+    assert table is not None
+    check_tolerance(file, where, table.tolerance)
+    return Parameter(where.rsplit(", ", 1)[-1], table.value, table.tolerance, source=table.source)
+
+
+def _blamed(file: str, joint: str, make: Any) -> Any:
+    """What `make` makes; its error says which joint of which file is meant."""
+    try:
+        return make()
+    except InvalidInput as error:
+        raise InvalidInput(f"{file}: joint {joint!r}: {error.what}", error.found, error.advice) from error

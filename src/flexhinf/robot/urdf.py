@@ -1,0 +1,299 @@
+"""URDF: the rigid part of a robot. Fixed and locked joints are merged into the links that carry them."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.dynamics.tree import KINDS
+from flexhinf.robot.parts import Link
+
+__all__ = ["RigidArm", "read_urdf"]
+
+
+@dataclass(frozen=True)
+class RigidArm:
+    """What a URDF says about dynamics.
+
+    Attributes
+    ----------
+    joints : tuple of Joint
+        That move, parents before children.
+    links : tuple of Link
+        One per joint, with everything that is fixed to it.
+    movable : tuple of str
+        All joints of the file that could move, the locked ones too.
+    """
+
+    joints: tuple[Joint, ...]
+    links: tuple[Link, ...]
+    movable: tuple[str, ...]
+
+
+def read_urdf(
+    path: str | Path, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+) -> RigidArm:
+    """The moving joints of a URDF and their links. Meshes, transmissions and ``<dynamics>`` are not read.
+
+    Parameters
+    ----------
+    path : path
+    joints : sequence of str, optional
+        Joints that move; the others are locked. By default all that are not fixed.
+    locked : mapping of str to float, optional
+        Joints that do not move, and where they stand (rad or m); zero for those that `joints` leaves out.
+
+    Raises
+    ------
+    InvalidInput
+        For a file that is no URDF, joint names that are not in it, mimic joints that are not locked, kinds of
+        joints that are not supported, and moving links without mass.
+    """
+    path = Path(path)
+    file = _File(path.name, _root(path))
+    locked = dict(locked or {})
+    file.check_names([*(joints or ()), *locked])
+    if joints is not None:
+        both = [name for name in joints if name in locked]
+        if both:
+            raise InvalidInput(
+                f"{path.name}: the joint {both[0]!r} is both chosen and locked.",
+                f"got {both}",
+                "one of the two",
+            )
+        locked |= {name: locked.get(name, 0.0) for name in file.movable if name not in joints}
+    walk = _Walk(file, locked)
+    walk.visit(file.base(), None, Placement())
+    if not walk.joints:
+        raise InvalidInput(
+            f"{path.name}: nothing moves.", f"all of {list(file.movable)} are fixed or locked", "joints=[...]"
+        )
+    links = [_merged(bodies, joint.name, path.name) for joint, bodies in zip(walk.joints, walk.bodies)]
+    return RigidArm(tuple(walk.joints), tuple(links), file.movable)
+
+
+def _root(path: Path) -> ElementTree.Element:
+    try:
+        text = path.read_text(encoding="utf-8")
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
+        raise InvalidInput(
+            f"{path.name}: this is no XML.", f"expected a URDF, got: {error}", "a URDF file, as text"
+        ) from error
+    if root.tag != "robot":
+        raise InvalidInput(
+            f"{path.name}: this is no URDF.",
+            f"expected the root element <robot>, got <{root.tag}>",
+            "convert it to URDF first",
+        )
+    if any("xacro" in element.tag for element in root.iter()):
+        raise InvalidInput(
+            f"{path.name}: this is a xacro file.",
+            "expected plain URDF, got elements of xacro",
+            "xacro arm.xacro > arm.urdf",
+        )
+    return root
+
+
+class _File:
+    """The elements of a URDF by name."""
+
+    def __init__(self, name: str, root: ElementTree.Element) -> None:
+        self.name = name
+        self.links = {str(link.get("name")): link for link in root.findall("link")}
+        self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+        self.children: dict[str, list[str]] = {}
+        for joint, element in self.joints.items():
+            for end in ("parent", "child"):
+                if self.end(element, end) not in self.links:
+                    raise InvalidInput(
+                        f"{name}: the joint {joint!r} has no {end} link.",
+                        f"expected one of {list(self.links)}, got {self.end(element, end)!r}",
+                        f"<{end} link='…'/>",
+                    )
+            self.children.setdefault(self.end(element, "parent"), []).append(joint)
+
+    @staticmethod
+    def end(joint: ElementTree.Element, which: str) -> str:
+        """Name of the link at one end of a joint."""
+        found = joint.find(which)
+        return "" if found is None else str(found.get("link"))
+
+    @property
+    def movable(self) -> tuple[str, ...]:
+        """Joints that are not fixed."""
+        return tuple(name for name, joint in self.joints.items() if joint.get("type") != "fixed")
+
+    def check_names(self, names: Sequence[str]) -> None:
+        """Refuse names of joints that do not move."""
+        for name in names:
+            if name not in self.movable:
+                close = difflib.get_close_matches(name, self.movable, n=1)
+                raise InvalidInput(
+                    f"{self.name}: there is no joint {name!r} that could move.",
+                    f"expected one of {list(self.movable)}",
+                    f"{close[0]!r}" if close else "one of these",
+                )
+
+    def base(self) -> str:
+        """The link that no joint carries."""
+        carried = [self.end(joint, "child") for joint in self.joints.values()]
+        free = [link for link in self.links if link not in carried]
+        if len(free) != 1 or len(set(carried)) != len(carried):
+            raise InvalidInput(
+                f"{self.name}: the links are no tree.",
+                f"expected one link without a parent and one parent for every other, got the free links {free}",
+                "a closed loop is cut, a second robot goes into a file of its own",
+            )
+        return free[0]
+
+
+@dataclass
+class _Walk:
+    """From the base outwards: the moving joints, and the bodies that each carries, in its frame."""
+
+    file: _File
+    locked: Mapping[str, float]
+    joints: list[Joint] = field(default_factory=list)
+    bodies: list[list[Any]] = field(default_factory=list)
+
+    def visit(self, link: str, carrier: int | None, placement: Placement) -> None:
+        """One link at a place in the frame of the joint that carries it (None: the world)."""
+        if carrier is not None:
+            self.bodies[carrier] += _body(self.file, link, placement)
+        for name in self.file.children.get(link, []):
+            element = self.file.joints[name]
+            child = self.file.end(element, "child")
+            kind, axis = (
+                element.get("type"),
+                _vector(self.file, name, element.find("axis"), "xyz", (1.0, 0.0, 0.0)),
+            )
+            place = placement.then(_origin(self.file, name, element))
+            if kind == "fixed":
+                self.visit(child, carrier, place)
+                continue
+            if kind not in KINDS:
+                raise InvalidInput(
+                    f"{self.file.name}: the joint {name!r} is of kind {kind!r}.",
+                    f"expected fixed or one of {list(KINDS)}",
+                    "a robot on a fixed base with joints of one degree of freedom",
+                )
+            if name in self.locked:
+                self.visit(child, carrier, place.then(_moved(kind, axis, float(self.locked[name]))))
+                continue
+            if element.find("mimic") is not None:
+                raise InvalidInput(
+                    f"{self.file.name}: the joint {name!r} mimics another one, which an elastic joint cannot.",
+                    f"expected independent joints, got <mimic> in {name!r}",
+                    f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
+                )
+            above = "world" if carrier is None else self.joints[carrier].name
+            self.joints.append(Joint(name, kind, axis, place, _limits(self.file, name, element), above))
+            self.bodies.append([])
+            self.visit(child, len(self.joints) - 1, Placement())
+
+
+# Elements -----------------------------------------------------------------------------------------
+def _vector(
+    file: _File, name: str, element: ElementTree.Element | None, key: str, default: tuple[float, ...]
+) -> Any:
+    if element is None or element.get(key) is None:
+        return default
+    try:
+        numbers = tuple(float(word) for word in str(element.get(key)).split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
+        raise InvalidInput(
+            f"{file.name}: {key} of <{element.tag}> in {name!r} cannot be read.",
+            f"expected {len(default)} numbers, got {element.get(key)!r}",
+            f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
+        )
+    return numbers
+
+
+def _number(file: _File, name: str, element: ElementTree.Element, key: str, default: float) -> float:
+    return _vector(file, name, element, key, (default,))[0]
+
+
+def _origin(file: _File, name: str, element: ElementTree.Element) -> Placement:
+    origin = element.find("origin")
+    nothing = (0.0, 0.0, 0.0)
+    return Placement.of(
+        _vector(file, name, origin, "xyz", nothing), _vector(file, name, origin, "rpy", nothing)
+    )
+
+
+def _limits(file: _File, name: str, joint: ElementTree.Element) -> tuple[float, float] | None:
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return None
+    lower, upper = (_number(file, name, limit, key, 0.0) for key in ("lower", "upper"))
+    return (lower, upper) if lower < upper else None
+
+
+def _moved(kind: str, axis: tuple[float, float, float], value: float) -> Placement:
+    """The place of a locked joint's link at its position."""
+    unit = np.array(axis) / np.linalg.norm(axis)
+    if kind == "prismatic":
+        return Placement(translation=tuple(float(entry) for entry in value * unit))  # type: ignore[arg-type]
+    x, y, z = unit
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation = np.eye(3) + math.sin(value) * cross + (1.0 - math.cos(value)) * cross @ cross
+    return Placement(tuple(tuple(float(entry) for entry in row) for row in rotation))  # type: ignore[arg-type]
+
+
+def _body(file: _File, link: str, placement: Placement) -> list[tuple[str, float, np.ndarray, np.ndarray]]:
+    """A link's name, mass, centre of mass and inertia about it, in the carrier's frame; nothing without mass."""
+    inertial = file.links[link].find("inertial")
+    mass_element = None if inertial is None else inertial.find("mass")
+    if inertial is None or mass_element is None:
+        return []
+    mass = _number(file, link, mass_element, "value", 0.0)
+    if mass == 0.0:
+        return []
+    six = inertial.find("inertia")
+    if six is None:
+        raise InvalidInput(
+            f"{file.name}: the link {link!r} has a mass and no inertia.",
+            "expected <inertia ixx=… iyy=… izz=…/> in <inertial>",
+            "the moments about its centre of mass",
+        )
+    xx, xy, xz, yy, yz, zz = (
+        _number(file, link, six, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    place = placement.then(_origin(file, link, inertial))
+    turn = np.array(place.rotation)
+    inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    return [(link, mass, np.array(place.translation), inertia)]
+
+
+def _merged(bodies: list[Any], joint: str, file: str) -> Link:
+    """Several bodies that move together as one link."""
+    mass = sum(body[1] for body in bodies)
+    if not mass > 0.0:
+        raise InvalidInput(
+            f"{file}: what the joint {joint!r} moves has no mass.",
+            f"expected <inertial> in the link behind it, got {mass:g} kg",
+            "a URDF with inertials (some are made for display only), or lock the joint",
+        )
+    centre: Any = sum(body[1] * body[2] for body in bodies) / mass
+    inertia = np.zeros((3, 3))
+    for _, m, c, about in bodies:
+        r = c - centre
+        inertia += about + m * (r @ r * np.eye(3) - np.outer(r, r))
+    six = [inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 1], inertia[1, 2], inertia[2, 2]]
+    try:
+        return Link(float(mass), [float(c) for c in centre], [float(i) for i in six])
+    except InvalidInput as error:
+        names = [body[0] for body in bodies]
+        raise InvalidInput(f"{file}: link {names}: {error.what}", error.found, error.advice) from error
