@@ -54,10 +54,9 @@ class FilterpyLoop:
     def step(self, y: float, reference: float) -> float:
         """Correct, integrate the error, evaluate the law, predict."""
         self.ukf.update(np.array([y]))
-        position = self.ukf.x[0]
         if self.started:
-            self.integral += self.period * (0.5 * (self.previous + position) - reference)
-        self.previous, self.started = position, True
+            self.integral += self.period * (0.5 * (self.previous + y) - reference)
+        self.previous, self.started = y, True
         state = np.append(self.ukf.x, self.integral)
         u = float(self.coefficients @ np.prod(state**self.exponents, axis=1))
         self.ukf.predict(u=u)

@@ -59,6 +59,12 @@ class Controller:
         self.limits = Limits.of(saturation, len(solution.input_names))
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
+        self._sources = [
+            ("output", self.measured.index(name))
+            if name in self.measured
+            else ("state", self.states.index(name))
+            for name in self.tracked
+        ]
         self._memory = self.initial_memory()
         self._reference = np.zeros(max(1, len(self.tracked)))
         self._estimate = np.zeros(len(self.states))
@@ -175,7 +181,7 @@ class Controller:
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             named = self.memory.named(memory), self.data.named(data)
-            u, estimate, after = controller_step(self.law, self.estimator, self._places, y, r, *named)
+            u, estimate, after = controller_step(self.law, self.estimator, self._sources, y, r, *named)
             return u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured), len(self.tracked), self.memory.size, self.data.size)

@@ -5,6 +5,7 @@ It is what the compiled kernels run, what `Controller.step` calls and what is ex
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,13 @@ __all__ = ["controller_step"]
 
 
 def controller_step(
-    law: Law, estimator: Estimator | None, tracked: np.ndarray, y: Any, r: Any, memory: Any, data: Any
+    law: Law,
+    estimator: Estimator | None,
+    tracked: Sequence[tuple[str, int]],
+    y: Any,
+    r: Any,
+    memory: Any,
+    data: Any,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
@@ -24,8 +31,10 @@ def controller_step(
     ----------
     law, estimator : Law, Estimator or None
         Without an estimator, y is the state of the plant that the law was designed for.
-    tracked : (k,) integers
-        Places in the plant's state of what is tracked.
+    tracked : sequence of (str, int)
+        "state" or "output", and the place there, of what is tracked: the measurement itself where the tracked
+        state is measured, so that the integral removes the error of the measured signal, whatever the
+        estimator's model gets wrong.
     y, r : (p,), (k,)
         Measurement and command.
     memory, data : namespaces
@@ -46,7 +55,7 @@ def controller_step(
         estimate = np.asarray(belief.mean)
 
     # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
-    position = estimate[tracked]
+    position = np.array([(y if source == "output" else estimate)[place] for source, place in tracked])
     growth = memory.started * data.period * (0.5 * (memory.position + position) - memory.reference)
     integral = memory.integral + growth
 
