@@ -16,6 +16,7 @@ import numpy as np
 from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.linearised import RestingLoop
 from flexhinf.plant import Law
+from flexhinf.report import number
 
 __all__ = [
     "ALL_STATES",
@@ -71,9 +72,8 @@ class Population:
     def describe(self, k: int) -> str:
         """A plant by its changes in per cent."""
         changes = {name: 100.0 * (v / self.nominal[name] - 1.0) for name, v in self.values[k].items() if v}
-        return ", ".join(
-            f"{name.replace('_', ' ')} {c:+.3g} %" for name, c in changes.items() if abs(c) > 1e-9
-        )
+        named = [(name.replace("_", " "), c) for name, c in changes.items() if abs(c) > 1e-9]
+        return ", ".join(f"{name} {c:+.3g} %" for name, c in named) or "nominal"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Case:
     @property
     def name(self) -> str:
         """For a sentence."""
-        return self.form if self.q is None else f"R^v = {self.q:.0e} on {self.form}".replace("e-0", "e-")
+        return self.form if self.q is None else f"R^v = {number(self.q)} on {self.form}"
 
 
 class ToleranceSweep:

@@ -7,6 +7,7 @@ rest at x(0) = 0. The search is power iteration: d is replaced by the gradient o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,6 +30,9 @@ HORIZON = 20.0
 
 #: Sampling period of the search, s, unless the settings' is longer. What is found is run at the settings' period.
 SEARCH_PERIOD = 1e-2
+
+#: Horizons count from where this share of ∫|d|² has passed: before, both integrals are rounding.
+BEGUN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -82,16 +86,16 @@ class GainBench:
         """Of a disturbance given as a function of time (arrays in, arrays out), held between samples."""
         times = self.times(self.period)
         d = np.asarray(disturbance(times), dtype=float)
+        energy = float(d[:-1] @ d[:-1]) * self.period
         states, u = self._simulate(self.period, d)
-        if len(u) < len(d):
-            return Attained(np.inf, float("nan"), float(np.abs(states[:, 0]).max()))
         z = self._cost(states, u)
+        if len(u) < len(d) or not np.all(np.isfinite(z)):
+            return Attained(np.inf, energy, np.inf)
         inner = 0.5 * (z[1:] + z[:-1])
-        outer = np.maximum(np.cumsum(d[:-1] ** 2), 1e-300)
-        ratio = np.cumsum(inner) / outer
-        return Attained(
-            float(np.sqrt(ratio.max())), float(outer[-1] * self.period), float(np.abs(states[:, 0]).max())
-        )
+        outer = np.cumsum(d[:-1] ** 2)
+        begun = outer > BEGUN * outer[-1]
+        ratio = np.cumsum(inner)[begun] / outer[begun]
+        return Attained(float(np.sqrt(ratio.max())), energy, float(np.abs(states[:, 0]).max()))
 
     def _simulate(self, period: float, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(states with the integral (N, 5), u (N,)); shorter than d if the loop diverged."""
@@ -107,7 +111,8 @@ class GainBench:
 
     def _cost(self, states: np.ndarray, u: np.ndarray) -> np.ndarray:
         """|z|² at each sample."""
-        return ((states * self.weights) ** 2).sum(axis=1) + self.effort * u**2
+        with np.errstate(over="ignore", invalid="ignore"):
+            return ((states * self.weights) ** 2).sum(axis=1) + self.effort * u**2
 
     # Search ---------------------------------------------------------------------------------------
     @cached_property
@@ -158,6 +163,8 @@ class GainBench:
             if found is None:
                 return None
             slope, value = found
+            if not math.isfinite(value) or not np.all(np.isfinite(slope)):
+                return None
             best = max(best, (value, d), key=lambda pair: pair[0])
             d = self.scaled(slope, energy)
         return best[1]

@@ -51,7 +51,7 @@ def judge(bench: PaperBench) -> Judged:
     runs = GainBench(bench, bench.nonlinear)
     stated = [(name, runs.attained(d)) for name, d in _stated()]
     worst = _searched(runs)
-    judged = [a for _, a in (*stated, *worst) if a.reach <= RANGE]
+    judged = [a for _, a in (*stated, *worst) if a.reach <= RANGE]  # a run that diverged reaches farther
     largest = max((a.gain for a in judged), default=math.inf)
     claim = Claim(
         "gain-attained",
@@ -60,10 +60,11 @@ def judge(bench: PaperBench) -> Judged:
         _evidence(bench, largest, stated, worst),
         figures=("table-gain", "figure-gain"),
     )
+    known = largest if math.isfinite(largest) else None
     numbers = {
-        "largest_gain": largest,
-        "largest_gain_over_gamma": largest / bench.gamma,
-        "largest_gain_over_gamma_star": largest / bench.gamma_star,
+        "largest_gain": known,
+        "largest_gain_over_gamma": known and known / bench.gamma,
+        "largest_gain_over_gamma_star": known and known / bench.gamma_star,
     }
     return Judged(claim, (_table(bench, stated, worst), _figure(bench, worst)), numbers)
 
@@ -164,6 +165,7 @@ def _figure(bench: PaperBench, worst: list[Named]) -> Figure:
     axes.axhline(bench.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")
     axes.axhline(bench.gamma_star, color=MUTED, linewidth=1.2, linestyle=(0, (4.0, 2.2)), label="γ*")
     axes.set_xscale("log")
+    axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])
     axes.set_ylim(0.0, None)
     axes.set_xlabel("energy of the disturbance, ∫|d|² (rad² s)")
     label(axes, "attained gain", "")

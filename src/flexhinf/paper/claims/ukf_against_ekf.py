@@ -98,8 +98,10 @@ def judge(bench: PaperBench) -> Judged:
     )
     claim = Claim("ukf-better-than-ekf", TEXT, verdict, evidence, figures=("table-ukf-ekf",))
     numbers = {
-        "largest_difference": largest,
-        "trials": {p.trial.name: [p.difference, p.half, *p.nees] for p in (*own, *others)},
+        "largest_difference": _known(largest),
+        "trials": {
+            p.trial.name: [_known(v) for v in (p.difference, p.half, *p.nees)] for p in (*own, *others)
+        },
     }
     return Judged(claim, (_table((*own, *others)), Paragraph(REASON)), numbers)
 
