@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.rays import Inequality, Stops
 
 if TYPE_CHECKING:
     from flexhinf.hinf.solution import HJISolution
@@ -29,11 +30,6 @@ GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
 PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty
 
 _SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation looked at, and its growth from point to point along a ray
-_BISECTIONS = 20
-_ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
-_SLACK = (
-    2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
-)
 _STARTS, _APART = 16, 0.95  # starts of the ascent, and the cosine of the angle they must keep from each other
 _OFFSPRING, _ROUNDS = 16, 30  # variations of each start, rounds
 
@@ -116,7 +112,7 @@ def sample_region(
         )
     output, words = _checked_penalty(solution, penalty)
     margin = f"{checked_gamma / solution.gamma:.4g} times the designed gamma, {words}"
-    game = _Inequality(solution, checked_gamma, output)
+    game = Inequality(solution, checked_gamma, output)
     rng = np.random.default_rng(seed)
     directions = game.directions(rng.standard_normal((rays, len(solution.P))))
     start = _SMALLEST / np.median(np.abs(directions).max(axis=1))
@@ -173,95 +169,7 @@ def _checked_penalty(
     return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"
 
 
-@dataclass(frozen=True)
-class _Stops:
-    """Where rays stopped: level (inf if they did not), radius, point (n,), and whether r > 0 there."""
-
-    level: np.ndarray
-    radius: np.ndarray
-    point: np.ndarray
-    broken: np.ndarray
-    direction: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Inequality:
-    """r and V along rays, for the checked pair."""
-
-    solution: HJISolution
-    gamma: float
-    output: Callable[[np.ndarray, np.ndarray], np.ndarray]
-
-    def directions(self, sphere: np.ndarray) -> np.ndarray:
-        """Rays of equal V_2: unit vectors times P^(−½)."""
-        values, vectors = np.linalg.eigh(self.solution.P)
-        spread = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ spread.T
-
-    def on_sphere(self, points: np.ndarray) -> np.ndarray:
-        """The unit vectors whose `directions` point at `points`."""
-        values, vectors = np.linalg.eigh(self.solution.P)
-        sphere = points @ (vectors * np.sqrt(np.maximum(values, 1e-14 * values[-1])))
-        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
-
-    def terms(self, x: np.ndarray) -> np.ndarray:
-        """The four terms of r at deviations (N, n), shape (4, N)."""
-        solution = self.solution
-        f, g1, g2, h = solution.exact_fields(x)
-        slope, h = solution.gradient(x), self.output(x, h)
-        w1 = np.einsum("ai,aij->aj", slope, g1) / self.gamma
-        w2 = np.einsum("ai,aij->aj", slope, g2)
-        priced = np.linalg.solve(solution.expansion.r2, w2.T).T
-        return np.stack(
-            [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
-        )
-
-    def stopped(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """V, whether r > 0, and whether V has stopped increasing along the ray through x, each (N,)."""
-        terms = self.terms(x)
-        broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
-        return self.solution.value(x), broken, ~((self.solution.gradient(x) * x).sum(1) > 0)
-
-    def march(
-        self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
-    ) -> _Stops:
-        """Follow every ray until it stops, passes `cap` or the lowest level so far, or leaves `largest`."""
-        count = len(directions)
-        level, radius = np.full(count, np.inf), radii.astype(float)
-        broken, last = np.zeros(count, bool), np.zeros(count)
-        active = np.arange(count)
-        reach = largest / np.abs(directions).max(axis=1)
-        while len(active):
-            x = directions[active] * radius[active, None]
-            value, violated, turned = self.stopped(x)
-            stop = violated | turned
-            for_good = active[stop]
-            if len(for_good):
-                level[for_good], radius[for_good], broken[for_good] = self._pinpoint(
-                    directions[for_good], last[for_good], radius[for_good]
-                )
-            going = active[~stop & (value < min(cap, _SLACK * level.min()))]
-            last[going] = radius[going]
-            radius[going] *= growth
-            active = going[radius[going] <= reach[going]]
-        return _Stops(level, radius, directions * radius[:, None], broken, directions)
-
-    def _pinpoint(
-        self, directions: np.ndarray, good: np.ndarray, bad: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bisect the radius at which rays stop; the level is that of the last good point."""
-        good, bad = good.copy(), bad.copy()
-        for _ in range(_BISECTIONS):
-            middle = (good + bad) / 2
-            _, violated, turned = self.stopped(directions * middle[:, None])
-            stop = violated | turned
-            bad, good = np.where(stop, middle, bad), np.where(stop, good, middle)
-        value = self.solution.value(directions * good[:, None])
-        _, broken, _ = self.stopped(directions * bad[:, None])
-        return value, bad, broken
-
-
-def _diverse(game: _Inequality, found: _Stops) -> np.ndarray:
+def _diverse(game: Inequality, found: Stops) -> np.ndarray:
     """The rays that stopped lowest, no two of them close to each other."""
     chosen: list[int] = []
     sphere = game.on_sphere(found.direction)
@@ -273,12 +181,12 @@ def _diverse(game: _Inequality, found: _Stops) -> np.ndarray:
     return np.array(chosen, dtype=int)
 
 
-def _lowered(game: _Inequality, found: _Stops, largest: float, rng: np.random.Generator) -> _Stops:
+def _lowered(game: Inequality, found: Stops, largest: float, rng: np.random.Generator) -> Stops:
     """Vary the directions of the worst rays, keep for each what stops at a lower level, narrow down."""
     starts = _diverse(game, found)
     if len(starts) == 0:
         return found
-    elite = _chosen(found, starts)
+    elite = found.chosen(starts)
     spread = 0.3
     for _ in range(_ROUNDS):
         sphere = np.repeat(game.on_sphere(elite.direction), _OFFSPRING, axis=0)
@@ -291,16 +199,6 @@ def _lowered(game: _Inequality, found: _Stops, largest: float, rng: np.random.Ge
             best == 0, np.arange(len(starts)), len(starts) + np.arange(len(starts)) * _OFFSPRING + best - 1
         )
         improved = levels.min() < elite.level.min() * (1 - 1e-3)
-        elite = _chosen(_joined(elite, tried), places)
+        elite = elite.joined(tried).chosen(places)
         spread *= 1.0 if improved else 0.75
-    return _joined(found, elite)
-
-
-def _chosen(stops: _Stops, places: np.ndarray) -> _Stops:
-    return _Stops(*(getattr(stops, name)[places] for name in _Stops.__dataclass_fields__))
-
-
-def _joined(one: _Stops, other: _Stops) -> _Stops:
-    return _Stops(
-        *(np.concatenate([getattr(one, name), getattr(other, name)]) for name in _Stops.__dataclass_fields__)
-    )
+    return found.joined(elite)

@@ -128,6 +128,14 @@ class HJISolution:
         slope = self._gradient(points)
         return slope[0] if single else slope
 
+    def gradient_parts(self, x: np.ndarray) -> dict[int, np.ndarray]:
+        """V_k,x by degree k of V, at deviations (N, n): shape (N, n) each; vanishing degrees are missing."""
+        chunks = []
+        for points in self._chunks(x):
+            powers = monomials(points, [k - 1 for k in self._slopes])
+            chunks.append({k: powers[k - 1] @ slope for k, slope in self._slopes.items()})
+        return {k: np.concatenate([chunk[k] for chunk in chunks]) for k in self._slopes}
+
     def law(self, x: np.ndarray) -> np.ndarray:
         """u = −R2⁻¹ g2(x)ᵀ V_xᵀ, deviation of the input: shape (m,) or (N, m)."""
         points, single = self._points(x)
@@ -265,13 +273,7 @@ class HJISolution:
         return sum((powers[k] @ part for k, part in self.value_parts.items()), start=np.zeros(len(points)))
 
     def _gradient(self, points: np.ndarray) -> np.ndarray:
-        slopes = []
-        for chunk in self._chunks(points):
-            powers = monomials(chunk, [k - 1 for k in self._slopes])
-            slopes.append(
-                sum((powers[k - 1] @ s for k, s in self._slopes.items()), start=np.zeros(chunk.shape))
-            )
-        return np.concatenate(slopes)
+        return sum(self.gradient_parts(points).values(), start=np.zeros(points.shape))
 
     def _fields(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact fields; the expansion's g1 or g2 where that is constant."""

@@ -1,0 +1,180 @@
+"""The dissipation inequality along rays from the operating point.
+
+On a ray x = ρ v every part of V is a power of the radius: V_k(ρ v) = ρᵏ V_k(v), V_k,x(ρ v) = ρᵏ⁻¹ V_k,x(v). So
+the polynomial is evaluated once per direction, and a point of the ray costs a weighted sum of a few vectors
+and the exact fields there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from flexhinf.hinf.solution import HJISolution
+
+__all__ = ["Inequality", "Rays", "Stops"]
+
+_BISECTIONS = 20
+_ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
+_SLACK = (
+    2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
+)
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Where rays stopped.
+
+    Attributes
+    ----------
+    level, radius : ndarray, shape (N,)
+        V at the last good point (inf for a ray that did not stop), and the radius.
+    point : ndarray, shape (N, n)
+    broken : ndarray of bool, shape (N,)
+        Whether r > 0 there; otherwise V stopped increasing.
+    direction : ndarray, shape (N, n)
+    """
+
+    level: np.ndarray
+    radius: np.ndarray
+    point: np.ndarray
+    broken: np.ndarray
+    direction: np.ndarray
+
+    def chosen(self, places: np.ndarray) -> Stops:
+        """Some of the rays."""
+        return Stops(*(getattr(self, name)[places] for name in Stops.__dataclass_fields__))
+
+    def joined(self, other: Stops) -> Stops:
+        """These rays and others."""
+        pairs = ((getattr(self, name), getattr(other, name)) for name in Stops.__dataclass_fields__)
+        return Stops(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Directions with the gradient of every part of V on them.
+
+    Attributes
+    ----------
+    direction : ndarray, shape (N, n)
+    degrees : ndarray of int, shape (K,)
+        Degrees of V that occur.
+    slopes : ndarray, shape (N, K, n)
+        V_k,x(v).
+    values : ndarray, shape (N, K)
+        V_k(v) = V_k,x(v) v / k, by Euler.
+    """
+
+    direction: np.ndarray
+    degrees: np.ndarray
+    slopes: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, solution: HJISolution, direction: np.ndarray) -> Rays:
+        """Evaluate V's parts on directions (N, n)."""
+        parts = solution.gradient_parts(direction)
+        degrees = np.array(list(parts))
+        slopes = np.stack(list(parts.values()), axis=1)
+        return cls(direction, degrees, slopes, np.einsum("akn,an->ak", slopes, direction) / degrees)
+
+    def chosen(self, places: np.ndarray) -> Rays:
+        """Some of the rays."""
+        return Rays(self.direction[places], self.degrees, self.slopes[places], self.values[places])
+
+    def at(self, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """x (N, n), V (N,), V_x (N, n) and V_x x (N,) at one radius per ray."""
+        powers = radius[:, None] ** self.degrees
+        terms = self.values * powers
+        slope = np.einsum("ak,akn->an", powers / radius[:, None], self.slopes)
+        return self.direction * radius[:, None], terms.sum(1), slope, terms @ self.degrees
+
+
+@dataclass(frozen=True)
+class Inequality:
+    """r(x) ≤ 0 with the exact fields, for a checked attenuation level and penalty.
+
+    Attributes
+    ----------
+    solution : HJISolution
+    gamma : float
+    output : callable
+        The checked h from x (N, n) and the designed h (N, s).
+    """
+
+    solution: HJISolution
+    gamma: float
+    output: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    _root: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        values, vectors = np.linalg.eigh(self.solution.P)
+        sizes = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+        object.__setattr__(self, "_root", (vectors * sizes, vectors / sizes))
+
+    def directions(self, sphere: np.ndarray) -> np.ndarray:
+        """Rays of equal V_2: unit vectors times P^(−½)."""
+        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ self._root[1].T
+
+    def on_sphere(self, points: np.ndarray) -> np.ndarray:
+        """The unit vectors whose `directions` point at `points`."""
+        sphere = points @ self._root[0]
+        return sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+
+    def terms(self, x: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """The four terms of r at deviations (N, n) with gradients (N, n), shape (4, N)."""
+        f, g1, g2, h = self.solution.exact_fields(x)
+        h = self.output(x, h)
+        w1 = np.einsum("ai,aij->aj", slope, g1) / self.gamma
+        w2 = np.einsum("ai,aij->aj", slope, g2)
+        priced = np.linalg.solve(self.solution.expansion.r2, w2.T).T
+        return np.stack(
+            [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
+        )
+
+    def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """V, whether r > 0, and whether V has stopped increasing, at one radius per ray, each (N,)."""
+        x, value, slope, radial = rays.at(radius)
+        terms = self.terms(x, slope)
+        broken = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
+        return value, broken, ~(radial > 0)
+
+    def march(
+        self, directions: np.ndarray, radii: np.ndarray, growth: float, largest: float, cap: float
+    ) -> Stops:
+        """Follow every ray until it stops, passes `cap` or twice the lowest level so far, or leaves `largest`."""
+        rays, count = Rays.of(self.solution, directions), len(directions)
+        level, radius = np.full(count, np.inf), radii.astype(float)
+        broken, last = np.zeros(count, bool), np.zeros(count)
+        active = np.arange(count)
+        reach = largest / np.abs(directions).max(axis=1)
+        while len(active):
+            value, violated, turned = self.stopped(rays.chosen(active), radius[active])
+            stop = violated | turned
+            ended = active[stop]
+            if len(ended):
+                level[ended], radius[ended], broken[ended] = self._pinpoint(
+                    rays.chosen(ended), last[ended], radius[ended], violated[stop]
+                )
+            going = active[~stop & (value < min(cap, _SLACK * level.min()))]
+            last[going] = radius[going]
+            radius[going] *= growth
+            active = going[radius[going] <= reach[going]]
+        return Stops(level, radius, directions * radius[:, None], broken, directions)
+
+    def _pinpoint(
+        self, rays: Rays, good: np.ndarray, bad: np.ndarray, broken: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bisect the radius at which rays stop: V at the last good point, the first bad radius, r > 0 there."""
+        for _ in range(_BISECTIONS):
+            middle = (good + bad) / 2
+            _, violated, turned = self.stopped(rays, middle)
+            stop = violated | turned
+            broken = np.where(stop, violated, broken)
+            bad, good = np.where(stop, middle, bad), np.where(stop, good, middle)
+        return rays.at(np.maximum(good, 1e-300))[1], bad, broken

@@ -1,0 +1,59 @@
+"""Along a ray every part of V is a power of the radius."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.hinf.rays import Inequality, Rays
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+
+
+@pytest.fixture
+def solved(random_plant):
+    plant = random_plant(np.random.default_rng(4), 3)
+    return solve_hji(plant, 3 * smallest_gamma(plant), 5)
+
+
+def test_points_on_rays_are_what_the_solution_says_of_them(solved):
+    rng = np.random.default_rng(0)
+    rays, radius = Rays.of(solved, rng.standard_normal((20, 3))), rng.uniform(0.1, 3.0, 20)
+    x, value, slope, radial = rays.at(radius)
+    assert np.array_equal(x, rays.direction * radius[:, None])
+    assert value == pytest.approx(solved.value(x), rel=1e-12)
+    assert slope == pytest.approx(solved.gradient(x), rel=1e-11, abs=1e-12)
+    assert radial == pytest.approx((solved.gradient(x) * x).sum(1), rel=1e-11, abs=1e-12)
+
+
+def test_terms_of_the_designed_pair_add_up_to_the_residual(solved):
+    x = 0.3 * np.random.default_rng(1).standard_normal((20, 3))
+    terms = Inequality(solved, solved.gamma, lambda x, h: h).terms(x, solved.gradient(x))
+    assert terms.sum(axis=0) == pytest.approx(solved.residual(x), rel=1e-9, abs=1e-12 * np.abs(terms).max())
+
+
+def test_directions_lie_on_one_level_of_the_quadratic_part_and_back(solved):
+    game = Inequality(solved, solved.gamma, lambda x, h: h)
+    sphere = np.random.default_rng(2).standard_normal((9, 3))
+    directions = game.directions(sphere)
+    assert ((directions @ solved.P) * directions).sum(1) == pytest.approx(np.ones(9), rel=1e-12)
+    unit = sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    assert game.on_sphere(directions) == pytest.approx(unit, rel=1e-10, abs=1e-12)
+
+
+def test_march_finds_the_edge_and_why():
+    """ẋ = −x + x³ + d + u: with nothing penalised, r = −p x² + p x⁴ + ½ p² x² (1/γ² − 1)."""
+    plant = PolynomialPlant({(1,): [-1.0], (3,): [1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    solution = linear_law(plant, 2.0)
+    p = solution.P[0, 0]
+    stops = Inequality(solution, 4.0, lambda x, h: 0 * h).march(
+        np.array([[1.0], [-2.0]]), np.array([0.01, 0.01]), 1.1, 100.0, np.inf
+    )
+    edge = np.sqrt(1 - p * (1 / 16 - 1) / 2)
+    assert stops.point[:, 0] == pytest.approx([edge, -edge], rel=1e-6)
+    assert stops.level == pytest.approx(p * edge**2 / 2, rel=1e-6)
+    assert stops.broken.all()
+    near = Inequality(solution, 4.0, lambda x, h: 0 * h).march(
+        np.array([[1.0]]), np.array([0.01]), 1.1, 0.5, np.inf
+    )
+    assert np.isinf(near.level[0])
