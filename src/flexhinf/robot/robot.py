@@ -251,13 +251,14 @@ class Robot:
     # Tolerances -----------------------------------------------------------------------------------
     @property
     def uncertain(self) -> tuple[Parameter, ...]:
-        """The parameters with a tolerance."""
-        return tuple(p for p in self.parameters if p.tolerance > 0.0)
+        """The parameters whose tolerance leaves them room (a per cent of zero is none)."""
+        return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
         return self.plant_parameters(
-            {p.name: float(rng.uniform(*p.interval)) if p.tolerance else p.value for p in self.parameters}
+            {p.name: p.value for p in self.parameters}
+            | {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
         )
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:

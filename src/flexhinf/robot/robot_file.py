@@ -131,7 +131,8 @@ def _own(
         links.append(_blamed(file, row.name, lambda row=row: _link(row.link, file, row.name)))
         springs.append(_blamed(file, row.name, lambda row=row: _elastic(row, file)))
     common = _common(table, file)
-    if isinstance(links[0], SingleLink):
+    rigid = [link for link in links if isinstance(link, Link)]
+    if len(rigid) < len(links):
         if len(joints) > 1 or table.down is not None:
             raise InvalidInput(
                 f"{file}: axis_inertia is for a single link about a horizontal axis.",
@@ -140,7 +141,7 @@ def _own(
             )
         return single_link_robot(table.name, joints[0], links[0], springs[0], **common)
     down = {} if table.down is None else {"down": table.down}
-    return assembled(table.name, joints, links, springs, **down, **common)
+    return assembled(table.name, joints, rigid, springs, **down, **common)
 
 
 def _link(table: LinkTable | None, file: str, joint: str) -> Link | SingleLink:

@@ -148,10 +148,17 @@ class _File:
         """The link that no joint carries."""
         carried = [self.end(joint, "child") for joint in self.joints.values()]
         free = [link for link in self.links if link not in carried]
-        if len(free) != 1 or len(set(carried)) != len(carried):
+        reached, ahead = set[str](), list(free)
+        while ahead:
+            link = ahead.pop()
+            if link not in reached:
+                reached.add(link)
+                ahead += [self.end(self.joints[joint], "child") for joint in self.children.get(link, [])]
+        if len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(self.links):
             raise InvalidInput(
                 f"{self.name}: the links are no tree.",
-                f"expected one link without a parent and one parent for every other, got the free links {free}",
+                "expected one link without a parent and one parent for every other, got the links without a parent "
+                f"{free}, and in loops {[link for link in self.links if link not in reached]}",
                 "a closed loop is cut, a second robot goes into a file of its own",
             )
         return free[0]

@@ -1,0 +1,83 @@
+"""What a real joint adds: each alone, all together, and refused where it cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import Parameter
+from flexhinf.robot.extras import EXTRAS
+
+ARM = fh.paper_arm().with_parameters(
+    Parameter("damping", 0.7),
+    Parameter("spring_hardening", 5000.0),
+    Parameter("backlash", 0.02),
+    Parameter("coulomb_friction", 0.5),
+    Parameter("static_friction", 0.8),
+    Parameter("stribeck_velocity", 0.2),
+)
+X = np.array([0.1, 0.3, 0.25, -0.4])
+
+
+def change(extras, x=X):
+    """What the extras change in the rates of the link's and the motor's velocity; both inertias are 1."""
+    plain, real = ARM.plant(), ARM.plant(extras=extras)
+    rate = real.derivative(np.concatenate([x, np.zeros(len(real.states) - 4)])) - np.concatenate(
+        [plain.derivative(x), np.zeros(len(real.states) - 4)]
+    )
+    return rate[1], rate[3]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("extras", "link", "motor"),
+    [
+        ("joint_damping", 0.7 * (-0.7), 0.7 * 0.7),
+        ("spring_hardening", 5000.0 * 0.15**3, -5000.0 * 0.15**3),
+        ("backlash", -100.0 * 0.01, 100.0 * 0.01),
+        ("coulomb_friction", 0.0, 0.5),
+        ("stribeck_friction", 0.0, 0.5 + 0.3 * np.exp(-4.0)),
+        (("spring_hardening", "backlash"), 5000.0 * 0.14**3 - 1.0, 1.0 - 5000.0 * 0.14**3),
+    ],
+)
+def test_each_switch_adds_its_torque(extras, link, motor):
+    assert change(extras) == pytest.approx((link, motor), rel=1e-9)
+
+
+def test_inside_the_backlash_the_spring_is_slack():
+    plant = ARM.plant(extras="backlash")
+    assert plant.derivative([0.0, 0.0, 0.0099, 0.0])[1] == 0.0
+    assert plant.derivative([0.0, 0.0, -0.0099, 0.0])[3] == 0.0
+    assert plant.derivative([0.0, 0.0, 0.0101, 0.0])[1] == pytest.approx(100.0 * 1e-4)
+
+
+def test_all_together_rest_where_the_robot_says_and_run_in_a_loop():
+    robot = ARM
+    x, u = robot.operating_point([0.8], tuple(EXTRAS))
+    plant = robot.plant(extras=tuple(EXTRAS))
+    assert plant.states[-1] == "coil_current"
+    assert np.abs(plant.derivative(x, u)).max() < 1e-10
+    problem = fh.paper_arm().problem()
+    law = fh.linear_law(problem, gamma=2 * fh.smallest_gamma(problem))
+    run = fh.Loop(plant, fh.Controller(law, None, 1e-3)).run(fh.Step(0.5), duration=3.0)
+    assert abs(run.signal("state", "link_position")[-1] - 0.5) < 0.05
+
+
+def test_smooth_extras_may_be_designed_with_and_backlash_is_refused_by_name():
+    problem = ARM.problem(extras=("joint_damping", "spring_hardening"), pose=[0.5])
+    assert np.isfinite(fh.smallest_gamma(problem))
+    with pytest.raises(InvalidInput, match="clip"):
+        ARM.problem(extras="backlash").expand(2)
+
+
+def test_unknown_switches_and_missing_numbers():
+    with pytest.raises(InvalidInput, match="stiction"):
+        ARM.plant(extras=("stiction",))
+    with pytest.raises(InvalidInput, match="does not state 'backlash'"):
+        fh.paper_arm().plant(extras="backlash")
+    with pytest.raises(InvalidInput, match="not be negative"):
+        ARM.with_values({"backlash": -1.0})
+    with pytest.raises(InvalidInput, match="no use for a parameter 'backlsh'"):
+        ARM.with_parameters(Parameter("backlsh", 1.0))

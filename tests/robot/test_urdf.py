@@ -1,0 +1,149 @@
+"""URDF: what is merged, chosen, locked and refused; equal to Pinocchio's reader."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import load_robot
+from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics
+from flexhinf.robot.urdf import read_urdf
+
+ARM = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="world"/>
+  <link name="base"><inertial><mass value="9"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/>
+    <origin xyz="0 0 0.2" rpy="0.1 0 0"/></joint>
+  <link name="upper"><inertial><origin xyz="0.1 0.02 0.3" rpy="0.2 -0.1 0.3"/><mass value="2.5"/>
+    <inertia ixx="0.03" ixy="0.002" ixz="-0.001" iyy="0.04" iyz="0.003" izz="0.02"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="1.5" effort="9" velocity="1"/></joint>
+  <link name="bracket"><inertial><origin xyz="0 0.1 0"/><mass value="0.4"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.0015"/></inertial></link>
+  <joint name="weld" type="fixed"><parent link="upper"/><child link="bracket"/>
+    <origin xyz="0 0 0.5" rpy="0.7 0 0.2"/></joint>
+  <link name="fore"><inertial><origin xyz="0 0 0.2"/><mass value="1.2"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.004"/></inertial></link>
+  <joint name="elbow" type="continuous"><parent link="bracket"/><child link="fore"/><origin xyz="0.05 0 0.1"/>
+    <axis xyz="0.6 0 0.8"/></joint>
+  <link name="ram"><inertial><mass value="0.5"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.0005"/></inertial></link>
+  <joint name="lift" type="prismatic"><parent link="fore"/><child link="ram"/><origin xyz="0 0 0.4" rpy="0 0.3 0"/>
+    <axis xyz="0 0 -1"/><limit lower="0" upper="0.3" effort="9" velocity="1"/></joint>
+  <link name="finger"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+  <joint name="grip" type="prismatic"><parent link="ram"/><child link="finger"/><origin xyz="0.02 0 0.1"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.04" effort="9" velocity="1"/></joint>
+  <link name="twin"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+  <joint name="follow" type="prismatic"><parent link="ram"/><child link="twin"/><origin xyz="-0.02 0 0.1"/>
+    <axis xyz="-1 0 0"/><limit lower="0" upper="0.04" effort="9" velocity="1"/><mimic joint="grip"/></joint>
+</robot>
+"""
+
+JOINT = '[[joint]]\nname = "{}"\n[joint.spring]\nstiffness = 500.0\n[joint.motor]\nmotor_inertia = 0.2\n'
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def elastic(tmp_path):
+    def file(*names, head=""):
+        path = tmp_path / "joints.toml"
+        path.write_text(head + "".join(JOINT.format(name) for name in names), encoding="utf-8")
+        return path
+
+    return file
+
+
+@pytest.mark.oracle
+def test_the_same_arm_as_pinocchio_reads(urdf):
+    pin = pytest.importorskip("pinocchio")
+    arm = read_urdf(urdf, locked={"grip": 0.03, "follow": 0.03})
+    full = pin.buildModelFromUrdf(str(urdf))
+    rest = pin.neutral(full)
+    locked = [full.getJointId(name) for name in ("grip", "follow") if full.existJointName(name)]
+    for joint in locked:
+        rest[full.joints[joint].idx_q] = 0.03
+    model = pin.buildReducedModel(full, locked, rest)
+    assert [joint.name for joint in arm.joints] == list(model.names)[1:] == ["shoulder", "elbow", "lift"]
+    assert arm.joints[0].limits == (-2.0, 1.5)
+    tree, rng = Tree(arm.joints), np.random.default_rng(0)
+    columns = zip(*((link.mass, link.centre_of_mass, link.inertia) for link in arm.links))
+    bodies = bodies_of(tree, *columns)
+    for _ in range(10):
+        q, dq, torque = rng.normal(size=(3, 3))
+        position = np.array([q[0], np.cos(q[1]), np.sin(q[1]), q[2]])
+        expected = pin.aba(model, model.createData(), position, dq, torque)
+        found = np.array(forward_dynamics(tree, bodies, q, dq, torque, (0.0, 0.0, -9.81)))
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_joints_are_chosen_or_locked_by_name(urdf, elastic):
+    robot = load_robot(urdf, elastic=elastic("shoulder", "lift"), joints=["shoulder", "lift"])
+    assert robot.joint_names == ("shoulder", "lift")
+    assert robot.plant().unit("link_position_lift") == "m"
+    assert robot["mass_shoulder"].value == pytest.approx(2.5 + 0.4 + 1.2)
+    names = ("shoulder", "elbow", "lift")
+    head = 'urdf = "arm.urdf"\nlocked = { grip = 0.0, follow = 0.0 }\n'
+    assert load_robot(elastic(*names, head=head)).joint_names == names
+    head = 'urdf = "arm.urdf"\njoints = ["elbow"]\n'
+    assert load_robot(elastic("elbow", head=head)).plant().states[0] == "link_position"
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        (None, {"locked": {"grip": 0.0}}, ["'follow'", "mimic"]),
+        (None, {"joints": ["shoulder", "wrist"]}, ["'wrist'", "'elbow'"]),
+        (None, {"joints": ["sholder"]}, ["'sholder'", "try:   'shoulder'"]),
+        (None, {"joints": ["grip"], "locked": {"grip": 0.0}}, ["both chosen and locked"]),
+        (("<?xml", "not <<xml"), {}, ["no XML"]),
+        (("<robot name", "<model name"), {}, ["no XML"]),
+        (('type="revolute"', 'type="floating"'), {}, ["'shoulder'", "'floating'"]),
+        (('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>'), {}, ["'shoulder'", "3 numbers"]),
+        (('<mass value="2.5"/>', '<mass value="heavy"/>'), {}, ["'upper'", "'heavy'"]),
+        (('ixx="0.03"', 'ixx="0.3"'), {"joints": ["shoulder"]}, ["'upper'", "triangle inequality"]),
+        (('<child link="fore"/>', '<child link="for"/>'), {}, ["'elbow'", "'for'"]),
+        (('<parent link="world"/>', '<parent link="ram"/>'), {}, ["no tree"]),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_name(urdf, change, options, words):
+    if change:
+        assert change[0] in ARM
+        urdf.write_text(ARM.replace(*change, 1), encoding="utf-8")
+    with pytest.raises(InvalidInput) as caught:
+        read_urdf(urdf, **options)
+    error = caught.value
+    assert all((error.what, error.found, error.advice))
+    assert [word for word in words if word not in str(error)] == []
+
+
+def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
+    with pytest.raises(InvalidInput, match="says nothing about elastic joints"):
+        load_robot(urdf)
+    with pytest.raises(InvalidInput, match=r"'elbow' of arm\.urdf has no stiffness"):
+        load_robot(urdf, elastic=elastic("shoulder"), joints=["shoulder", "elbow"])
+    with pytest.raises(InvalidInput, match=r"no joint 'elbw' in arm\.urdf"):
+        load_robot(urdf, elastic=elastic("shoulder", "elbw"), joints=["shoulder", "elbow"])
+    twice = elastic("shoulder").read_text().replace("[joint.spring]", "axis = [0, 0, 1]\n[joint.spring]")
+    path = elastic("shoulder")
+    path.write_text(twice, encoding="utf-8")
+    with pytest.raises(InvalidInput, match="states 'axis'"):
+        load_robot(urdf, elastic=path, joints=["shoulder"])
+    urdf.write_text("<robot name='a'><link name='b'/><link name='c'/><joint name='j' type='revolute'>"
+                    "<parent link='b'/><child link='c'/></joint></robot>", encoding="utf-8")  # fmt: skip
+    with pytest.raises(InvalidInput, match="has no mass"):
+        read_urdf(urdf)
+    urdf.write_text("<mujoco/>", encoding="utf-8")
+    with pytest.raises(InvalidInput, match="<robot>"):
+        read_urdf(urdf)
