@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,10 @@ ARMS = (
 
 def folder() -> Path:
     try:
-        from example_robot_data.path import EXAMPLE_ROBOT_DATA_MODEL_DIR
-    except ImportError:
+        package = distribution("example-robot-data")
+    except PackageNotFoundError:
         pytest.skip("example-robot-data (414 MB) is not installed: pip install --no-deps example-robot-data")
-    return Path(EXAMPLE_ROBOT_DATA_MODEL_DIR)
+    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 
 
 @pytest.mark.oracle
