@@ -105,6 +105,8 @@ def _searched(runs: GainBench) -> list[Named]:
 # What is shown --------------------------------------------------------------------------------------
 def _evidence(bench: PaperBench, largest: float, stated: list[Named], worst: list[Named]) -> str:
     tame = max((a.gain for _, a in stated if a.reach <= RANGE), default=math.inf)
+    if not math.isfinite(max(tame, largest)):
+        return f"γ = {bench.gamma:.1f}, γ* = {bench.gamma_star:.1f}: the loop diverges under most disturbances tried."
     text = (
         f"γ = {bench.gamma:.1f}, γ* = {bench.gamma_star:.1f}. With |x1| ≤ 180° pulses and decaying sines attain up to "
         f"{tame:.1f}, the worst disturbances found up to {largest:.1f}: {largest / bench.gamma:.3f} γ, "
