@@ -60,7 +60,15 @@ def _compile(program: Program, lanes: int) -> Kernel:
     host = machine.host()
     module = emit_module(program, lanes, host.fused)
     effort = machine.Effort.for_size(module.operations)
-    parts = (module.text, host.triple, host.cpu, host.features, host.version, repr(effort), version("flexhinf"))
+    parts = (
+        module.text,
+        host.triple,
+        host.cpu,
+        host.features,
+        host.version,
+        repr(effort),
+        version("flexhinf"),
+    )
     image = cached(parts, lambda: machine.assemble(module.text, effort))
     return NativeKernel(program, lanes, machine.Code(image, ENTRY, module.library))
 

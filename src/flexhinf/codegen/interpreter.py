@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.kernel import Kernel, Status
-from flexhinf.codegen.program import Call, Copy, Guard, Program, Slice, Step
+from flexhinf.codegen.program import Call, Columns, Copy, Guard, Map, Program, Slice, Step, WeightedSum, whole
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -101,8 +101,15 @@ class BoundWalk:
         return array.reshape(-1, self._lanes)[:, lane]
 
     def _walk(self, step: Step) -> Walk:
-        if isinstance(step, Call):
+        if isinstance(step, Call | Map):
             return self._call(step)
+        if isinstance(step, WeightedSum):
+            weights, rows, total = self._view(step.weights), self._view(step.rows), self._view(step.target)
+
+            def weighted_sum(turns: tuple[int, ...]) -> None:
+                total(turns)[:] = weights(turns) @ rows(turns).reshape(step.weights.size, -1)
+
+            return weighted_sum
         if isinstance(step, Copy):
             source, target = self._view(step.source), self._view(step.target)
 
@@ -128,7 +135,7 @@ class BoundWalk:
 
         return repeat
 
-    def _call(self, step: Call) -> Walk:
+    def _call(self, step: Call | Map) -> Walk:
         arguments = [np.empty(piece.size) for piece in step.inputs]
         results = [np.empty(piece.size) for piece in step.outputs]
         evaluator: Any
@@ -137,19 +144,27 @@ class BoundWalk:
             evaluator.set_arg(k, argument.data)
         for k, result in enumerate(results):
             evaluator.set_res(k, result.data)
-        sources = [self._view(piece) for piece in step.inputs]
-        targets = [self._view(piece) for piece in step.outputs]
+        sources = [self._column_of(piece) for piece in step.inputs]
+        targets = [self._column_of(piece) for piece in step.outputs]
+        columns = step.count if isinstance(step, Map) else 1
 
         def call(
             turns: tuple[int, ...], _alive: Any = evaluator
         ) -> None:  # trigger does not own the evaluator
-            for argument, source in zip(arguments, sources, strict=True):
-                argument[:] = source(turns)
-            trigger()
-            for target, result in zip(targets, results, strict=True):
-                target(turns)[:] = result
+            for column in range(columns):
+                for argument, source in zip(arguments, sources, strict=True):
+                    argument[:] = source(turns, column)
+                trigger()
+                for target, result in zip(targets, results, strict=True):
+                    target(turns, column)[:] = result
 
         return call
+
+    def _column_of(self, piece: Slice | Columns) -> Callable[[tuple[int, ...], int], np.ndarray]:
+        view = self._view(whole(piece))
+        if isinstance(piece, Columns):
+            return lambda turns, column: view(turns).reshape(piece.size, piece.count)[:, column]
+        return lambda turns, column: view(turns)
 
     def _view(self, piece: Slice) -> Callable[[tuple[int, ...]], np.ndarray]:
         column = self._columns[piece.buffer]

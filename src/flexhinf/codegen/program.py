@@ -1,4 +1,4 @@
-"""What a kernel runs: traced functions, copies and guards over named flat arrays, inside loops.
+"""What a kernel runs: traced functions, sums, copies and guards over named flat arrays, inside loops.
 
 A program is data. It says nothing about machine code, lanes or threads, so that the compiler and the
 interpreter read the very same text.
@@ -6,9 +6,9 @@ interpreter read the very same text.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from flexhinf.errors import InvalidInput
 
@@ -133,23 +133,130 @@ class Call:
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
-        function = self.function
-        if not function.is_a("SXFunction"):
+        check_function(self.function, self.inputs, self.outputs)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A slice read as a matrix in C order, of which a `Map` takes one column at a time.
+
+    Parameters
+    ----------
+    whole : Slice
+        All of the matrix.
+    count : int
+        Number of columns, a divisor of the slice's size.
+
+    Raises
+    ------
+    InvalidInput
+        A count that does not divide the size.
+    """
+
+    whole: Slice
+    count: int
+
+    def __post_init__(self) -> None:
+        if not _is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
             raise InvalidInput(
-                f"Function '{function.name()}' cannot be compiled.",
-                f"expected a casadi.Function of SX operations, got {function.class_name()}",
-                "function.expand(), or trace it with flexhinf.scalars.trace",
+                f"{self.whole} is no matrix of {self.count} columns.",
+                f"expected a positive divisor of {self.whole.size}, got {self.count!r}",
+                "a slice of rows times columns elements, rows one after the other",
             )
-        if function.has_free():
+
+    @property
+    def size(self) -> int:
+        """Elements of one column."""
+        return self.whole.size // self.count
+
+    def __str__(self) -> str:
+        return f"columns of {self.whole}"
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Evaluate a traced function on every column of matrices, in any order: several at once where that is faster.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As for `Call`.
+    inputs : tuple of Slice or Columns
+        A slice is the same for all columns.
+    outputs : tuple of Columns
+        May be the very columns of an input (in place), but overlap no input otherwise.
+
+    Raises
+    ------
+    InvalidInput
+        As `Call`; columns of different numbers, no columns, or results that overlap arguments.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice | Columns, ...]
+    outputs: tuple[Columns, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        check_function(self.function, self.inputs, self.outputs)
+        counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
+        if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
             raise InvalidInput(
-                f"Function '{function.name()}' has symbols that are no arguments.",
-                f"free symbols: {', '.join(function.get_free())}",
-                "pass them as arguments",
+                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
+                f"expected results in columns, and one number of columns, got {sorted(counts)}",
+                "Columns(slice, count) for every result, with the same count",
             )
-        arguments = [function.sparsity_in(k) for k in range(function.n_in())]
-        results = [function.sparsity_out(k) for k in range(function.n_out())]
-        _check_sizes(function.name(), "argument", function.name_in(), arguments, self.inputs)
-        _check_sizes(function.name(), "result", function.name_out(), results, self.outputs)
+        for result in self.outputs:
+            for piece in self.inputs:
+                if piece != result and _overlap(whole(piece), result.whole):
+                    raise InvalidInput(
+                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
+                        f"result {result} overlaps argument {piece}",
+                        "another place for the result, or exactly that of the argument's columns",
+                    )
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.outputs[0].count
+
+
+@dataclass(frozen=True)
+class WeightedSum:
+    """Σ_a weights[a] · rows[a, :] of the rows of a matrix in C order.
+
+    The sum runs in eight parts, a modulo 8, which are added in pairs at the end: the same order for any number
+    of lanes.
+
+    Parameters
+    ----------
+    weights : Slice
+        (N,)
+    rows : Slice
+        (N, M), C order.
+    target : Slice
+        (M,), not in the memory of the others.
+
+    Raises
+    ------
+    InvalidInput
+        Sizes that do not fit, or a target that overlaps the others.
+    """
+
+    weights: Slice
+    rows: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        overlaps = any(_overlap(piece, self.target) for piece in (self.weights, self.rows))
+        if self.rows.size != self.weights.size * self.target.size or overlaps:
+            raise InvalidInput(
+                "A weighted sum joins slices that do not fit.",
+                f"expected N weights, N·M elements and M results apart from them, got {self.weights}, "
+                f"{self.rows}, {self.target}",
+                "one row per weight, one column per result",
+            )
 
 
 @dataclass(frozen=True)
@@ -199,7 +306,7 @@ class Repeat:
     ----------
     count : str
         Name of a count of the program.
-    body : tuple of Call, Copy, Guard or Repeat
+    body : tuple of steps
     """
 
     count: str
@@ -209,7 +316,8 @@ class Repeat:
         object.__setattr__(self, "body", tuple(self.body))
 
 
-Step: TypeAlias = Call | Copy | Guard | Repeat
+Simple: TypeAlias = Call | Map | WeightedSum | Copy | Guard
+Step: TypeAlias = Simple | Repeat
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +329,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Copy, Guard or Repeat
+    body : tuple of Call, Map, WeightedSum, Copy, Guard or Repeat
     counts : tuple of str
         Names of the run-time integers that `Repeat` uses.
 
@@ -279,10 +387,10 @@ class Program:
                     f"add {step.count!r} to counts",
                 )
             return
-        if not isinstance(step, Call | Copy | Guard):
+        if not isinstance(step, Simple):
             raise InvalidInput(
                 f"Program '{self.name}' holds something that is no step.",
-                f"expected Call, Copy, Guard or Repeat, got {type(step).__name__}",
+                f"expected Call, Map, WeightedSum, Copy, Guard or Repeat, got {type(step).__name__}",
                 "wrap a casadi.Function in Call",
             )
         read, written = slices(step)
@@ -319,13 +427,47 @@ class Program:
             )
 
 
-def slices(step: Call | Copy | Guard) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+def slices(step: Simple) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     """The slices that a step reads, and those that it writes."""
-    if isinstance(step, Call):
-        return step.inputs, step.outputs
+    if isinstance(step, Call | Map):
+        return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
+    if isinstance(step, WeightedSum):
+        return (step.weights, step.rows), (step.target,)
     if isinstance(step, Copy):
         return (step.source,), (step.target,)
     return (step.source,), ()
+
+
+def whole(piece: Slice | Columns) -> Slice:
+    """All that the columns of a matrix cover; a slice is its own."""
+    return piece.whole if isinstance(piece, Columns) else piece
+
+
+def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+    """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
+    if not function.is_a("SXFunction"):
+        raise InvalidInput(
+            f"Function '{function.name()}' cannot be compiled.",
+            f"expected a casadi.Function of SX operations, got {function.class_name()}",
+            "function.expand(), or trace it with flexhinf.scalars.trace",
+        )
+    if function.has_free():
+        raise InvalidInput(
+            f"Function '{function.name()}' has symbols that are no arguments.",
+            f"free symbols: {', '.join(function.get_free())}",
+            "pass them as arguments",
+        )
+    arguments = [function.sparsity_in(k) for k in range(function.n_in())]
+    results = [function.sparsity_out(k) for k in range(function.n_out())]
+    _check_sizes(function.name(), "argument", function.name_in(), arguments, inputs)
+    _check_sizes(function.name(), "result", function.name_out(), results, outputs)
+
+
+def _overlap(one: Slice, other: Slice) -> bool:
+    """Do they share elements, as far as that can be told (the same moves in all loops)?"""
+    if one.buffer != other.buffer or one.strides != other.strides:
+        return False
+    return one.offset < other.offset + other.size and other.offset < one.offset + one.size
 
 
 def _is_integer(value: object) -> bool:
@@ -341,7 +483,7 @@ def _check_identifier(name: object, kind: str) -> None:
         )
 
 
-def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: tuple[Slice, ...]) -> None:
+def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
     if len(shapes) != len(pieces):
         raise InvalidInput(
             f"Function '{function}' is called with the wrong number of {kind}s.",

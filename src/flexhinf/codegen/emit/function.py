@@ -6,11 +6,16 @@ import casadi
 
 from flexhinf.codegen.emit.dataflow import read_dataflow
 from flexhinf.codegen.emit.opcodes import OPCODES
-from flexhinf.codegen.emit.text import ModuleText, Writer
+from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 
 
 def emit_function(
-    module: ModuleText, name: str, function: casadi.Function, shared: tuple[bool, ...], fused: bool
+    module: ModuleText,
+    name: str,
+    function: casadi.Function,
+    lanes: Lanes,
+    shared: tuple[bool, ...],
+    fused: bool,
 ) -> int:
     """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
 
@@ -19,6 +24,8 @@ def emit_function(
     module : ModuleText
     name : str
     function : casadi.Function
+    lanes : Lanes
+        Numbers that travel together in one element.
     shared : tuple of bool
         Which arguments hold one number for all lanes.
     fused : bool
@@ -40,8 +47,7 @@ def emit_function(
     ``noalias``.
     """
     flow = read_dataflow(function, OPCODES, fused)
-    writer = Writer(module)
-    lanes = writer.lanes
+    writer = Writer(module, lanes)
     values: list[str] = []
     for operation in flow.operations:
         if operation is None:
@@ -55,8 +61,7 @@ def emit_function(
             operands = [values[argument] for argument in operation.arguments]
             values.append(OPCODES[operation.code](writer, *operands))
     for result, element, value in flow.outputs:
-        place = writer.let(f"getelementptr {lanes.real}, ptr %out{result}, i64 {element}")
-        writer.do(f"store {lanes.real} {values[value]}, ptr {place}, align 8")
+        store(writer, f"%out{result}", element, values[value])
     pointers = [f"ptr %in{k}" for k in range(function.n_in())]
     pointers += [f"ptr %out{k}" for k in range(function.n_out())]
     head = f"define internal void @{name}({', '.join(pointers)}) nounwind {{"
@@ -67,11 +72,14 @@ def emit_function(
 def load(writer: Writer, pointer: str, element: int | str, shared: bool) -> str:
     """Load one element; a shared one is copied to every lane."""
     lanes = writer.lanes
-    kind = "double" if shared else lanes.real
-    place = writer.let(f"getelementptr {kind}, ptr {pointer}, i64 {element}")
+    kind, size = ("double", "double") if shared else (lanes.real, lanes.element)
+    place = writer.let(f"getelementptr {size}, ptr {pointer}, i64 {element}")
     value = writer.let(f"load {kind}, ptr {place}, align 8")
-    if not shared or lanes.width == 1:
-        return value
-    first = writer.let(f"insertelement {lanes.real} poison, double {value}, i64 0")
-    mask = f"<{lanes.width} x i32> zeroinitializer"
-    return writer.let(f"shufflevector {lanes.real} {first}, {lanes.real} poison, {mask}")
+    return writer.splat(value) if shared else value
+
+
+def store(writer: Writer, pointer: str, element: int | str, value: str) -> None:
+    """Store one element."""
+    lanes = writer.lanes
+    place = writer.let(f"getelementptr {lanes.element}, ptr {pointer}, i64 {element}")
+    writer.do(f"store {lanes.real} {value}, ptr {place}, align 8")

@@ -18,14 +18,14 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
     module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
     if writer.lanes.width == 1:
         return writer.call(foreign, *operands)
-    lanewise = f"{foreign}_lanes"
+    lanewise = f"{foreign}_lanes{writer.lanes.width}"
     if lanewise not in module.definitions:
         module.definitions[lanewise] = _lanewise(writer, foreign, lanewise, len(operands))
     return writer.call(lanewise, *operands)
 
 
 def _lanewise(caller: Writer, foreign: str, lanewise: str, arity: int) -> str:
-    writer = Writer(caller.module)
+    writer = Writer(caller.module, caller.lanes)
     real = writer.lanes.real
     operands = [f"%x{k}" for k in range(arity)]
     result = "poison"

@@ -18,10 +18,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from flexhinf.codegen.emit.function import emit_function, load
+from flexhinf.codegen.emit.function import emit_function, load, store
+from flexhinf.codegen.emit.statements import BLOCK, pack, unpack, weighted_sum
 from flexhinf.codegen.emit.text import PREFIX, Lanes, ModuleText, Writer
-from flexhinf.codegen.program import Call, Copy, Guard, Program, Repeat, Slice, Step
+from flexhinf.codegen.program import (
+    Call,
+    Columns,
+    Copy,
+    Guard,
+    Map,
+    Program,
+    Repeat,
+    Slice,
+    Step,
+    WeightedSum,
+    whole,
+)
+
+if TYPE_CHECKING:
+    import casadi
 
 ENTRY = PREFIX + "run"
 """Name of the compiled entry."""
@@ -77,10 +94,11 @@ class _Emitter:
         self.lanes = self.module.lanes
         self.fused = fused
         self.operations = 0
-        self.functions: dict[tuple[int, tuple[bool, ...]], str] = {}
+        self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
         self.writer = Writer(self.module)
         self.pointers: dict[str, str] = {}
         self.turns: dict[str, str] = {}
+        self.scratch = ""  # memory for the columns that a Map has in hand
 
     def emit(self) -> Module:
         writer, width = self.writer, self.lanes.width
@@ -100,7 +118,7 @@ class _Emitter:
         writer.place("finish")
         writer.do(f"ret i64 {self._largest_code()}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
-        self.module.definitions[ENTRY] = "\n".join([head, *writer.lines, "}"])
+        self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
         text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
         return Module(text, dict(self.module.library), self.operations)
 
@@ -131,6 +149,10 @@ class _Emitter:
                 )
             elif isinstance(step, Call):
                 self._call(step, turns)
+            elif isinstance(step, Map):
+                self._map(step, turns)
+            elif isinstance(step, WeightedSum):
+                self._weighted_sum(step, turns)
             elif isinstance(step, Copy):
                 self._copy(step, turns)
             else:
@@ -139,7 +161,7 @@ class _Emitter:
     def _loop(self, count: str, body: Callable[[str], None]) -> None:
         """``for turn in range(count): body(turn)``; the turn lives in memory until LLVM promotes it."""
         writer = self.writer
-        place = writer.let("alloca i64, align 8")
+        place = writer.allocate("i64")
         head, inside, after = writer.label("head"), writer.label("turn"), writer.label("after")
         writer.do(f"store i64 0, ptr {place}, align 8")
         writer.do(f"br label %{head}")
@@ -159,22 +181,84 @@ class _Emitter:
         for stride, turn in zip(piece.strides, turns, strict=False):
             if stride:
                 element = writer.let(f"add nsw i64 {element}, {writer.let(f'mul nsw i64 {turn}, {stride}')}")
-        kind = "double" if self._shared(piece) else self.lanes.real
+        kind = "double" if self._shared(piece) else self.lanes.element
         return writer.let(f"getelementptr {kind}, ptr {self.pointers[piece.buffer]}, i64 {element}")
 
     def _shared(self, piece: Slice) -> bool:
         return self.program.buffer(piece.buffer).shared
 
-    def _call(self, step: Call, turns: tuple[str, ...]) -> None:
-        shared = tuple(self._shared(piece) for piece in step.inputs)
-        key = (step.function.__hash__(), shared)
+    def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
+        """Name of the emitted function, which is emitted when first asked for."""
+        key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
             self.functions[key] = f"{PREFIX}function{len(self.functions)}"
             self.operations += emit_function(
-                self.module, self.functions[key], step.function, shared, self.fused
+                self.module, self.functions[key], function, lanes, shared, self.fused
             )
+        return self.functions[key]
+
+    def _call(self, step: Call, turns: tuple[str, ...]) -> None:
+        shared = tuple(self._shared(piece) for piece in step.inputs)
+        name = self._function(step.function, self.lanes, shared)
         pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*step.inputs, *step.outputs))
-        self.writer.do(f"call void @{self.functions[key]}({pointers})")
+        self.writer.do(f"call void @{name}({pointers})")
+
+    def _map(self, step: Map, turns: tuple[str, ...]) -> None:
+        """Blocks of columns, and what is left over."""
+        writer, single = self.writer, self.lanes.width == 1
+        wide, block = (Lanes(BLOCK), BLOCK) if single else (self.lanes, 1)
+        shared = tuple(
+            not isinstance(piece, Columns) and (single or self._shared(piece)) for piece in step.inputs
+        )
+        name = self._function(step.function, wide, shared)
+        starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
+
+        def some(first: str, left: int) -> None:
+            pointers, results, free = [], [], 0
+            for piece, start in zip((*step.inputs, *step.outputs), starts):
+                if not isinstance(piece, Columns):
+                    pointers.append(start)
+                    continue
+                one_for_all = self._shared(piece.whole)
+                unit = "double" if one_for_all else self.lanes.element
+                columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {first}")
+                place = writer.let(f"getelementptr {wide.element}, ptr {self._scratch(wide)}, i64 {free}")
+                free += piece.size
+                if len(pointers) < len(step.inputs):
+                    source = columns, one_for_all
+                    pack(writer, self._each, wide, source, piece.size, piece.count, left, place)
+                else:
+                    results.append((place, piece, columns))
+                pointers.append(place)
+            writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
+            for place, piece, columns in results:
+                unpack(writer, self._each, wide, place, piece.size, piece.count, left, columns)
+
+        def full(turn: str) -> None:
+            some(writer.let(f"mul nsw i64 {turn}, {block}"), block)
+
+        if step.count >= block:
+            self._loop(str(step.count // block), full)
+        if step.count % block:
+            some(str(step.count - step.count % block), step.count % block)
+
+    def _scratch(self, wide: Lanes) -> str:
+        if not self.scratch:
+            maps = [step for step, _ in self.program.steps() if isinstance(step, Map)]
+            needed = [
+                sum(piece.size for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
+                for step in maps
+            ]
+            self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
+        return self.scratch
+
+    def _weighted_sum(self, step: WeightedSum, turns: tuple[str, ...]) -> None:
+        weights, rows = (
+            (self._address(piece, turns), self._shared(piece)) for piece in (step.weights, step.rows)
+        )
+        sizes = (step.weights.size, step.target.size)
+        target = self._address(step.target, turns)
+        weighted_sum(self.writer, self._loop, weights, rows, target, sizes, self.fused)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
@@ -182,9 +266,7 @@ class _Emitter:
         if self._shared(step.source) and self.lanes.width > 1:
 
             def broadcast(element: str) -> None:
-                value = load(writer, source, element, shared=True)
-                place = writer.let(f"getelementptr {self.lanes.real}, ptr {target}, i64 {element}")
-                writer.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
+                store(writer, target, element, load(writer, source, element, shared=True))
 
             self._each(step.source.size, broadcast)
             return
@@ -205,7 +287,7 @@ class _Emitter:
         writer, lanes = self.writer, self.lanes
         source = self._address(step.source, turns)
         shared = self._shared(step.source)
-        found = writer.let(f"alloca {lanes.boolean}, align 8")
+        found = writer.allocate(lanes.boolean)
         writer.do(f"store {lanes.boolean} zeroinitializer, ptr {found}, align 8")
 
         def test(element: str) -> None:
@@ -232,9 +314,7 @@ class _Emitter:
         alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
         fresh = writer.let(f"and {boolean} {bad}, {alive}")
         if lanes.width > 1:
-            first = writer.let(f"insertelement {integer} poison, i64 {turn}, i64 0")
-            mask = f"<{lanes.width} x i32> zeroinitializer"
-            turn = writer.let(f"shufflevector {integer} {first}, {integer} poison, {mask}")
+            turn = writer.splat(turn, "i64")
         codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(code)}, {integer} {codes}")
         steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
         writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")

@@ -39,6 +39,11 @@ class Lanes:
         """Type of a truth value in every lane."""
         return self.type("i1")
 
+    @property
+    def element(self) -> str:
+        """Type of one array element: its size is exactly W numbers, where a vector's may be padded."""
+        return "double" if self.width == 1 else f"[{self.width} x double]"
+
     def type(self, scalar: str) -> str:
         """Type of a scalar in every lane."""
         return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
@@ -89,11 +94,19 @@ class Writer:
     Parameters
     ----------
     module : ModuleText
+    lanes : Lanes, optional
+        Those of the module by default.
+
+    Attributes
+    ----------
+    first, lines : list of str
+        What is allocated, which belongs at the start of the function, and the text after it.
     """
 
-    def __init__(self, module: ModuleText) -> None:
+    def __init__(self, module: ModuleText, lanes: Lanes | None = None) -> None:
         self.module = module
-        self.lanes = module.lanes
+        self.lanes = module.lanes if lanes is None else lanes
+        self.first: list[str] = []
         self.lines: list[str] = []
         self._names = 0
 
@@ -120,6 +133,21 @@ class Writer:
         name = self.name()
         self.lines.append(f"  {name} = {expression}")
         return name
+
+    def allocate(self, kind: str) -> str:
+        """Memory on the stack, once per call of the function, wherever in its text this is said."""
+        name = self.name()
+        self.first.append(f"  {name} = alloca {kind}, align 64")
+        return name
+
+    def splat(self, scalar: str, kind: str = "double") -> str:
+        """A scalar copied to every lane."""
+        if self.lanes.width == 1:
+            return scalar
+        vector = self.lanes.type(kind)
+        first = self.let(f"insertelement {vector} poison, {kind} {scalar}, i64 0")
+        mask = f"<{self.lanes.width} x i32> zeroinitializer"
+        return self.let(f"shufflevector {vector} {first}, {vector} poison, {mask}")
 
     def real(self, operation: str, *operands: str) -> str:
         """An LLVM operation on floats, such as ``fadd``."""

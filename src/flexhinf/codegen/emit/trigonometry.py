@@ -53,9 +53,9 @@ def cosine(writer: Writer, value: str) -> str:
 
 
 def _define(caller: Writer, name: str) -> str:
-    full = f"{PREFIX}{name}_reduced"
+    full = f"{PREFIX}{name}_reduced{caller.lanes.width}"
     if full not in caller.module.definitions:
-        writer = Writer(caller.module)
+        writer = Writer(caller.module, caller.lanes)
         real = writer.lanes.real
         near = _near(writer, "%x", name)
         result = _beyond(writer, "%x", near, name)
