@@ -80,7 +80,9 @@ class Repair:
 def scaled_weights(bench: PaperBench, scale: float) -> dict[str, float]:
     """The paper's weights with s (9, 30, 9) on x2, x3, x4."""
     names = bench.problem.state_names
-    own = dict(zip(names, bench.arm.penalty.weights(names), strict=True))
+    penalty = bench.arm.penalty
+    assert penalty is not None  # the paper's arm has its own
+    own = dict(zip(names, penalty.weights(names), strict=True))
     return {name: float(own[name] + scale * DIRECTION.get(name, 0.0)) for name in names}
 
 
