@@ -21,6 +21,8 @@ from flexhinf.robot import Robot, paper_arm
 
 __all__ = ["INITIAL_VARIANCE", "Outcome", "PaperBench"]
 
+#: R2 of Eq. (11).
+EFFORT = 10.0
 #: P0 = 1e-4 I: the arm starts at rest, known to about half a degree.
 INITIAL_VARIANCE = 1e-4
 
@@ -95,11 +97,7 @@ class PaperBench:
         degree: int | None = None,
     ):
         """NL-H∞ for another penalty (weights by state, R2 kept) at the same ratio of its own γ*."""
-        problem = (
-            self.problem
-            if weights is None
-            else self.arm.problem(Penalty(weights, effort=self.arm.penalty.effort))
-        )
+        problem = self.problem if weights is None else self.arm.problem(Penalty(weights, effort=EFFORT))
         star = smallest_gamma(problem)
         ratio = self.settings.gamma_ratio if gamma_ratio is None else gamma_ratio
         return solve_hji(

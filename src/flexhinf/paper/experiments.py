@@ -24,6 +24,8 @@ TRACKING_FROM = 10.0
 #: Length of the runs under tolerances, s; slow growth does not show in 8 s.
 UNCERTAIN_DURATION = 30.0
 PLANTS = 100
+#: Samples kept of each of these runs.
+SAMPLES = 1500
 #: The command of Figs. 11 and 12 comes after 2 s (Sec. 6); the disturbance once the step has settled.
 COMMAND_AT, DISTURBED_FROM, DISTURBED_DURATION = 2.0, 6.0, 14.0
 #: Size of the disturbance torque, N·m: a fifth of the largest gravity torque. The paper gives none.
@@ -34,10 +36,47 @@ FREQUENCY = 0.5
 
 @dataclass(frozen=True)
 class UncertainRun:
-    """A plant drawn within the tolerances, and its run."""
+    """A plant drawn within the tolerances, and what is kept of its run: figures of merit, and some samples.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Parameters.
+    metrics : dict
+    diverged_at : float or None
+        s.
+    time, output, estimate : ndarray
+        About `SAMPLES` samples of the link position as measured and as estimated, degrees.
+    command : float
+        Degrees.
+    """
 
     values: dict[str, float]
-    outcome: Outcome
+    metrics: dict[str, Any]
+    diverged_at: float | None
+    time: np.ndarray
+    output: np.ndarray
+    estimate: np.ndarray
+    command: float
+
+    @staticmethod
+    def of(values: dict[str, float], outcome: Outcome) -> UncertainRun:
+        """Keep what is needed of a run."""
+        run = outcome.run
+        stride = max(1, round(UNCERTAIN_DURATION / run.settings["period"] / SAMPLES))
+        kept = [
+            np.degrees(run.signal(kind, "link_position")[::stride])
+            for kind in ("output", "estimate", "reference")
+        ]
+        return UncertainRun(
+            values,
+            outcome.metrics,
+            outcome.diverged_at,
+            run.time[::stride],
+            kept[0],
+            kept[1],
+            float(kept[2][-1]),
+        )
 
 
 class Experiments:
@@ -85,7 +124,7 @@ class Experiments:
                 inductance=True,
                 seed=seed,
             )
-            return UncertainRun(drawn[k], outcome)
+            return UncertainRun.of(drawn[k], outcome)
 
         first = one(0)  # compiles what the others share
         with ThreadPoolExecutor(2) as pool:

@@ -58,7 +58,7 @@ class PaperSettings:
             "an integer from 2 to 12",
             "--degree 4",
         )
-        _require("sampling period", self.period, 1e-5 <= self.period <= 1.0, "1e-5 to 1 s", "--period 1e-3")
+        _require("sampling period", self.period, 1e-4 <= self.period <= 1.0, "1e-4 to 1 s", "--period 1e-3")
         known = isinstance(self.seed, int) and not isinstance(self.seed, bool)
         _require("seed", self.seed, known and 0 <= self.seed < 2**63, "an integer from 0", "--seed 0")
         _require(

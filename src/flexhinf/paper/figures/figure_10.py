@@ -14,7 +14,7 @@ __all__ = ["figure_10"]
 def figure_10(experiments: Experiments) -> Drawn:
     """What the estimator, which believes in the nominal plant, makes of the runs of Fig. 9."""
     runs = experiments.uncertain
-    whole = [u.outcome.metrics["estimation_rmse"] for u in runs if u.outcome.diverged_at is None]
+    whole = [u.metrics["estimation_rmse"] for u in runs if u.diverged_at is None]
     columns = np.array(whole).T if whole else np.zeros((0, 0))
     return Drawn(
         "10",

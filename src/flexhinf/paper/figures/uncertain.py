@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.paper.experiments import UncertainRun
-from flexhinf.paper.figures.drawn import degrees
 from flexhinf.report import (
     figure_to_svg,
     house_style,
@@ -23,8 +22,6 @@ __all__ = ["draw_uncertain", "spread", "step_ranges", "worst_text"]
 
 #: The first part of a run, shown in full; the rest is shown enlarged.
 SHOWN = 6.0
-#: Points drawn per run.
-POINTS = 600
 
 
 def spread(values: Any) -> list[float | None]:
@@ -35,14 +32,14 @@ def spread(values: Any) -> list[float | None]:
 
 def step_ranges(runs: Sequence[UncertainRun]) -> dict[str, Any]:
     """Ranges over the plants, and how many did not settle (or diverged)."""
-    metrics = [u.outcome.metrics for u in runs]
+    metrics = [u.metrics for u in runs]
     return {
         "plants": len(runs),
         "overshoot_percent": spread(m["overshoot_percent"] for m in metrics),
         "settling_time_s": spread(m["settling_time_s"] for m in metrics),
         "steady_state_error_rad": spread(m["steady_state_error"] for m in metrics),
         "unsettled": sum(m["settling_time_s"] is None for m in metrics),
-        "diverged": sum(u.outcome.diverged_at is not None for u in runs),
+        "diverged": sum(u.diverged_at is not None for u in runs),
     }
 
 
@@ -52,9 +49,9 @@ def _worst(runs: Sequence[UncertainRun]) -> int:
 
 
 def _last_error(u: UncertainRun) -> float:
-    if u.outcome.diverged_at is not None:
+    if u.diverged_at is not None:
         return np.inf
-    return float(u.outcome.metrics["steady_state_error"])
+    return float(u.metrics["steady_state_error"])
 
 
 def worst_text(runs: Sequence[UncertainRun]) -> str:
@@ -68,7 +65,7 @@ def worst_text(runs: Sequence[UncertainRun]) -> str:
 
 def draw_uncertain(runs: Sequence[UncertainRun], kind: str) -> str:
     """Band of all runs, the worst one drawn; the first seconds above, the enlarged rest below."""
-    whole = [u for u in runs if u.outcome.diverged_at is None]
+    whole = [u for u in runs if u.diverged_at is None]
     figure, _ = new_figure(2, height=5.0)
     with house_style():
         figure.clear()
@@ -76,15 +73,13 @@ def draw_uncertain(runs: Sequence[UncertainRun], kind: str) -> str:
     if not whole:
         above.text(0.5, 0.5, "every run diverged", ha="center", transform=above.transAxes)
         return figure_to_svg(figure)
-    time = whole[0].outcome.run.time
-    values = np.array([degrees(u.outcome.run, kind) for u in whole])
-    command = float(degrees(whole[0].outcome.run, "reference")[-1])
+    time, command = whole[0].time, whole[0].command
+    values = np.array([getattr(u, kind) for u in whole])
     worst = _worst(whole)
     for axes, part in ((above, time <= SHOWN), (below, time >= SHOWN)):
-        stride = max(1, int(part.sum()) // POINTS)
         if axes is above:
             settling_band(axes, command, command)
-        quantile_band(axes, time[part][::stride], values[:, part][:, ::stride], worst=worst)
+        quantile_band(axes, time[part], values[:, part], worst=worst)
         label(axes, "link position", "°")
     below.set_xlabel("time (s)")
     figure.align_ylabels([above, below])
