@@ -8,7 +8,6 @@ import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
@@ -100,7 +99,7 @@ def _pulled_back(rng: np.random.Generator, n: int, degree: int):
     phi = {tuple(unit[j].tolist()): np.eye(n)[:, [j]] for j in range(n)}
     inverse = {zero: np.eye(n)}
     for row in range(half, n):
-        for power in (2, 3):
+        for power in (2, 3, 4):
             key = np.bincount(rng.integers(0, half, power), minlength=n)
             weight = 0.5 * rng.standard_normal()
             phi[tuple(key.tolist())] = (
@@ -120,12 +119,8 @@ def _pulled_back(rng: np.random.Generator, n: int, degree: int):
     return plant, phi, (a, b1, b2, c, r2)
 
 
-@pytest.mark.oracle
-@pytest.mark.property
-@given(st.integers(0, 10**6), st.sampled_from([(2, 8), (3, 6), (4, 5), (6, 4), (9, 4), (12, 3)]))
-@hypothesis_settings(max_examples=25)
-def test_linear_problem_in_polynomial_coordinates(seed, size):
-    n, degree = size
+def _error_in_polynomial_coordinates(seed: int, n: int, degree: int) -> float:
+    """Largest error of any coefficient of V, relative to the largest coefficient through its degree."""
     plant, phi, (a, b1, b2, c, r2) = _pulled_back(np.random.default_rng(seed), n, degree)
     gamma = 1.5 * smallest_gamma(plant)
     weights = np.zeros((4, 4))
@@ -133,11 +128,34 @@ def test_linear_problem_in_polynomial_coordinates(seed, size):
     p = solve_continuous_are(a, np.hstack([b1, b2]), c.T @ c, weights)
     expected = _times({k: v.T for k, v in phi.items()}, {k: p @ v / 2 for k, v in phi.items()}, degree)
     solution = solve_hji(plant, gamma, degree)
-    largest = 0.0
+    largest = error = 0.0
     for k in range(2, degree + 1):
-        exact = np.array([expected.get(key, np.zeros((1, 1))).item() for key in solution.coefficients(k)])
+        exact = np.zeros(basis.count(n, k))
+        for key in (key for key in expected if sum(key) == k):
+            exact[basis.rank(n, np.repeat(np.arange(n), key)[None])] = expected[key].item()
         largest = max(largest, np.abs(exact).max())
-        assert np.abs(solution.coefficient_array(k) - exact).max() <= 1e-8 * largest
+        error = max(error, np.abs(solution.coefficient_array(k) - exact).max() / largest)
+    return error
+
+
+@pytest.mark.oracle
+@pytest.mark.property
+@given(st.integers(0, 10**6), st.integers(2, 12), st.integers(2, 8))
+def test_linear_problem_in_polynomial_coordinates(seed, n, degree):
+    """Exact in any dimension and to any degree, with g1(x), g2(x), h(x); large sizes are drawn smaller.
+
+    The error is 1e-14 as a rule. The bound leaves room for draws whose Riccati equation is ill-conditioned:
+    an unstable mode that the input hardly reaches, P of 1e4 and more.
+    """
+    while basis.count(n, degree) > 5_000:
+        degree -= 1
+    assert _error_in_polynomial_coordinates(seed, n, degree) <= 1e-8
+
+
+@pytest.mark.oracle
+def test_twelve_states_to_degree_eight():
+    """The corner of that family: 75 582 coefficients of degree 8."""
+    assert _error_in_polynomial_coordinates(0, 12, 8) <= 1e-12
 
 
 # Dense and high-precision twins --------------------------------------------------------------------------
