@@ -90,9 +90,9 @@ def _times(left: dict, right: dict, top: int) -> dict:
 def _pulled_back(rng: np.random.Generator, n: int, degree: int):
     """ż = Az + B1 d + B2 u, |Cz| in x with z = φ(x) = x + ψ(x); ψ of the later half in the earlier half.
 
-    Then (Dφ)⁻¹ = I − Dψ exactly, so f, g1, g2 and h are polynomials.
+    Then (Dφ)⁻¹ = I − Dψ exactly, so f, g1, g2 and h are polynomials, and V = ½ φᵀPφ.
     """
-    a = rng.standard_normal((n, n)) / np.sqrt(n) - 0.5 * np.eye(n)
+    a = rng.standard_normal((n, n)) / np.sqrt(n) - 1.2 * np.eye(n)
     b1, b2, c = rng.standard_normal((n, 2)), rng.standard_normal((n, 2)), rng.standard_normal((n, n))
     r2 = np.diag([1.0, 2.0])
     zero, unit, half = (0,) * n, np.eye(n, dtype=int), max(1, n // 2)
@@ -144,12 +144,11 @@ def _error_in_polynomial_coordinates(seed: int, n: int, degree: int) -> float:
 def test_linear_problem_in_polynomial_coordinates(seed, n, degree):
     """Exact in any dimension and to any degree, with g1(x), g2(x), h(x); large sizes are drawn smaller.
 
-    The error is 1e-14 as a rule. The bound leaves room for draws whose Riccati equation is ill-conditioned:
-    an unstable mode that the input hardly reaches, P of 1e4 and more.
+    The error is 1e-15 to 1e-14 as a rule; the bound leaves room for draws that are ill-conditioned themselves.
     """
     while basis.count(n, degree) > 5_000:
         degree -= 1
-    assert _error_in_polynomial_coordinates(seed, n, degree) <= 1e-8
+    assert _error_in_polynomial_coordinates(seed, n, degree) <= 1e-10
 
 
 @pytest.mark.oracle
