@@ -7,6 +7,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,25 @@ def test_value_is_the_sum_of_its_monomials(solved):
     assert np.array_equal(solved.exponents(4)[0], [4, 0, 0, 0, 0])
     with pytest.raises(InvalidInput, match="degree 5"):
         solved.coefficients(5)
+
+
+def test_kronecker_coefficients_of_others_go_in_and_come_out():
+    """ẋ = A x + F2 (x ⊗ x) + B u + G1 (x ⊗ u) + B1 d, h = C x: V = ½ (v2ᵀ (x⊗x) + v3ᵀ (x⊗x⊗x) + …)."""
+    rng = np.random.default_rng(6)
+    a, f2 = rng.standard_normal((3, 3)) - 3 * np.eye(3), rng.standard_normal((3, 9))
+    b, g1, b1 = rng.standard_normal((3, 2)), rng.standard_normal((3, 6)), rng.standard_normal((3, 1))
+    plant = PolynomialPlant.from_kronecker([a, f2], [b1], [b, g1], [np.eye(3)], np.diag([1.0, 2.0]))
+    x, u = rng.standard_normal(3), rng.standard_normal(2)
+    f, _, g2, _ = plant.fields(x[None])
+    expected = a @ x + f2 @ np.kron(x, x) + b @ u + g1 @ np.kron(x, u)
+    assert f[0] + g2[0] @ u == pytest.approx(expected, rel=1e-12)
+    solution = solve_hji(plant, 3 * smallest_gamma(plant), 3)
+    square = np.kron(x, x)
+    value = (solution.kronecker(2) @ square + solution.kronecker(3) @ np.kron(x, square)) / 2
+    assert solution.kronecker(2).reshape(3, 3) == pytest.approx(solution.P)
+    assert value == pytest.approx(solution.value(x), rel=1e-12)
+    with pytest.raises(InvalidInput, match=r"got \(3, 6\)"):
+        PolynomialPlant.from_kronecker([a, np.ones((3, 6))], [b1], [b], [np.eye(3)], np.eye(2))
 
 
 def _as_arrays(item):

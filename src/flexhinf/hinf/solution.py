@@ -17,6 +17,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, monomials, product
+from flexhinf.polynomial.kronecker import to_kronecker
 from flexhinf.polynomial.law import PolynomialLaw
 
 if TYPE_CHECKING:
@@ -101,6 +102,10 @@ class HJISolution:
         self._check_degree(k)
         part = self.value_parts.get(k)
         return np.zeros(basis.count(len(self.P), k)) if part is None else part.copy()
+
+    def kronecker(self, k: int) -> np.ndarray:
+        """v_k of V = ½ Σ v_kᵀ (x ⊗ … ⊗ x), symmetric, shape (n^k,): the form of PPR and NLbalancing."""
+        return 2 * to_kronecker(self.coefficient_array(k), len(self.P), k)
 
     def exponents(self, k: int) -> np.ndarray:
         """Exponent vectors of the monomials of degree `k`, shape (count(n, k), n)."""

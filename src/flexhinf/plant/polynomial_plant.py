@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate
+from flexhinf.polynomial.kronecker import from_kronecker
 
 __all__ = ["PolynomialPlant"]
 
@@ -135,6 +136,42 @@ class PolynomialPlant:
             operating_input=operating_input,
         )
         return plant
+
+    @classmethod
+    def from_kronecker(
+        cls, f: Sequence[Any], g1: Sequence[Any], g2: Sequence[Any], h: Sequence[Any], r2: Any, **named: Any
+    ) -> PolynomialPlant:
+        """The same from Kronecker coefficients, as PPR and NLbalancing have them.
+
+        Parameters
+        ----------
+        f, h : sequence of array_like or sparse, shapes (n, n^k) and (s, n^k), k = 1, 2, …
+            f(x) = f[0] x + f[1] (x ⊗ x) + …, and h(x) likewise.
+        g1, g2 : sequence of array_like or sparse, shapes (n, n^k md) and (n, n^k m), k = 0, 1, …
+            g2(x) u = g2[0] u + g2[1] (x ⊗ u) + g2[2] (x ⊗ x ⊗ u) + …, and g1(x) d likewise.
+        r2, **named
+            As in `PolynomialPlant`.
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shapes, and as `PolynomialPlant`.
+        """
+        n = np.shape(f[0])[0]
+
+        def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
+            columns = np.shape(matrices[0])[1]
+            parts = {}
+            for k, matrix in enumerate(matrices):
+                full = matrix.toarray() if hasattr(matrix, "toarray") else np.asarray(matrix, dtype=float)
+                each = [from_kronecker(full[:, j::columns], n, k) for j in range(columns)]
+                parts[k] = np.stack(each, axis=1)
+            return parts
+
+        flow, output = (
+            {k: from_kronecker(matrix, n, k) for k, matrix in enumerate(matrices, 1)} for matrices in (f, h)
+        )
+        return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def _set(
         self,
