@@ -24,3 +24,8 @@ def test_example_stirred_tank(repository: Path, capsys: pytest.CaptureFixture[st
     figures = runpy.run_path(str(repository / "examples" / "stirred_tank.py"))["main"]()
     assert figures["final_deviation_K"] < 0.5 < figures["largest_deviation_K"] < 10.0
     assert "γ*" in capsys.readouterr().out
+
+
+def test_example_two_link_arm(repository: Path) -> None:
+    errors = runpy.run_path(str(repository / "examples" / "two_link_arm.py"))["main"]()
+    assert errors["final_error_rad"] < 0.002 < errors["largest_error_rad"] < 0.4

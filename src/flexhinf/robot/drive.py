@@ -19,9 +19,6 @@ MOTOR = ("resistance", "torque_constant", "back_emf_constant")
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
 OPTIONAL = ("inductance", *DEFAULTS)
 
-#: Ways to state the inertia on the motor side.
-RAW = ("motor_inertia", "rotor_inertia", "hub_inertia", "gear_ratio", "gear_efficiency", "motor_efficiency")
-
 
 def required_of_drive(drive: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways.
