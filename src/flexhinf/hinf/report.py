@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.polynomial.basis import count
+from flexhinf.polynomial.homological import HOPELESS
 
 if TYPE_CHECKING:
+    from flexhinf.hinf.recursion import DegreeRecord
     from flexhinf.hinf.solution import HJISolution
 
 __all__ = ["solution_report"]
@@ -17,21 +19,64 @@ __all__ = ["solution_report"]
 def solution_report(solution: HJISolution) -> str:
     """Method, measured residual and time by degree; conditioning and memory of the whole."""
     n, md, m, s = solution.expansion.size
-    kind = "Hamilton–Jacobi–Isaacs" if np.isfinite(solution.gamma) else "Hamilton–Jacobi–Bellman"
+    total = sum(count(n, record.degree) for record in solution.records)
+    seconds = sum(record.seconds for record in solution.records)
+    sizes = (n, "state"), (md, "disturbance"), (m, "input"), (s, "penalised output")
     lines = [
-        f"{kind} equation, {n} states, {md} disturbances, {m} inputs, {s} penalised outputs",
-        f"gamma {solution.gamma:.10g}, V to degree {solution.degree}, the law to {solution.degree - 1}",
+        f"{_equation(solution)}, {', '.join(_counted(*size) for size in sizes)}",
+        f"{_level(solution)}; V to degree {solution.degree}, the law to degree {solution.degree - 1}",
         "",
-        f"{'degree':>6}  {'coefficients':>12}  {'method':<20}  {'relative residual':>17}  {'seconds':>9}",
-    ]
-    lines += [
-        f"{record.degree:>6}  {count(n, record.degree):>12}  {record.method:<20}  "
-        f"{record.residual:>17.1e}  {record.seconds:>9.4f}"
-        for record in solution.records
-    ]
-    lines += [
+        f"{'degree':>6}  {'coefficients':>12}  {'method':<19}  {'relative residual':>17}  {'time':>8}",
+        *(_row(n, record) for record in solution.records),
+        f"{'total':>6}  {total:>12}  {'':<19}  {'':>17}  {_time(seconds):>8}",
         "",
-        f"condition number of the closed loop's eigenvectors (scaled states): {solution.condition:.3g}",
-        f"memory estimate: {solution.memory / 1e6:.3g} MB",
     ]
+    if not np.isnan(solution.condition):
+        lines += _conditioning(solution)
+    lines += [f"memory: about {_size(solution.memory)} at the peak, estimated before the solve"]
     return "\n".join(lines)
+
+
+def _equation(solution: HJISolution) -> str:
+    kind = "Isaacs" if np.isfinite(solution.gamma) else "Bellman"
+    return f"Hamilton–Jacobi–{kind} equation"
+
+
+def _level(solution: HJISolution) -> str:
+    if not np.isfinite(solution.gamma):
+        return "gamma = inf: no disturbance"
+    star = solution.gamma_star
+    ratio = f" = {solution.gamma / star:.4g} gamma*" if star > 0 else ""
+    return f"gamma = {solution.gamma:.10g}{ratio}, gamma* = {star:.10g}"
+
+
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name}" + ("" if number == 1 else "s")
+
+
+def _row(n: int, record: DegreeRecord) -> str:
+    solved = record.method != "zero by parity"
+    residual, time = (f"{record.residual:.1e}", _time(record.seconds)) if solved else ("–", "–")
+    return (
+        f"{record.degree:>6}  {count(n, record.degree):>12}  {record.method:<19}  {residual:>17}  {time:>8}"
+    )
+
+
+def _conditioning(solution: HJISolution) -> list[str]:
+    """Why the method was chosen; the error of the eigenbasis before refinement is about cond(T)^k ε."""
+    growth = solution.condition**solution.degree * np.finfo(float).eps
+    return [
+        f"closed loop: cond(T) = {solution.condition:.3g} for its eigenvectors in scaled states, "
+        f"cond(T)^{solution.degree} eps = {growth:.1e}",
+        f"             (eigenbasis up to {HOPELESS:g} and where its residual is at rounding, Schur otherwise)",
+    ]
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.2f} ms"
+
+
+def _size(memory: int) -> str:
+    if memory >= 1e9:
+        return f"{memory / 1e9:.2f} GB"
+    return f"{memory / 1e6:.1f} MB" if memory >= 1e6 else f"{memory / 1e3:.1f} kB"

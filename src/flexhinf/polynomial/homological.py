@@ -18,9 +18,9 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
 from flexhinf.polynomial.triangular import diagonal_sums, substitute
 
-__all__ = ["HomologicalEquation", "HomologicalSolution"]
+__all__ = ["HOPELESS", "HomologicalEquation", "HomologicalSolution"]
 
-_HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
+HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
 _ROWS = 8_192  # gradients formed at a time for a residual
 _REFINE = 1e-14  # residual above which a large solution is refined
@@ -74,7 +74,7 @@ class HomologicalEquation:
         ----------
         known : ndarray, shape (count(n, k),)
         """
-        if self.condition**k * np.finfo(float).eps < _HOPELESS:
+        if self.condition**k * np.finfo(float).eps < HOPELESS:
             solution = self._by_eigenbasis(known, k)
             if solution.residual <= _ACCEPT:
                 return solution

@@ -1,0 +1,54 @@
+"""What a solution prints about itself."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+
+
+@pytest.fixture
+def lines(arm):
+    return solve_hji(arm, 2 * smallest_gamma(arm), 4).report().splitlines()
+
+
+def test_one_row_for_each_degree_with_method_residual_and_time(lines):
+    head = next(i for i, line in enumerate(lines) if "relative residual" in line)
+    riccati, parity, cubic, total = (line.split() for line in lines[head + 1 : head + 5])
+    assert riccati[:3] == ["2", "15", "Riccati"]
+    assert float(riccati[3]) < 1e-13
+    assert parity == ["3", "35", "zero", "by", "parity", "–", "–"]
+    assert cubic[:4] == ["4", "70", "eigenbasis,", "refined"]
+    assert float(cubic[4]) < 1e-13
+    assert cubic[-1] in ("ms", "s")
+    assert total[:2] == ["total", "120"]
+    assert {len(line) for line in lines[head : head + 5]} == {len(lines[head])}
+
+
+def test_equation_sizes_and_level_are_named(lines, arm):
+    expected = "Hamilton–Jacobi–Isaacs equation, 5 states, 1 disturbance, 1 input, 2 penalised outputs"
+    assert lines[0] == expected
+    assert lines[1].startswith("gamma = 246.03363")
+    assert "= 2 gamma*, gamma* = 123.0168" in lines[1]
+    bellman = linear_law(arm, math.inf).report()
+    assert bellman.startswith("Hamilton–Jacobi–Bellman")
+    assert "no disturbance" in bellman
+    assert "nan" not in bellman
+
+
+def test_conditioning_and_memory_are_told(lines):
+    assert any("cond(T) = 23.1" in line and "cond(T)^4 eps" in line for line in lines)
+    assert any("kB" in line and "estimated before" in line for line in lines)
+
+
+def test_defective_loop_is_said_to_be_so():
+    plant = PolynomialPlant(
+        {(1, 0): [-1.0, 0.0], (0, 1): [1.0, -1.0]}, [[1.0], [0.0]], [[0.0], [1.0]],
+        {(1, 0): [0.0], (2, 0): [1.0]}, 1.0,
+    )  # fmt: skip
+    report = solve_hji(plant, math.inf, 4).report()
+    assert "Schur" in report
+    assert "cond(T)" in report
