@@ -1,8 +1,5 @@
-"""The corridor from a problem to a judged law: one call per arrow.
+"""Choosing the degree by data: solve to several, look where each solution can be trusted, say what it cost."""
 
-So far it chooses the degree by data: solve to several degrees, look where each solution can be trusted, and
-say what it cost.
-"""
 
 from __future__ import annotations
 
