@@ -175,20 +175,34 @@ def table(title: str, cases: tuple[Case, ...], rows: list[dict[str, Any]], produ
     return result
 
 
-def figure(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Growth with n and degree, log-log, as SVG."""
+def figure(path: Path, rows: list[dict[str, Any]], product: float) -> None:
+    """Growth with n and degree beside the targets, log-log, in seconds and in matrix products, as SVG."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-    drawing = Figure(figsize=(6.4, 4.0), layout="constrained")
-    axes = drawing.subplots()
-    for degree in sorted({row["degree"] for row in rows}):
-        line = [(row["n"], row["cpu_s"]) for row in rows if row["degree"] == degree]
-        axes.loglog(*zip(*line, strict=True), marker="o", label=f"degree {degree}")
-    axes.set(xlabel="states n", ylabel="CPU time of solve_hji, one thread (s)")
-    axes.grid(which="both", alpha=0.3)
-    axes.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    drawing.savefig(path)
+    from flexhinf.report import SERIES, figure_to_svg, house_style
+
+    with house_style():
+        drawing = Figure(figsize=(7.2, 4.2), layout="constrained")
+        axes = drawing.subplots()
+        for degree, colour in zip((4, 5, 6), SERIES):
+            line = [(row["n"], row["cpu_s"]) for row in rows if row["degree"] == degree]
+            axes.loglog(*zip(*line), marker="o", ms=4, color=colour, label=f"V to degree {degree}")
+            wanted = [(t.n, t.seconds) for t in TARGETS if t.degree == degree and t.threads == 1]
+            axes.plot(
+                *zip(*wanted), ls="", marker="_", ms=14, mew=2, color=colour, label=f"target, degree {degree}"
+            )
+        axes.set(xlabel="states n", ylabel="CPU time of one call, one thread (s)", xlim=(2.7, 39))
+        axes.xaxis.set(
+            major_locator=FixedLocator(sorted({row["n"] for row in rows})), minor_locator=NullLocator()
+        )
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        products = axes.secondary_yaxis("right", functions=(lambda s: s / product, lambda p: p * product))
+        products.set_ylabel(f"in 1000 × 1000 matrix products ({1e3 * product:.0f} ms each)")
+        axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        drawing.set_facecolor("white")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(figure_to_svg(drawing), encoding="utf-8")
 
 
 def main() -> None:
@@ -196,10 +210,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--case", nargs=3, metavar=("N", "DEGREE", "KIND"), help="one case, in this process")
     parser.add_argument("--figure", type=Path, help="also measure growth and draw it to this SVG file")
+    parser.add_argument("--kept", action="store_true", help="with --figure: draw what was measured last")
     arguments = parser.parse_args()
     if arguments.case:
         n, degree, kind = arguments.case
         print(json.dumps(run_case(int(n), int(degree), kind)))
+        return
+    if arguments.figure and arguments.kept:
+        kept = json.loads(RESULTS.read_text())
+        figure(arguments.figure, kept["growth"], kept["machine"]["matrix_product_1000_s"])
         return
     product = matrix_product_seconds()
     machine = {
@@ -220,7 +239,7 @@ def main() -> None:
         kept[name] = rows
     if arguments.figure:
         kept["growth"] = [measure(case) for case in GROWTH]
-        figure(arguments.figure, kept["growth"])
+        figure(arguments.figure, kept["growth"], product)
         console.print(f"drawn to {arguments.figure}")
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps(kept, indent=1) + "\n")

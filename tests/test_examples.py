@@ -29,3 +29,12 @@ def test_example_stirred_tank(repository: Path, capsys: pytest.CaptureFixture[st
 def test_example_two_link_arm(repository: Path) -> None:
     errors = runpy.run_path(str(repository / "examples" / "two_link_arm.py"))["main"]()
     assert errors["final_error_rad"] < 0.002 < errors["largest_error_rad"] < 0.4
+
+
+def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
+    cases = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))["main"](tmp_path)
+    for case in cases:
+        linear, cubic, quintic = case.steps.values()
+        assert linear < 0.5 < 1.4 < cubic < quintic
+    assert cases[1].steps[6] > cases[0].steps[6]
+    assert (tmp_path / "regions.svg").read_text().count("<svg") == 1
