@@ -7,12 +7,13 @@ import pytest
 from flexhinf.codegen import (
     Buffer,
     Call,
+    Cholesky,
     Columns,
     Map,
+    OuterSum,
     Program,
     Repeat,
     Slice,
-    WeightedSum,
     compile_program,
     interpret,
 )
@@ -24,6 +25,7 @@ TURN = casadi.Function(
     [A, B],
     [casadi.vertcat(casadi.sin(A[0]) * B[0] + A[1] * A[2], A[2] / (1.5 + casadi.cos(B[1] * A[0])))],
 )
+SHIFT = casadi.Function("shift", [A, B], [A + casadi.vertcat(B, 1.0)])
 LANES = pytest.mark.parametrize("lanes", [1, 3, 8])
 
 
@@ -95,50 +97,143 @@ def test_a_map_in_place_inside_a_loop(make, lanes):
     np.testing.assert_allclose(a.reshape(3, 11, lanes), expected, rtol=1e-14)
 
 
-def summed(count: int, width: int, shared: bool) -> Program:
-    step = WeightedSum(Slice("w", 0, count), Slice("r", 1, count * width), Slice("y", 1, width))
+@pytest.mark.oracle
+@LANES
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize("count", [3, 8, 21])
+@pytest.mark.parametrize("place", ["a", "y"])
+def test_again_and_again_in_another_order(make, lanes, count, place):
+    """Columns one after the other; three times, in place or not."""
+    columns = (Columns(Slice(buffer, 0, 3 * count), count, "F") for buffer in ("a", place))
+    step = Map(SHIFT, (next(columns), Slice("b", 0, 2)), (next(columns),), times=3)
+    buffers = (Buffer("a", 3 * count, "state"), Buffer("b", 2, "in"), Buffer("y", 3 * count, "out"))
+    a = np.random.default_rng(0).normal(size=(3 * count, lanes))
+    b = np.array([[1.0], [2.0]]) * np.ones(lanes)
+    arrays = {"a": a.copy(), "b": b, "y": np.zeros_like(a)}
+    assert make(Program("again", buffers, (step,)), lanes).run(arrays).fine
+    expected = a + np.tile([3.0, 6.0, 3.0], count)[:, None]
+    np.testing.assert_allclose(arrays[place], expected, rtol=1e-14)
+    if place == "y":
+        np.testing.assert_array_equal(arrays["a"], a)
+
+
+def summed(count: int, rows: int, columns: int, shared: bool, **options: bool) -> Program:
+    """Of sums of outer products, with weights and a matrix to add."""
+    square = options.get("symmetric", False)
+    left = Slice("l", 2, count * rows)
+    step = OuterSum(
+        left,
+        left if square else Slice("r", 1, count * columns),
+        Slice("y", 1, rows * columns),
+        count,
+        Slice("w", 0, count) if options.get("weighted") else None,
+        Slice("p", 0, rows * columns) if options.get("plus") else None,
+        square,
+    )
     buffers = (
+        Buffer("l", 2 + count * rows, "in", shared),
+        Buffer("r", 1 + count * columns, "in"),
         Buffer("w", count, "in"),
-        Buffer("r", 1 + count * width, "in", shared),
-        Buffer("y", 1 + width, "out"),
+        Buffer("p", rows * columns, "in", shared),
+        Buffer("y", 1 + rows * columns, "out"),
     )
     return Program("summed", buffers, (step,))
 
 
+def given(program: Program, lanes: int, seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    arrays = {}
+    for buffer in program.buffers:
+        shape = (buffer.size,) if buffer.shared else (buffer.size, lanes)
+        arrays[buffer.name] = rng.normal(size=shape)
+    return arrays
+
+
 @pytest.mark.oracle
 @LANES
-@pytest.mark.parametrize(("count", "width"), [(1, 1), (7, 3), (8, 8), (100, 7), (29, 21)])
+@pytest.mark.parametrize("size", [(1, 1, 1), (7, 1, 3), (8, 2, 8), (57, 7, 28), (29, 4, 21)])
+@pytest.mark.parametrize("options", [{}, {"weighted": True, "plus": True}])
 @pytest.mark.parametrize("shared", [False, True])
-def test_a_weighted_sum_is_numpys(count, width, lanes, shared):
-    rng = np.random.default_rng(width)
-    w = rng.normal(size=(count, lanes))
-    rows = rng.normal(size=(1 + count * width, 1 if shared else lanes))
-    expected = np.einsum(
-        "al,aml->ml", w, np.broadcast_to(rows[1:], (count * width, lanes)).reshape(count, width, lanes)
-    )
-    given = {"w": w, "r": rows.ravel() if shared else rows}
+def test_a_sum_of_outer_products_is_numpys(size, options, lanes, shared):
+    count, rows, columns = size
+    program = summed(*size, shared, **options)
+    arrays = given(program, lanes)
+    each = {k: np.broadcast_to(v.reshape(len(v), -1), (len(v), lanes)) for k, v in arrays.items()}
+    left, right = each["l"][2:].reshape(count, rows, -1), each["r"][1:].reshape(count, columns, -1)
+    weights = each["w"] if options else np.ones((count, lanes))
+    expected = np.einsum("kl,kil,kjl->ijl", weights, left, right).reshape(-1, lanes)
+    expected = expected + (each["p"] if options else 0.0)
     for make in (compile_program, interpret):
-        y = np.full((1 + width, lanes), 7.0)
-        assert make(summed(count, width, shared), lanes).run({**given, "y": y}).fine
-        np.testing.assert_allclose(y[1:], expected, rtol=1e-13, atol=1e-13)
-        np.testing.assert_array_equal(y[0], 7.0)
+        arrays["y"][:] = 7.0
+        assert make(program, lanes).run(arrays).fine
+        np.testing.assert_allclose(arrays["y"][1:], expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(arrays["y"][0], 7.0)
 
 
-def test_the_bits_of_a_weighted_sum_do_not_depend_on_lanes_or_neighbours():
-    rng = np.random.default_rng(0)
-    w, rows = rng.normal(size=75), rng.normal(size=(75, 13))
-    y = np.zeros(14)
-    compile_program(summed(75, 13, False)).run({"w": w, "r": np.concatenate([[0], rows.ravel()]), "y": y})
+@pytest.mark.oracle
+@LANES
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize(("count", "n"), [(5, 1), (9, 6), (57, 28)])
+def test_a_symmetric_sum_is_the_sum_and_exactly_symmetric(make, count, n, lanes):
+    program = summed(count, n, n, False, symmetric=True, weighted=True)
+    arrays = given(program, lanes)
+    assert make(program, lanes).run(arrays).fine
+    result = arrays["y"][1:].reshape(n, n, lanes)
+    np.testing.assert_array_equal(result, result.transpose(1, 0, 2))
+    points = arrays["l"][2:].reshape(count, n, lanes)
+    expected = np.einsum("kl,kil,kjl->ijl", arrays["w"], points, points)
+    np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_the_bits_of_a_sum_do_not_depend_on_lanes(symmetric):
+    program = summed(75, 13, 13, False, symmetric=symmetric, weighted=True, plus=True)
+    arrays = given(program, 1)
+    compile_program(program).run(arrays)
     for lanes in (2, 8):
-        many = np.zeros((14, lanes))
-        given = {"w": np.tile(w[:, None], lanes), "r": np.concatenate([[0], rows.ravel()]), "y": many}
-        compile_program(summed(75, 13, True), lanes).run(given)
-        np.testing.assert_array_equal(many, np.tile(y[:, None], lanes))
-    for column in range(13):
-        alone = np.zeros(2)
-        given = {"w": w, "r": np.concatenate([[0], rows[:, column]]), "y": alone}
-        compile_program(summed(75, 1, False)).run(given)
-        assert alone[1] == y[1 + column]
+        many = {name: np.repeat(array, lanes, axis=1) for name, array in arrays.items()}
+        many["y"][:] = 0.0
+        compile_program(program, lanes).run(many)
+        np.testing.assert_array_equal(many["y"][1:], np.repeat(arrays["y"][1:], lanes, axis=1))
+
+
+def factored(n: int) -> Program:
+    buffers = (Buffer("a", n * n, "in"), Buffer("y", n * n, "out"))
+    return Program("factored", buffers, (Cholesky(Slice("a", 0, n * n), Slice("y", 0, n * n)),))
+
+
+@pytest.mark.oracle
+@LANES
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize("n", [1, 2, 8, 13, 28, 65])
+def test_a_cholesky_factor_is_numpys(make, n, lanes):
+    roots = np.random.default_rng(n).normal(size=(lanes, n, n))
+    matrices = roots @ roots.transpose(0, 2, 1) + np.eye(n)
+    y = np.full((n * n, lanes), np.nan)
+    assert make(factored(n), lanes).run({"a": matrices.reshape(lanes, -1).T.copy(), "y": y}).fine
+    for lane in range(lanes):
+        np.testing.assert_allclose(y[:, lane].reshape(n, n).T, np.linalg.cholesky(matrices[lane]), atol=1e-12)
+    if make is compile_program and lanes > 1:
+        alone = np.empty((n * n, 1))
+        compile_program(factored(n)).run({"a": matrices[-1].reshape(-1, 1).copy(), "y": alone})
+        np.testing.assert_array_equal(alone[:, 0], y[:, -1])
+
+
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_a_factor_of_what_is_not_positive(make, lanes):
+    """Zero columns for exactly known states and for low rank, NaN for a negative pivot."""
+    columns = np.random.default_rng(0).normal(size=(11, 3))
+    low_rank = np.zeros((12, 12))
+    low_rank[1:, 1:] = columns @ columns.T
+    y = np.empty((144, lanes))
+    kernel = make(factored(12), lanes)
+    kernel.run({"a": np.repeat(low_rank.reshape(-1, 1), lanes, axis=1), "y": y})
+    factor = y[:, 0].reshape(12, 12).T
+    np.testing.assert_allclose(factor @ factor.T, low_rank, atol=1e-12)
+    np.testing.assert_array_equal(factor[:, [0, *range(4, 12)]], 0.0)
+    kernel.run({"a": np.repeat(-np.eye(12).reshape(-1, 1), lanes, axis=1), "y": y})
+    assert np.isnan(y).any()
 
 
 def test_lanes_that_are_no_power_of_two_lie_side_by_side():
@@ -184,8 +279,16 @@ REFUSED = {
     "a result over what is held": lambda: Map(
         TURN, (MATRIX, Slice("y", 3, 2)), (Columns(Slice("y", 0, 4), 2),)
     ),
-    "a sum of another size": lambda: WeightedSum(Slice("w", 0, 3), Slice("r", 0, 7), Slice("y", 0, 2)),
-    "a sum over its weights": lambda: WeightedSum(Slice("w", 0, 3), Slice("r", 0, 6), Slice("w", 2, 2)),
+    "again on other sizes": lambda: Map(TURN, (MATRIX, Slice("b", 0, 2)), (Columns(Slice("y", 0, 4), 2),), 2),
+    "no times": lambda: Map(SHIFT, (MATRIX, Slice("b", 0, 2)), (MATRIX,), 0),
+    "an unknown order": lambda: Columns(Slice("a", 0, 6), 2, "K"),
+    "a sum of another size": lambda: OuterSum(Slice("w", 0, 3), Slice("r", 0, 7), Slice("y", 0, 2), 3),
+    "a sum over its terms": lambda: OuterSum(Slice("w", 0, 3), Slice("r", 0, 6), Slice("w", 2, 2), 3),
+    "a symmetric sum of two": lambda: OuterSum(
+        Slice("w", 0, 6), Slice("r", 0, 6), Slice("y", 0, 4), 3, symmetric=True
+    ),
+    "a factor of what is not square": lambda: Cholesky(Slice("a", 0, 8), Slice("b", 0, 8)),
+    "a factor over its matrix": lambda: Cholesky(Slice("a", 0, 9), Slice("a", 1, 9)),
 }
 
 

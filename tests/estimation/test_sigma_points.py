@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import SigmaPoints
+from flexhinf.scalars import cholesky
 
 
 @pytest.mark.paper
@@ -41,7 +43,9 @@ def test_points_have_the_mean_and_covariance_they_are_drawn_for(n, alpha, kappa,
         sigma = SigmaPoints(n, alpha, 2.0, kappa)
     root = np.random.default_rng(seed).normal(size=(n, n))
     covariance = root @ root.T
-    offsets = sigma.offsets(covariance)
+    offsets = np.column_stack((np.zeros(n), *DIRECT.columns(sigma.offsets, cholesky(covariance))))
+    pairs = np.column_stack(DIRECT.columns(sigma.pair, cholesky(covariance), np.ones(n)))
+    np.testing.assert_array_equal(pairs, 1.0 + offsets[:, 1:])
     assert offsets.shape == (n, 2 * n + 1)
     assert sigma.mean_weights.sum() == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(offsets @ sigma.mean_weights, 0.0, atol=1e-12)

@@ -24,7 +24,7 @@ def test_the_compiled_step_equals_the_same_text_on_floats(made, estimated):
         named = controller.memory.named(memory), controller.data.named(data)
         r = np.array([0.01 * k])
         u, estimate, after = controller_step(
-            controller.law, controller.estimator, controller._sources, y, r, *named
+            controller.law_code, controller.estimator, controller._sources, y, r, *named
         )
         memory = controller.memory.flat(after)
         np.testing.assert_allclose(controller.step(y, r), u, rtol=1e-11, atol=1e-12)

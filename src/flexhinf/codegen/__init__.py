@@ -3,35 +3,42 @@
 from __future__ import annotations
 
 from flexhinf.codegen.compiler import compile_program
+from flexhinf.codegen.compose import DIRECT, Block, Composer, Direct
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.program import (
     Buffer,
     Call,
+    Cholesky,
     Columns,
     Copy,
     Guard,
     Map,
+    OuterSum,
     Program,
     Repeat,
     Slice,
-    WeightedSum,
 )
 
 __all__ = [
+    "DIRECT",
+    "Block",
     "BoundKernel",
     "Buffer",
     "Call",
+    "Cholesky",
     "Columns",
+    "Composer",
     "Copy",
+    "Direct",
     "Guard",
     "Kernel",
     "Map",
+    "OuterSum",
     "Program",
     "Repeat",
     "Slice",
     "Status",
-    "WeightedSum",
     "compile_program",
     "interpret",
 ]

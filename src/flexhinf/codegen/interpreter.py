@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.kernel import Kernel, Status
-from flexhinf.codegen.program import Call, Columns, Copy, Guard, Map, Program, Slice, Step, WeightedSum, whole
+from flexhinf.codegen.program import (
+    Call,
+    Cholesky,
+    Columns,
+    Copy,
+    Guard,
+    Map,
+    OuterSum,
+    Program,
+    Slice,
+    Step,
+    whole,
+)
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -103,13 +115,10 @@ class BoundWalk:
     def _walk(self, step: Step) -> Walk:
         if isinstance(step, Call | Map):
             return self._call(step)
-        if isinstance(step, WeightedSum):
-            weights, rows, total = self._view(step.weights), self._view(step.rows), self._view(step.target)
-
-            def weighted_sum(turns: tuple[int, ...]) -> None:
-                total(turns)[:] = weights(turns) @ rows(turns).reshape(step.weights.size, -1)
-
-            return weighted_sum
+        if isinstance(step, OuterSum):
+            return self._outer_sum(step)
+        if isinstance(step, Cholesky):
+            return self._cholesky(step)
         if isinstance(step, Copy):
             source, target = self._view(step.source), self._view(step.target)
 
@@ -146,7 +155,8 @@ class BoundWalk:
             evaluator.set_res(k, result.data)
         sources = [self._column_of(piece) for piece in step.inputs]
         targets = [self._column_of(piece) for piece in step.outputs]
-        columns = step.count if isinstance(step, Map) else 1
+        moving = [k for k, piece in enumerate(step.inputs) if isinstance(piece, Columns)]
+        columns, times = (step.count, step.times) if isinstance(step, Map) else (1, 1)
 
         def call(
             turns: tuple[int, ...], _alive: Any = evaluator
@@ -155,15 +165,45 @@ class BoundWalk:
                 for argument, source in zip(arguments, sources, strict=True):
                     argument[:] = source(turns, column)
                 trigger()
+                for _ in range(times - 1):
+                    for k, result in zip(moving, results, strict=True):
+                        arguments[k][:] = result
+                    trigger()
                 for target, result in zip(targets, results, strict=True):
                     target(turns, column)[:] = result
 
         return call
 
+    def _outer_sum(self, step: OuterSum) -> Walk:
+        left, right, target = (self._view(piece) for piece in (step.left, step.right, step.target))
+        weights, plus = (piece and self._view(piece) for piece in (step.weights, step.plus))
+
+        def outer_sum(turns: tuple[int, ...]) -> None:
+            rows, others = (view(turns).reshape(step.count, -1) for view in (left, right))
+            if weights is not None:
+                rows = rows * weights(turns)[:, None]
+            total = rows.T @ others
+            if step.symmetric:
+                total = np.tril(total) + np.tril(total, -1).T
+            target(turns)[:] = total.ravel() if plus is None else total.ravel() + plus(turns)
+
+        return outer_sum
+
+    def _cholesky(self, step: Cholesky) -> Walk:
+        from flexhinf.scalars import cholesky
+
+        source, target = self._view(step.source), self._view(step.target)
+
+        def factor(turns: tuple[int, ...]) -> None:
+            target(turns)[:] = cholesky(source(turns).reshape(step.order, step.order)).T.ravel()
+
+        return factor
+
     def _column_of(self, piece: Slice | Columns) -> Callable[[tuple[int, ...], int], np.ndarray]:
         view = self._view(whole(piece))
         if isinstance(piece, Columns):
-            return lambda turns, column: view(turns).reshape(piece.size, piece.count)[:, column]
+            shape = (piece.size, piece.count)
+            return lambda turns, column: view(turns).reshape(shape, order=piece.order)[:, column]
         return lambda turns, column: view(turns)
 
     def _view(self, piece: Slice) -> Callable[[tuple[int, ...]], np.ndarray]:

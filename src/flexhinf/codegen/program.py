@@ -6,6 +6,7 @@ interpreter read the very same text.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import casadi
 
 Role = Literal["in", "out", "state", "work"]
+Order = Literal["C", "F"]
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Columns:
-    """A slice read as a matrix in C order, of which a `Map` takes one column at a time.
+    """A slice read as a matrix, of which a `Map` takes one column at a time.
 
     Parameters
     ----------
@@ -146,17 +148,24 @@ class Columns:
         All of the matrix.
     count : int
         Number of columns, a divisor of the slice's size.
+    order : {"C", "F"}
+        Rows one after the other, or columns one after the other.
 
     Raises
     ------
     InvalidInput
-        A count that does not divide the size.
+        A count that does not divide the size, or another order.
     """
 
     whole: Slice
     count: int
+    order: Order = "C"
 
     def __post_init__(self) -> None:
+        if self.order not in get_args(Order):
+            raise InvalidInput(
+                "A matrix has an unknown order.", f"expected C or F, got {self.order!r}", "'C'"
+            )
         if not _is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
             raise InvalidInput(
                 f"{self.whole} is no matrix of {self.count} columns.",
@@ -168,6 +177,11 @@ class Columns:
     def size(self) -> int:
         """Elements of one column."""
         return self.whole.size // self.count
+
+    @property
+    def moves(self) -> tuple[int, int]:
+        """Elements from one element of a column to the next, and from one column to the next."""
+        return (self.count, 1) if self.order == "C" else (1, self.size)
 
     def __str__(self) -> str:
         return f"columns of {self.whole}"
@@ -185,16 +199,20 @@ class Map:
         A slice is the same for all columns.
     outputs : tuple of Columns
         May be the very columns of an input (in place), but overlap no input otherwise.
+    times : int
+        How often: with more than once, what is computed takes the place of the columns that are read.
 
     Raises
     ------
     InvalidInput
-        As `Call`; columns of different numbers, no columns, or results that overlap arguments.
+        As `Call`; columns of different numbers, no columns, results that overlap arguments, or that cannot take
+        their place.
     """
 
     function: casadi.Function
     inputs: tuple[Slice | Columns, ...]
     outputs: tuple[Columns, ...]
+    times: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", tuple(self.inputs))
@@ -206,6 +224,14 @@ class Map:
                 f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
                 f"expected results in columns, and one number of columns, got {sorted(counts)}",
                 "Columns(slice, count) for every result, with the same count",
+            )
+        moving = [piece.size for piece in self.inputs if isinstance(piece, Columns)]
+        again = self.times == 1 or moving == [piece.size for piece in self.outputs]
+        if not _is_integer(self.times) or self.times < 1 or not again:
+            raise InvalidInput(
+                f"Function '{self.function.name()}' cannot be mapped again and again.",
+                f"expected times >= 1, and columns in of the sizes of those out, got {self.times!r} and {moving}",
+                "times=1",
             )
         for result in self.outputs:
             for piece in self.inputs:
@@ -223,40 +249,97 @@ class Map:
 
 
 @dataclass(frozen=True)
-class WeightedSum:
-    """Σ_a weights[a] · rows[a, :] of the rows of a matrix in C order.
+class OuterSum:
+    """Σ_k weights[k] · left[k, :]ᵀ right[k, :] + plus, of matrices in C order.
 
-    The sum runs in eight parts, a modulo 8, which are added in pairs at the end: the same order for any number
+    The sum runs in eight parts, k modulo 8, which are added in pairs at the end: the same order for any number
     of lanes.
 
     Parameters
     ----------
-    weights : Slice
-        (N,)
-    rows : Slice
-        (N, M), C order.
+    left, right : Slice
+        (N, r) and (N, c).
     target : Slice
-        (M,), not in the memory of the others.
+        (r, c), not in the memory of left, right and weights.
+    count : int
+        N.
+    weights : Slice or None
+        (N,); ones by default.
+    plus : Slice or None
+        (r, c); zero by default.
+    symmetric : bool
+        Left and right are the same: half of the sums are computed, and the result is exactly symmetric if
+        `plus` is.
 
     Raises
     ------
     InvalidInput
-        Sizes that do not fit, or a target that overlaps the others.
+        Sizes that do not fit, or a target that overlaps what is read.
     """
 
-    weights: Slice
-    rows: Slice
+    left: Slice
+    right: Slice
+    target: Slice
+    count: int
+    weights: Slice | None = None
+    plus: Slice | None = None
+    symmetric: bool = False
+
+    def __post_init__(self) -> None:
+        count = self.count if _is_integer(self.count) and self.count > 0 else 0
+        rows, columns = self.shape if count else (0, 0)
+        fits = rows * columns == self.target.size and rows * count == self.left.size
+        fits = fits and columns * count == self.right.size
+        fits = fits and (self.weights is None or self.weights.size == count)
+        fits = fits and (self.plus is None or self.plus.size == self.target.size)
+        fits = fits and (not self.symmetric or self.left == self.right)
+        read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
+        if not fits or any(_overlap(piece, self.target) for piece in read):
+            raise InvalidInput(
+                "A sum of outer products joins slices that do not fit.",
+                f"expected N·r, N·c, r·c and N elements apart from the target, got {self}",
+                "one row of left and right per weight; left equal to right if symmetric",
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(r, c)."""
+        return self.left.size // self.count, self.right.size // self.count
+
+
+@dataclass(frozen=True)
+class Cholesky:
+    """The Cholesky factor of a symmetric positive semidefinite matrix, as `flexhinf.scalars.cholesky`.
+
+    Parameters
+    ----------
+    source : Slice
+        (n, n), symmetric.
+    target : Slice
+        Lᵀ in C order, that is L column by column; apart from the source.
+
+    Raises
+    ------
+    InvalidInput
+        Slices that are not square and of one size, or overlap.
+    """
+
+    source: Slice
     target: Slice
 
     def __post_init__(self) -> None:
-        overlaps = any(_overlap(piece, self.target) for piece in (self.weights, self.rows))
-        if self.rows.size != self.weights.size * self.target.size or overlaps:
+        square = self.order**2 == self.source.size == self.target.size
+        if not square or _overlap(self.source, self.target):
             raise InvalidInput(
-                "A weighted sum joins slices that do not fit.",
-                f"expected N weights, N·M elements and M results apart from them, got {self.weights}, "
-                f"{self.rows}, {self.target}",
-                "one row per weight, one column per result",
+                "A Cholesky factor does not fit its matrix.",
+                f"expected two slices of n² elements apart from each other, got {self.source} and {self.target}",
+                "square matrices",
             )
+
+    @property
+    def order(self) -> int:
+        """n."""
+        return math.isqrt(self.source.size)
 
 
 @dataclass(frozen=True)
@@ -316,7 +399,7 @@ class Repeat:
         object.__setattr__(self, "body", tuple(self.body))
 
 
-Simple: TypeAlias = Call | Map | WeightedSum | Copy | Guard
+Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Guard
 Step: TypeAlias = Simple | Repeat
 
 
@@ -329,7 +412,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Map, WeightedSum, Copy, Guard or Repeat
+    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard or Repeat
     counts : tuple of str
         Names of the run-time integers that `Repeat` uses.
 
@@ -390,7 +473,7 @@ class Program:
         if not isinstance(step, Simple):
             raise InvalidInput(
                 f"Program '{self.name}' holds something that is no step.",
-                f"expected Call, Map, WeightedSum, Copy, Guard or Repeat, got {type(step).__name__}",
+                f"expected Call, Map, OuterSum, Cholesky, Copy, Guard or Repeat, got {type(step).__name__}",
                 "wrap a casadi.Function in Call",
             )
         read, written = slices(step)
@@ -431,9 +514,10 @@ def slices(step: Simple) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     """The slices that a step reads, and those that it writes."""
     if isinstance(step, Call | Map):
         return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
-    if isinstance(step, WeightedSum):
-        return (step.weights, step.rows), (step.target,)
-    if isinstance(step, Copy):
+    if isinstance(step, OuterSum):
+        read = (step.left, step.right, step.weights, step.plus)
+        return tuple(piece for piece in read if piece is not None), (step.target,)
+    if isinstance(step, Copy | Cholesky):
         return (step.source,), (step.target,)
     return (step.source,), ()
 

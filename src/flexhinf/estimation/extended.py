@@ -1,18 +1,20 @@
 """The extended Kalman filter with exact Jacobians of the sampled plant.
 
 The Jacobian is that of the integrated map F itself, through symbols, not I + A·period: a comparison with a
-filter that drops terms would say little.
+filter that drops terms would say little. Nothing needs the matrix ∂F/∂x, only what it does to a square root of
+the covariance: that is carried along, column by column, through every Runge–Kutta step.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Gaussian, Plant
-from flexhinf.scalars import cholesky, gram, jacobian, solve_lower, solve_lower_transposed
+from flexhinf.scalars import apply, cholesky, jacobian, solve_lower, solve_lower_transposed, trace
 
 __all__ = ["ExtendedKalmanFilter"]
 
@@ -30,32 +32,69 @@ class ExtendedKalmanFilter(RecursiveFilter):
         covariance: Any,
     ) -> None:
         super().__init__(plant, period, process_noise, measurement_noise, mean, covariance)
-        table, sizes = plant.parameters, (plant.n, len(plant.inputs), plant.parameters.size)
-        self._moved = jacobian(
-            lambda x, u, p: self.transition(x, u, table.named(p)), *sizes, name="transition"
-        )
-        self._measured = jacobian(
-            lambda x, u, p: np.atleast_1d(plant.output(x, u, table.named(p))), *sizes, name="measurement"
-        )
+        sizes = (plant.n, len(plant.inputs), plant.parameters.size)
+        self._measured = jacobian(self.output, *sizes, name="measurement")
 
     @property
     def estimator_key(self) -> str:
         """Method, period and sub-steps: constants of the traced code."""
         return f"ekf {self.period!r} {self.sub_steps}"
 
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
-        """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
-        mean, a = self._moved(belief.mean, u, self.plant.parameters.flat(p))
-        spread = a @ cholesky(belief.covariance)  # a square root, so that P stays symmetric and is checked
-        return Gaussian(mean, gram(spread, np.ones(len(a))) + process_noise)
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace: derivatives along every state through F."""
+        n = self.plant.n
+        return n * (8 * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
-    def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
+    @cached_property
+    def _tangent(self) -> Any:
+        """(x, v, u, p) → ∂sub_step/∂x · v as a CasADi function."""
+        import casadi as ca
+
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        moved = trace(self.sub_step, *sizes, name="sub_step")
+        inputs = [ca.SX.sym(name, size) for name, size in zip("xup", sizes)]
+        direction = ca.SX.sym("v", self.plant.n)
+        along = ca.densify(ca.jtimes(moved.call(inputs)[0], inputs[0], direction))
+        return ca.Function("tangent", [inputs[0], direction, *inputs[1:]], [along], {"cse": True})
+
+    def tangent(self, direction: Any, x: Any, u: Any, p: Any) -> Any:
+        """Derivative of `sub_step` at x along a direction, (n,)."""
+        return apply(self._tangent, x, direction, u, p)[0]
+
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
+        """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
+        mean, spread = belief.mean, run.cholesky(belief.covariance)
+        for _ in range(self.sub_steps):
+            spread = run.columns(self.tangent, spread, mean, u, p)
+            mean = run.call(self.sub_step, mean, u, p)
+        return Gaussian(mean, run.gram(spread, np.ones(self.plant.n), process_noise))
+
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
-        expected, c = self._measured(belief.mean, u, self.plant.parameters.flat(p))
-        p_xy = belief.covariance @ c.T
-        p_yy = c @ p_xy + measurement_noise
-        factor = cholesky(p_yy)
-        gain = solve_lower_transposed(factor, solve_lower(factor, p_xy.T)).T
-        innovation = y - expected
-        covariance = belief.covariance - gram(gain @ factor, np.ones(len(innovation)))
-        return Gaussian(belief.mean + gain @ innovation, covariance), innovation, p_yy
+        expected, c = run.call(self._measured, belief.mean, u, p)
+        p_yx = run.columns(applied, belief.covariance, c)
+        p_yy, factor, innovation = run.call(innovation_of, p_yx, c, measurement_noise, y, expected)
+        gain, reduction = run.columns(gain_of, p_yx, factor)  # Kᵀ and a root of K P_yy Kᵀ, column by column
+        mean = run.combination(gain.T, innovation, belief.mean)
+        covariance = run.gram(reduction.T, -np.ones(len(self.plant.outputs)), belief.covariance)
+        return Gaussian(mean, covariance), innovation, p_yy
+
+
+def applied(vector: Any, matrix: Any) -> Any:
+    """A matrix times a vector."""
+    return matrix @ vector
+
+
+def innovation_of(p_yx: Any, c: Any, noise: Any, y: Any, expected: Any) -> tuple[Any, Any, Any]:
+    """P_yy, its Cholesky factor, and the innovation."""
+    p_yy = c @ p_yx.T + noise
+    return p_yy, cholesky(p_yy), y - expected
+
+
+def gain_of(p_xy: Any, factor: Any) -> tuple[Any, Any]:
+    """What an innovation adds to one state, k (p,), and the state's row of a square root of K P_yy Kᵀ."""
+    gain = solve_lower_transposed(factor, solve_lower(factor, p_xy))
+    return gain, gain @ factor

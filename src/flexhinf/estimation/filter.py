@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Gaussian, Plant, rk4_step, sub_steps
-from flexhinf.scalars import cholesky, solve_lower
+from flexhinf.scalars import Symbol, apply, cholesky, solve_lower
 
 __all__ = ["RecursiveFilter", "covariance_matrix"]
 
@@ -127,29 +128,69 @@ class RecursiveFilter(abc.ABC):
 
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
-        """x(k|k) → x(k+1|k), pure, on any element."""
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x(k|k) → x(k+1|k), pure, on any element; p is the vector of parameters.
+
+        Parameters
+        ----------
+        run : flexhinf.codegen.Direct or Composer
+            How functions are called, so that the same text is evaluated and composed to a program.
+        """
 
     @abc.abstractmethod
-    def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
-        """x(k|k−1) → (x(k|k), innovation, its covariance), pure, on any element."""
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
 
     @property
     @abc.abstractmethod
     def estimator_key(self) -> str:
         """What distinguishes this estimator's code from another's."""
 
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace; 0 leaves them one trace."""
+        return 0
+
+    def measurement_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> Any:
+        """x(k|k−1) → x(k|k), likewise."""
+        return self.innovation_stages(run, belief, y, u, p, measurement_noise)[0]
+
+    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
+        return self.time_stages(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
+
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
-        """x(k|k−1) → x(k|k), pure, on any element."""
+        """x(k|k−1) → x(k|k), likewise."""
         return self.innovate(belief, y, u, p, measurement_noise)[0]
+
+    def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
+        vector = self.plant.parameters.flat(p)
+        return self.innovation_stages(DIRECT, belief, y, u, vector, measurement_noise)
 
     def transition(self, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9): the plant over one period with u held."""
-        step = self.period / self.sub_steps
-        still = np.zeros(len(self.plant.disturbances))
+        vector = self.plant.parameters.flat(p)
         for _ in range(self.sub_steps):
-            x = rk4_step(lambda s, v: self.plant.flow(s, v, still, p), x, (u, u, u), step)
+            x = self.sub_step(x, u, vector)
         return x
+
+    def sub_step(self, x: Any, u: Any, p: Any) -> Any:
+        """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
+        step, still = self.period / self.sub_steps, np.zeros(len(self.plant.disturbances))
+        if any(isinstance(element, Symbol) for element in x):  # traced before: not walked through again
+            flow = self.plant.traced_flow
+            return rk4_step(lambda s, v: apply(flow, s, v, still, p)[0], x, (u, u, u), step)
+        named = self.plant.parameters.named(p)
+        return rk4_step(lambda s, v: self.plant.flow(s, v, still, named), x, (u, u, u), step)
+
+    def output(self, x: Any, u: Any, p: Any) -> Any:
+        """H of Eq. (9); p is the vector of parameters."""
+        return np.atleast_1d(self.plant.output(x, u, self.plant.parameters.named(p)))
 
     # The shell ------------------------------------------------------------------------------------
     @property

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.scalars import cholesky
 
 __all__ = ["SigmaPoints"]
 
@@ -76,7 +75,12 @@ class SigmaPoints:
         weights[0] += 1.0 - self.alpha**2 + self.beta
         return weights
 
-    def offsets(self, covariance: Any) -> Any:
-        """Deviations [0, spread √P, −spread √P] of the points from the mean as columns, (n, 2n + 1)."""
-        root = self.spread * cholesky(covariance)
-        return np.hstack([np.zeros((self.n, 1)), root, -root])
+    def offsets(self, column: Any) -> tuple[Any, Any]:
+        """Deviations of two points from the mean, for a column of a square root of P."""
+        offset = self.spread * column
+        return offset, -offset
+
+    def pair(self, column: Any, mean: Any) -> tuple[Any, Any]:
+        """These two points."""
+        offset, other = self.offsets(column)
+        return mean + offset, mean + other

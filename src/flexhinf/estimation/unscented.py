@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
-from flexhinf.scalars import cholesky, clip, gram, solve_lower, solve_lower_transposed
+from flexhinf.scalars import cholesky, clip, solve_lower, solve_lower_transposed
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -89,48 +90,64 @@ class UnscentedKalmanFilter(RecursiveFilter):
                 )
         if self.redraw:
             return belief
-        return SampledGaussian(belief.mean, belief.covariance, self.draw(belief)[0])
+        points = self.points(DIRECT, belief.mean, cholesky(belief.covariance))
+        return SampledGaussian(belief.mean, belief.covariance, points)
 
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace: sigma points through F, and covariances."""
+        n, points = self.plant.n, 2 * self.plant.n + 1
+        return points * (4 * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
+
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
-        weights = self.sigma
-        points, _ = self.draw(belief)  # 1
-        moved = np.stack([self.transition(x, u, p) for x in points.T], axis=1)  # 2
-        moved = self.bounded(moved)
-        mean = moved @ weights.mean_weights  # 3
-        deviations = moved - mean[:, None]
-        covariance = gram(deviations, weights.covariance_weights) + process_noise  # 4
+        points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
+        moved = self.inside(run, run.columns(self.sub_step, points, u, p, times=self.sub_steps))  # 2
+        mean = run.combination(moved, self.sigma.mean_weights)  # 3
+        deviations = run.columns(less, (moved.T, mean.reshape(1, len(mean)))).T
+        covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
         return Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, moved)
 
-    def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
         """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance)."""
-        weights = self.sigma
-        points, deviations = self.draw(belief) if self.redraw else kept(belief)  # 5
-        outputs = np.stack([np.atleast_1d(self.plant.output(x, u, p)) for x in points.T], axis=1)  # 6
-        expected = outputs @ weights.mean_weights  # 7
-        spread = outputs - expected[:, None]
-        p_yy = gram(spread, weights.covariance_weights) + measurement_noise  # 8
-        p_xy = gram(deviations, weights.covariance_weights, spread)  # 9
-        factor = cholesky(p_yy)
-        gain = solve_lower_transposed(factor, solve_lower(factor, p_xy.T)).T  # 10
-        innovation = y - expected
-        mean = self.bounded(belief.mean + gain @ innovation)  # 11
-        covariance = belief.covariance - gram(gain @ factor, np.ones(len(innovation)))  # 12: K P_yy Kᵀ
-        corrected = Gaussian(mean, covariance)
-        return (
-            corrected if self.redraw else SampledGaussian(mean, covariance, points),
-            innovation,
-            p_yy,
-        )
+        weights = self.sigma.covariance_weights
+        points, deviations = self.redrawn(run, belief)  # 5
+        outputs = run.columns(self.output, points, u, p)  # 6
+        expected = run.combination(outputs, self.sigma.mean_weights)  # 7
+        spread = run.columns(less, (outputs.T, expected.reshape(1, len(expected)))).T
+        p_yy = run.gram(spread, weights, measurement_noise)  # 8
+        p_yx = run.product(spread, weights, deviations)  # 9
+        factor, innovation = run.call(factored, p_yy, y, expected)
+        gain, root = run.columns(gain_of, p_yx, factor)  # 10: Kᵀ, and a root of K P_yy Kᵀ, state by state
+        mean = run.combination(gain.T, innovation, belief.mean)  # 11
+        covariance = run.gram(root.T, -np.ones(len(self.plant.outputs)), belief.covariance)  # 12
+        if self.bounds:
+            mean = run.call(self.bounded, mean)
+        corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
+        return corrected, innovation, p_yy
 
-    def draw(self, belief: Any) -> tuple[Any, Any]:
-        """Sigma points inside the bounds, and their deviations from the mean, both (n, 2n + 1)."""
-        offsets = self.sigma.offsets(belief.covariance)
-        points = np.asarray(belief.mean)[:, None] + offsets
-        if not self.bounds:
-            return points, offsets  # not points − mean: those digits are lost already
-        points = self.bounded(points)
-        return points, points - np.asarray(belief.mean)[:, None]
+    def points(self, run: Any, mean: Any, root: Any) -> Any:
+        """Sigma points inside the bounds, (n, 2n + 1)."""
+        return self.inside(run, run.column_stack((mean, *run.columns(self.sigma.pair, root, mean))))
+
+    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any]:
+        """Sigma points for the measurement, and their deviations from the mean, both (n, 2n + 1)."""
+        mean = belief.mean
+        if not self.redraw:
+            points = belief.points
+        else:
+            root = run.cholesky(belief.covariance)
+            points = self.points(run, mean, root)
+            if not self.bounds:  # not points − mean: those digits are lost already
+                centre = run.call(np.zeros_like, mean)
+                return points, run.column_stack((centre, *run.columns(self.sigma.offsets, root)))
+        return points, run.columns(less, (points.T, mean.reshape(1, len(mean)))).T
+
+    def inside(self, run: Any, points: Any) -> Any:
+        """Points clipped to the bounds."""
+        return run.columns(self.bounded, points) if self.bounds else points
 
     def bounded(self, states: Any) -> Any:
         """States (n,) or (n, N) clipped to the bounds."""
@@ -160,6 +177,17 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return checked
 
 
-def kept(belief: SampledGaussian) -> tuple[Any, Any]:
-    """The propagated points of a belief, and their deviations from its mean."""
-    return belief.points, belief.points - np.asarray(belief.mean)[:, None]
+def less(row: Any, mean: Any) -> Any:
+    """Deviations of numbers from their mean."""
+    return row - mean
+
+
+def factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
+    """Cholesky factor of the innovation's covariance, and the innovation."""
+    return cholesky(p_yy), y - expected
+
+
+def gain_of(p_xy: Any, factor: Any) -> tuple[Any, Any]:
+    """What an innovation adds to one state, k (p,), and the state's row of a square root of K P_yy Kᵀ."""
+    gain = solve_lower_transposed(factor, solve_lower(factor, p_xy))
+    return gain, gain @ factor

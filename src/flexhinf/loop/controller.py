@@ -8,16 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Buffer, Call, Guard, Program, Slice, compile_program
+from flexhinf.codegen import Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
+from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.layout import Layout
 from flexhinf.loop.limits import Limits
 from flexhinf.loop.shared import share
 from flexhinf.loop.step import controller_step
 from flexhinf.plant import Estimator, Law
-from flexhinf.scalars import drop_empty, jacobian, trace
+from flexhinf.scalars import drop_empty, trace
 
-__all__ = ["Controller"]
+__all__ = ["ONE_TRACE", "Controller"]
+
+#: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
+#: Above, it is composed of pieces in loops.
+ONE_TRACE = 5_000
 
 INTEGRAL = "_integral"
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
@@ -116,7 +122,7 @@ class Controller:
     def data(self) -> Layout:
         """Numbers the step is made of: changing them compiles nothing."""
         n, m, k = len(self.law.state_names), len(self.law.input_names), len(self.tracked)
-        parts: dict[str, Any] = {"period": (1,), "law": (np.size(self.law.law_data),)}
+        parts: dict[str, Any] = {"period": (1,), "law": (self.law_code.data.size,)}
         parts |= {"operating_point": (n,), "operating_input": (m,)}
         parts |= {"lower": (m,), "upper": (m,), "integral_gain": (m, k)}
         if self.estimator is not None:
@@ -128,13 +134,12 @@ class Controller:
     @cached_property
     def data_vector(self) -> np.ndarray:
         """The numbers themselves, flat."""
-        n, data = len(self.law.state_names), np.ravel(self.law.law_data)
-        slope = jacobian(self.law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
+        n = len(self.law.state_names)
         values: dict[str, Any] = {
-            "period": self.period, "law": data,
+            "period": self.period, "law": self.law_code.data,
             "operating_point": self.law.operating_point, "operating_input": self.law.operating_input,
             "lower": self.limits.lower, "upper": self.limits.upper,
-            "integral_gain": slope[:, n - len(self.tracked) :],
+            "integral_gain": self.law_code.slope[:, n - len(self.tracked) :],
         }  # fmt: skip
         if self.estimator is not None:
             values["parameters"] = self.estimator.plant.parameters.vector()
@@ -167,26 +172,73 @@ class Controller:
         return self.memory.flat(values)
 
     # Code -----------------------------------------------------------------------------------------
+    @cached_property
+    def composed(self) -> bool:
+        """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
+        return np.size(self.law.law_data) + getattr(self.estimator, "operations", 0) > ONE_TRACE
+
+    @cached_property
+    def law_code(self) -> LawCode:
+        """How the law is evaluated, and its numbers in that form."""
+        return LawCode(self.law, self.composed)
+
     @property
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this controller's code from another's (not its data)."""
         law, estimator = self.law, self.estimator
         names = (tuple(law.state_names), tuple(law.input_names))
-        model = None if estimator is None else (estimator.estimator_key, estimator.plant.code_key)
-        return ("controller", type(law), law.law_key, names, self.memory.size, self.data.size, model)
+        model = None
+        if estimator is not None:
+            model = (type(estimator), estimator.estimator_key, estimator.plant.code_key)
+        sizes = (self.composed, self.memory.size, self.data.size)
+        return ("controller", type(law), law.law_key, names, sizes, model)
 
     @cached_property
     def traced(self) -> Any:
-        """(y, r, memory, data) → (u, estimate, memory) as a CasADi function."""
+        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             named = self.memory.named(memory), self.data.named(data)
-            u, estimate, after = controller_step(self.law, self.estimator, self._sources, y, r, *named)
+            u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named)
             return u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured), len(self.tracked), self.memory.size, self.data.size)
         names = ("y", "r", "memory", "data")
         return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=names))
+
+    def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
+        """One step as a part of a program.
+
+        Parameters
+        ----------
+        places : mapping
+            Where y, r, memory and data are read, and u, estimate and memory written; None without elements.
+
+        Returns
+        -------
+        steps, buffers
+            The steps, and scratch buffers that the program must have for them.
+        """
+        if not self.composed:
+            read = tuple(
+                place for name in ("y", "r", "memory", "data") if (place := places[name]) is not None
+            )
+            written = tuple(
+                place for name in ("u", "estimate", "memory") if (place := places[name]) is not None
+            )
+            return (Call(drop_empty(self.traced), read, written),), ()
+        run = Composer()
+        y, r, memory, data = (
+            Block(place, (place.size if place else 0,))
+            for place in (places[name] for name in ("y", "r", "memory", "data"))
+        )
+        named = self.memory.named(memory), self.data.named(data)
+        u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named, run)
+        run.copy(u, Block(places["u"], u.shape))
+        run.copy(estimate, Block(places["estimate"], estimate.shape))
+        for part, place in self.memory.pairs(after):
+            run.copy(part, memory[place])
+        return tuple(run.body), run.buffers
 
     @cached_property
     def _bound(self) -> tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], np.ndarray]:
@@ -202,19 +254,16 @@ class Controller:
         roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
         buffers = [Buffer(name, arrays[name].size, role) for name, role in roles.items()]  # type: ignore[arg-type]
         whole = {name: Slice(name, size=array.size) for name, array in arrays.items()}
-        given = ("y", "r", "memory", "data") if self.tracked else ("y", "memory", "data")
+        places: dict[str, Slice | None] = {**whole, "r": whole["r"] if self.tracked else None}
+        steps, scratch = self.steps(places)
         body = (
             Guard(whole["y"], BAD_MEASUREMENT),
             Guard(whole["r"], BAD_REFERENCE),
-            Call(
-                drop_empty(self.traced),
-                tuple(whole[name] for name in given),
-                (whole["u"], whole["estimate"], whole["memory"]),
-            ),
+            *steps,
             Guard(whole["u"], BAD_RESULT),
             Guard(whole["memory"], BAD_RESULT),
         )
-        return Program("controller_step", tuple(buffers), body, ())
+        return Program("controller_step", (*buffers, *scratch), body, ())
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:

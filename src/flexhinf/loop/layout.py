@@ -46,6 +46,17 @@ class Layout:
             named[name] = tuple(arrays) if isinstance(part, list) else arrays[0]
         return SimpleNamespace(**named)
 
+    def pairs(self, values: Mapping[str, Any]) -> list[tuple[Any, slice]]:
+        """Every array of named parts, and its place in the vector."""
+        pairs, start = [], 0
+        for name, part in self.parts.items():
+            arrays = values[name] if isinstance(part, list) else [values[name]]
+            for shape, array in zip(_shapes(part), arrays, strict=True):
+                size = int(np.prod(shape, dtype=int))
+                pairs.append((array, slice(start, start + size)))
+                start += size
+        return pairs
+
     def flat(self, values: Mapping[str, Any]) -> np.ndarray:
         """The vector (size,) of named parts; a plain number fills its part.
 

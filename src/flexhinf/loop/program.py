@@ -79,14 +79,17 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes) -> Prog
     memory, data = whole("memory", sizes.memory), whole("data", sizes.data)
     y = row("outputs", sizes.y)
     stage = row("disturbance", 3 * sizes.d, (3 * sizes.d,)) if sizes.d else ()
+    command, estimate = row("reference", sizes.r), row("estimates", sizes.estimate)
+    control, scratch = controller.steps(
+        {
+            "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
+            "u": u[0], "estimate": estimate[0],
+        }
+    )  # fmt: skip
     body = (
         Copy(x[0], row("states", sizes.x)[0]),
         Call(drop_empty(measure_function(plant, controller)), (*x, *u, *row("noise", sizes.y), *truth), y),
-        Call(
-            drop_empty(controller.traced),
-            (*y, *row("reference", sizes.r), *memory, *data),
-            (*u, *row("estimates", sizes.estimate), *memory),
-        ),
+        *control,
         Copy(u[0], row("inputs", sizes.u)[0]),
         Guard(u[0], CONTROL_FAILED),
         Guard(memory[0], CONTROL_FAILED),
@@ -107,4 +110,4 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes) -> Prog
     ]
     buffers += [Buffer("reference", None, "in")] if sizes.r else []
     buffers += [Buffer("disturbance", None, "in")] if sizes.d else []
-    return Program("closed_loop", tuple(buffers), (Repeat("steps", body),), ("steps", "parts"))
+    return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts"))

@@ -1,35 +1,41 @@
 """One step of a sampled controller: estimator, integrals, law, saturation, as NumPy code.
 
-It is what the compiled kernels run, what `Controller.step` calls and what is exported later.
+It is what the compiled kernels run, what `Controller.step` calls and what is exported later. How its functions
+are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from flexhinf.plant import Estimator, Law
+from flexhinf.codegen import DIRECT
+from flexhinf.loop.law_code import LawCode
+from flexhinf.loop.staged import offers
+from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
 __all__ = ["controller_step"]
 
 
 def controller_step(
-    law: Law,
+    law: LawCode,
     estimator: Estimator | None,
     tracked: Sequence[tuple[str, int]],
     y: Any,
     r: Any,
     memory: Any,
     data: Any,
+    run: Any = DIRECT,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
     Parameters
     ----------
-    law, estimator : Law, Estimator or None
+    law, estimator : LawCode, Estimator or None
         Without an estimator, y is the state of the plant that the law was designed for.
     tracked : sequence of (str, int)
         "state" or "output", and the place there, of what is tracked: the measurement itself where the tracked
@@ -39,6 +45,7 @@ def controller_step(
         Measurement and command.
     memory, data : namespaces
         As `Controller.memory` and `Controller.data` lay them out.
+    run : flexhinf.codegen.Direct or Composer
 
     Returns
     -------
@@ -47,28 +54,73 @@ def controller_step(
     """
     estimate: Any = y
     belief: Any = None
-    p: Any = None
     if estimator is not None:
-        p = estimator.plant.parameters.named(data.parameters)
         prior = type(estimator.initial)(*memory.belief)
-        belief = estimator.measurement_update(prior, y, memory.u, p, data.measurement_noise)
-        estimate = np.asarray(belief.mean)
+        belief = _corrected(run, estimator, prior, y, memory.u, data)
+        estimate = belief.mean
+    position, growth, integral, deviation = run.call(
+        partial(_deviation, tracked), y, estimate, memory.position, memory.reference, memory.integral,
+        memory.started, data.period, data.operating_point,
+    )  # fmt: skip
+    feedback = law.evaluate(run, deviation, data.law)
+    u, integral, started = run.call(
+        _input, feedback, growth, integral, memory.integral,
+        data.operating_input, data.lower, data.upper, data.integral_gain,
+    )  # fmt: skip
+    after = {"u": u, "integral": integral, "position": position, "reference": r, "started": started}
+    if estimator is not None:
+        after["belief"] = _predicted(run, estimator, belief, u, data)
+    return u, estimate, after
 
+
+def _deviation(
+    tracked: Sequence[tuple[str, int]],
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """Tracked positions, growth of the integrals, integrals, and the law's argument x − x*."""
     # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
     position = np.array([(y if source == "output" else estimate)[place] for source, place in tracked])
-    growth = memory.started * data.period * (0.5 * (memory.position + position) - memory.reference)
-    integral = memory.integral + growth
+    growth = started * period * (0.5 * (last + position) - reference)
+    integral = integral + growth
+    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - point
 
-    deviation = np.concatenate([estimate, integral]) - data.operating_point
-    wanted = data.operating_input + law.evaluate_law(deviation, data.law)
-    u = clip(wanted, data.lower, data.upper)
 
+def _input(
+    feedback: Any, growth: Any, integral: Any, before: Any, rest: Any, lower: Any, upper: Any, gain: Any
+) -> tuple[Any, Any, Any]:
+    """The input within its limits, the integrals after anti-windup, and that a step was made."""
+    wanted = rest + feedback
+    u = clip(wanted, lower, upper)
     # Anti-windup: an integral that would push a saturated input further stands still.
-    pushes = growth * ((wanted - u) @ data.integral_gain)
-    choices = zip(pushes, memory.integral, integral)
-    integral = np.array([where(push > 0.0, old, new) for push, old, new in choices])
+    pushes = growth * ((wanted - u) @ gain)
+    choices = zip(pushes, before, integral)
+    return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
 
-    after = {"u": u, "integral": integral, "position": position, "reference": r, "started": np.ones(1)}
-    if estimator is not None:
-        after["belief"] = estimator.time_update(belief, u, p, data.process_noise)
-    return u, estimate, after
+
+def _corrected(run: Any, estimator: Any, belief: Any, y: Any, u: Any, data: Any) -> Any:
+    if offers(estimator, "measurement_stages", "measurement_update", "innovate"):
+        return estimator.measurement_stages(run, belief, y, u, data.parameters, data.measurement_noise)
+
+    def update(y: Any, u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
+        p = estimator.plant.parameters.named(vector)
+        return tuple(estimator.measurement_update(type(belief)(*parts), y, u, p, noise))
+
+    return type(belief)(*run.call(update, y, u, data.parameters, data.measurement_noise, *belief))
+
+
+def _predicted(run: Any, estimator: Any, belief: Any, u: Any, data: Any) -> Any:
+    if offers(estimator, "time_stages", "time_update"):
+        return estimator.time_stages(run, belief, u, data.parameters, data.process_noise)
+
+    def update(u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
+        p = estimator.plant.parameters.named(vector)
+        return tuple(estimator.time_update(type(belief)(*parts), u, p, noise))
+
+    return type(belief)(*run.call(update, u, data.parameters, data.process_noise, *belief))

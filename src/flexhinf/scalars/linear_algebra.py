@@ -54,12 +54,10 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
     factor = _empty_like(matrix)
     for j in range(n):
         pivot = matrix[j, j] - factor[j, :j] @ factor[j, :j]
-        tiny = abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
-        singular = (pivot <= tiny) & (pivot >= -tiny)
-        with np.errstate(invalid="ignore"):
-            root = np.sqrt(where(singular, 1.0, pivot))
-        inverse = where(singular, 0.0, 1.0 / root)
-        factor[j, j] = where(singular, 0.0, root)
+        singular = abs(pivot) <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = where(singular, 0.0, 1.0 / np.sqrt(pivot))
+        factor[j, j] = pivot * inverse
         for i in range(j + 1, n):
             factor[i, j] = (matrix[i, j] - factor[i, :j] @ factor[j, :j]) * inverse
     return factor

@@ -20,20 +20,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from flexhinf.codegen.emit.algebra import Algebra, Operand
+from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
-from flexhinf.codegen.emit.statements import BLOCK, pack, unpack, weighted_sum
 from flexhinf.codegen.emit.text import PREFIX, Lanes, ModuleText, Writer
 from flexhinf.codegen.program import (
     Call,
+    Cholesky,
     Columns,
     Copy,
     Guard,
     Map,
+    OuterSum,
     Program,
     Repeat,
     Slice,
     Step,
-    WeightedSum,
     whole,
 )
 
@@ -145,29 +147,33 @@ class _Emitter:
         for step in body:
             if isinstance(step, Repeat):
                 self._loop(
-                    self.turns[step.count], lambda turn, step=step: self._body(step.body, (*turns, turn))
+                    "0", self.turns[step.count], lambda turn, step=step: self._body(step.body, (*turns, turn))
                 )
             elif isinstance(step, Call):
                 self._call(step, turns)
             elif isinstance(step, Map):
                 self._map(step, turns)
-            elif isinstance(step, WeightedSum):
-                self._weighted_sum(step, turns)
+            elif isinstance(step, OuterSum):
+                self._outer_sum(step, turns)
+            elif isinstance(step, Cholesky):
+                self._algebra.cholesky(
+                    self._operand(step.source, turns), self._address(step.target, turns), step.order
+                )
             elif isinstance(step, Copy):
                 self._copy(step, turns)
             else:
                 self._guard(step, turns)
 
-    def _loop(self, count: str, body: Callable[[str], None]) -> None:
-        """``for turn in range(count): body(turn)``; the turn lives in memory until LLVM promotes it."""
+    def _loop(self, first: str, end: str, body: Callable[[str], None]) -> None:
+        """``for turn in range(first, end): body(turn)``; the turn lives in memory until LLVM promotes it."""
         writer = self.writer
         place = writer.allocate("i64")
         head, inside, after = writer.label("head"), writer.label("turn"), writer.label("after")
-        writer.do(f"store i64 0, ptr {place}, align 8")
+        writer.do(f"store i64 {first}, ptr {place}, align 8")
         writer.do(f"br label %{head}")
         writer.place(head)
         turn = writer.let(f"load i64, ptr {place}, align 8")
-        more = writer.let(f"icmp slt i64 {turn}, {count}")
+        more = writer.let(f"icmp slt i64 {turn}, {end}")
         writer.do(f"br i1 {more}, label %{inside}, label %{after}")
         writer.place(inside)
         body(turn)
@@ -214,31 +220,40 @@ class _Emitter:
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
 
         def some(first: str, left: int) -> None:
-            pointers, results, free = [], [], 0
+            packer, free = Packer(writer, self._each, wide, left), 0
+            pointers, packed = [], []
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)
                     continue
-                one_for_all = self._shared(piece.whole)
-                unit = "double" if one_for_all else self.lanes.element
-                columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {first}")
+                shared_ = self._shared(piece.whole)
+                unit = "double" if shared_ else self.lanes.element
+                offset = writer.let(f"mul nsw i64 {first}, {piece.moves[1]}")
+                columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
                 place = writer.let(f"getelementptr {wide.element}, ptr {self._scratch(wide)}, i64 {free}")
                 free += piece.size
-                if len(pointers) < len(step.inputs):
-                    source = columns, one_for_all
-                    pack(writer, self._each, wide, source, piece.size, piece.count, left, place)
-                else:
-                    results.append((place, piece, columns))
                 pointers.append(place)
-            writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
+                packed.append((place, piece, columns))
+                if len(pointers) <= len(step.inputs):
+                    packer.pack(columns, shared_, piece.size, piece.moves, place)
+            results = packed[-len(step.outputs) :]
+            if step.times > 1:  # in place of what was packed
+                moved = [place for place, _, _ in packed[: len(step.outputs)]]
+                pointers[len(step.inputs) :] = moved
+                results = [(place, *rest) for place, (_, *rest) in zip(moved, results, strict=True)]
+            call = f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})"
+            if step.times > 1:
+                self._loop("0", str(step.times), lambda _: writer.do(call))
+            else:
+                writer.do(call)
             for place, piece, columns in results:
-                unpack(writer, self._each, wide, place, piece.size, piece.count, left, columns)
+                packer.unpack(place, piece.size, piece.moves, columns)
 
         def full(turn: str) -> None:
             some(writer.let(f"mul nsw i64 {turn}, {block}"), block)
 
         if step.count >= block:
-            self._loop(str(step.count // block), full)
+            self._loop("0", str(step.count // block), full)
         if step.count % block:
             some(str(step.count - step.count % block), step.count % block)
 
@@ -252,13 +267,24 @@ class _Emitter:
             self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
         return self.scratch
 
-    def _weighted_sum(self, step: WeightedSum, turns: tuple[str, ...]) -> None:
-        weights, rows = (
-            (self._address(piece, turns), self._shared(piece)) for piece in (step.weights, step.rows)
+    @property
+    def _algebra(self) -> Algebra:
+        return Algebra(self.writer, self._loop, self.fused)
+
+    def _operand(self, piece: Slice, turns: tuple[str, ...]) -> Operand:
+        return Operand(self._address(piece, turns), self._shared(piece))
+
+    def _outer_sum(self, step: OuterSum, turns: tuple[str, ...]) -> None:
+        left, right, weights, plus = (
+            None if piece is None else self._operand(piece, turns)
+            for piece in (step.left, step.right, step.weights, step.plus)
         )
-        sizes = (step.weights.size, step.target.size)
-        target = self._address(step.target, turns)
-        weighted_sum(self.writer, self._loop, weights, rows, target, sizes, self.fused)
+        assert left is not None
+        assert right is not None
+        sizes = (step.count, *step.shape)
+        self._algebra.outer_sum(
+            left, right, weights, plus, self._address(step.target, turns), sizes, step.symmetric
+        )
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
@@ -277,7 +303,7 @@ class _Emitter:
 
     def _each(self, size: int, body: Callable[[str], None]) -> None:
         if size > _UNROLLED:
-            self._loop(str(size), body)
+            self._loop("0", str(size), body)
         else:
             for element in range(size):
                 body(str(element))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import struct
 from dataclasses import dataclass, field
 
@@ -108,17 +110,21 @@ class Writer:
         self.lanes = module.lanes if lanes is None else lanes
         self.first: list[str] = []
         self.lines: list[str] = []
-        self._names = 0
+        self._names = itertools.count(1)
+
+    def alike(self, lanes: Lanes) -> Writer:
+        """A writer with other lanes that appends to the same text."""
+        other = copy.copy(self)
+        other.lanes = lanes
+        return other
 
     def name(self) -> str:
         """A fresh local name."""
-        self._names += 1
-        return f"%v{self._names}"
+        return f"%v{next(self._names)}"
 
     def label(self, what: str) -> str:
         """A fresh block label, not yet placed."""
-        self._names += 1
-        return f"{what}{self._names}"
+        return f"{what}{next(self._names)}"
 
     def place(self, label: str) -> None:
         """Start a block here."""

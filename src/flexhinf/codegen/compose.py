@@ -1,0 +1,312 @@
+"""One text, two readings: as plain NumPy code, or as a program composed of traced pieces.
+
+An algorithm is written once, against a *run* that offers a few ways of calling a function (once: `call`; on every
+column of a matrix: `columns`) and a few sums of linear algebra. `Direct` does just that with whatever arrays it is
+given: numbers, symbols, intervals. A `Composer` traces each function once, on symbols of the right shapes, and
+writes steps of a program that apply it: a 7-link estimator, which would be half a million operations as one
+trace, is some thousand operations in loops over its sigma points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen.program import Buffer, Call, Cholesky, Columns, Copy, Map, Order, OuterSum, Slice, Step
+from flexhinf.errors import InvalidInput
+
+__all__ = ["DIRECT", "Block", "Composer", "Direct"]
+
+SCRATCH = "scratch"
+
+
+@dataclass(frozen=True)
+class Block:
+    """An array of a program that is being composed: where it lies, its shape, and its order.
+
+    Parameters
+    ----------
+    piece : Slice or None
+        None for an array without elements.
+    shape : tuple of int
+    order : {"C", "F"}
+        Of a matrix: rows, or columns, one after the other. Only matrices may have "F".
+    """
+
+    piece: Slice | None
+    shape: tuple[int, ...]
+    order: Order = "C"
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self.shape)
+
+    @property
+    def place(self) -> Slice:
+        """Where it lies; only for arrays with elements."""
+        if self.piece is None:
+            raise InvalidInput("An empty array has no place.", f"got shape {self.shape}", "no step for it")
+        return self.piece
+
+    @property
+    def T(self) -> Block:
+        """The transposed matrix: the same elements in the other order."""
+        return Block(self.piece, self.shape[::-1], "F" if self.order == "C" else "C")
+
+    @property
+    def columns(self) -> Columns:
+        """The columns of a matrix, for a `Map`."""
+        return Columns(self.place, self.shape[1], self.order)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, part: slice) -> Block:
+        """Neighbouring elements of a vector, or rows of a matrix in C order."""
+        start, stop, _ = part.indices(self.shape[0])
+        shape = (max(0, stop - start), *self.shape[1:])
+        if not prod(shape):
+            return Block(None, shape)
+        width, piece = prod(self.shape[1:]), self.place
+        return Block(Slice(piece.buffer, piece.offset + start * width, prod(shape), piece.strides), shape)
+
+    def reshape(self, *shape: Any) -> Block:
+        """The same elements in C order in another shape."""
+        wanted = tuple(shape[0]) if len(shape) == 1 and isinstance(shape[0], tuple) else tuple(shape)
+        if prod(wanted) != self.size or self.order == "F":
+            raise InvalidInput("A block does not fit another shape.", f"got {self} and {wanted}", "C order")
+        return Block(self.piece, wanted)
+
+
+class Direct:
+    """Plain evaluation, on any elements."""
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """``function(*arrays)``, for what is small."""
+        return function(*arrays)
+
+    def columns(self, function: Callable[..., Any], moving: Any, *held: Any, times: int = 1) -> Any:
+        """``function(column, *held)`` for every column.
+
+        Parameters
+        ----------
+        function : callable
+            Takes a vector per moving matrix, and what is held; returns a vector, or a tuple of vectors.
+        moving : (r, s) array, or tuple of such
+        held : arrays
+        times : int
+            Again and again, each time on the results of the last.
+
+        Returns
+        -------
+        (r', s) array, or tuple of such
+        """
+        for _ in range(times):
+            matrices = moving if isinstance(moving, tuple) else (moving,)
+            results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
+            if isinstance(results[0], tuple):
+                moving = tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
+            else:
+                moving = np.stack(results, axis=1)
+        return moving
+
+    def column_stack(self, parts: Any) -> Any:
+        """Matrices and vectors, as columns, side by side."""
+        return np.column_stack(parts)
+
+    def gram(self, columns: Any, weights: Any, plus: Any) -> Any:
+        """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
+        from flexhinf.scalars import gram
+
+        return gram(columns, weights) + plus
+
+    def product(self, columns: Any, weights: Any, other: Any) -> Any:
+        """Σ wᵢ aᵢ bᵢᵀ over columns aᵢ and bᵢ."""
+        from flexhinf.scalars import gram
+
+        return gram(columns, weights, other)
+
+    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+        """Σ wᵢ aᵢ over columns aᵢ, plus a vector."""
+        total = columns @ weights
+        return total if plus is None else plus + total
+
+    def cholesky(self, matrix: Any) -> Any:
+        """L of L Lᵀ, see `flexhinf.scalars.cholesky`."""
+        from flexhinf.scalars import cholesky
+
+        return cholesky(matrix)
+
+
+DIRECT = Direct()
+
+
+class Composer:
+    """Writes the steps of a program; arrays are `Block`, and anything else is a constant.
+
+    Matrices whose columns are points have the order "F", so that a point is one row of numbers; what is computed
+    from columns has the order of the (first) matrix they belong to.
+
+    Attributes
+    ----------
+    body : list of Step
+    """
+
+    def __init__(self) -> None:
+        self.body: list[Step] = []
+        self._size = 0
+        self._pieces: dict[Hashable, tuple[Any, list[tuple[int, ...]], bool]] = {}
+        self._kept: list[Any] = []
+
+    @property
+    def buffers(self) -> tuple[Buffer, ...]:
+        """The scratch memory that the steps need."""
+        return (Buffer(SCRATCH, self._size, "work"),) if self._size else ()
+
+    def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
+        """New scratch memory."""
+        size = prod(shape)
+        if not size:
+            return Block(None, shape, order)
+        piece = Slice(SCRATCH, self._size, size)
+        self._size += size
+        return Block(piece, shape, order)
+
+    def copy(self, source: Block, target: Block) -> None:
+        """Copy elements, if there are any."""
+        source = self._ordered(source, target.order)
+        if source.size and source.place != target.place:
+            self.body.append(Copy(source.place, target.place))
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """As `Direct.call`: one traced piece."""
+        traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
+        results = [self.work(shape) for shape in shapes]
+        filled = [result.place for result in results if result.size]
+        inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
+        if filled:
+            self.body.append(Call(traced, tuple(inputs), tuple(filled)))
+        return tuple(results) if several else results[0]
+
+    def columns(
+        self,
+        function: Callable[..., Any],
+        moving: Any,
+        *held: Any,
+        times: int = 1,
+        into: tuple[Block, ...] | None = None,
+    ) -> Any:
+        """As `Direct.columns`: one piece, traced for one column; into new memory, or that of given blocks."""
+        matrices: tuple[Block, ...] = moving if isinstance(moving, tuple) else (moving,)
+        count, order = matrices[0].shape[1], matrices[0].order
+        shapes_in = [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
+        traced, shapes, several = self._traced(function, (*matrices, *held), shapes_in)
+        results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
+        inputs = [matrix.columns for matrix in matrices]
+        inputs += [array.place for array in held if isinstance(array, Block) and array.size]
+        self.body.append(Map(traced, tuple(inputs), tuple(result.columns for result in results), times))
+        return results if several else results[0]
+
+    def column_stack(self, parts: Any) -> Block:
+        """As `Direct.column_stack`: copied to one place."""
+        blocks = [self._ordered(part, "F") for part in parts]
+        whole = self.work((len(blocks[0]), sum(1 if len(b.shape) == 1 else b.shape[1] for b in blocks)), "F")
+        start = whole.place.offset
+        for block in blocks:
+            self.body.append(Copy(block.place, Slice(SCRATCH, start, block.size)))
+            start += block.size
+        return whole
+
+    def gram(self, columns: Block, weights: Any, plus: Block) -> Block:
+        """As `Direct.gram`."""
+        return self._outer_sum(columns.T, columns.T, self._block(weights), plus, symmetric=True)
+
+    def product(self, columns: Block, weights: Any, other: Block) -> Block:
+        """As `Direct.product`."""
+        return self._outer_sum(columns.T, other.T, self._block(weights), None)
+
+    def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
+        """As `Direct.combination`."""
+        left = self._block(weights).reshape(len(weights), 1)
+        total = self._outer_sum(left, columns.T, None, plus)
+        return total.reshape(total.size)
+
+    def cholesky(self, matrix: Block) -> Block:
+        """As `Direct.cholesky`."""
+        factor = self.work(matrix.shape, "F")
+        self.body.append(Cholesky(matrix.place, factor.place))
+        return factor
+
+    # Inside ----------------------------------------------------------------------------------------
+    def _outer_sum(
+        self, left: Block, right: Block, weights: Block | None, plus: Block | None, symmetric: bool = False
+    ) -> Block:
+        left, right = self._ordered(left, "C"), self._ordered(right, "C")
+        target = self.work((left.shape[1], right.shape[1]))
+        factor, added = (None if block is None else block.place for block in (weights, plus))
+        step = OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric)
+        self.body.append(step)
+        return target
+
+    def _block(self, array: Any) -> Block:
+        """Constants as a block."""
+        return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
+
+    def _ordered(self, block: Block, order: Order) -> Block:
+        """The same matrix in the wanted order, moved if it must be."""
+        if len(block.shape) < 2 or block.order == order or not block.size:
+            return block
+        moved = self.work(block.shape, order)
+        return self.columns(_same, block, into=(moved,))
+
+    def _traced(
+        self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]
+    ) -> tuple[Any, list[tuple[int, ...]], bool]:
+        """A function of the blocks among the arrays, the shapes of its results, and whether they are several.
+
+        Parameters
+        ----------
+        shapes : sequence
+            A shape instead of the array's own, or None.
+        """
+        from flexhinf.scalars import drop_empty, trace
+
+        seen: list[tuple[int, ...]] = []
+        several = False
+        blocks = [(block, shape) for block, shape in zip(arrays, shapes) if isinstance(block, Block)]
+        flipped = [shape is None and block.order == "F" for block, shape in blocks]
+        lying = [
+            shape or (block.T.shape if flip else block.shape) for (block, shape), flip in zip(blocks, flipped)
+        ]
+        constants = tuple(id(array) for array in arrays if not isinstance(array, Block))
+        key = (function, tuple(lying), tuple(flipped), constants)
+        if key in self._pieces:
+            return self._pieces[key]
+
+        def on_symbols(*symbols: Any) -> Any:
+            nonlocal several
+            given = iter(s.T if flip else s for s, flip in zip(symbols, flipped))
+            results = function(*(next(given) if isinstance(array, Block) else array for array in arrays))
+            several = isinstance(results, tuple)
+            results = tuple(map(np.asarray, results if several else (results,)))
+            seen.extend(result.shape for result in results)
+            return tuple(result for result in results if result.size)
+
+        name = "".join(filter(str.isalpha, getattr(function, "__name__", ""))) or "piece"
+        traced = drop_empty(trace(on_symbols, *lying, name=name))
+        self._pieces[key] = (traced, seen, several)
+        self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
+        return self._pieces[key]
+
+
+def _constants(array: Any) -> Any:
+    return array
+
+
+def _same(column: Any) -> Any:
+    return column

@@ -1,0 +1,115 @@
+"""A law as a controller's kernel evaluates it: its own text, or a table of monomials in loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import Block, Composer
+from flexhinf.loop.staged import offers
+from flexhinf.plant import Law
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.scalars import jacobian
+
+__all__ = ["TABLE", "LawCode"]
+
+#: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
+TABLE = 2_000
+
+
+@dataclass(frozen=True, eq=False)
+class LawCode:
+    """A law and the form of its numbers in a kernel.
+
+    A law that is a polynomial may say so by a method ``law_polynomial()``, the `PolynomialLaw` of which its
+    `law_data` are the coefficients; from `TABLE` coefficients on, a composed kernel then forms the monomials by
+    multiplying rows of them with one variable, and sums the rows of the coefficients' table, one row per
+    monomial and one column per input, padded with zero columns so that rows fill vectors.
+
+    Parameters
+    ----------
+    law : Law
+    composed : bool
+        Whether the controller is composed of pieces.
+    """
+
+    law: Law
+    composed: bool
+
+    @cached_property
+    def table(self) -> PolynomialLaw | None:
+        """The polynomial, where the law is evaluated as a table."""
+        few = np.size(self.law.law_data) < TABLE
+        if few or not self.composed or not offers(self.law, "law_polynomial", "evaluate_law"):
+            return None
+        return self.law.law_polynomial()  # type: ignore[attr-defined]
+
+    @property
+    def columns(self) -> int:
+        """Columns of the table: inputs, and padding to 1, 2, 4 or a multiple of 8."""
+        inputs = len(self.law.input_names)
+        return next((power for power in (1, 2, 4) if inputs <= power), -(-inputs // 8) * 8)
+
+    @cached_property
+    def data(self) -> np.ndarray:
+        """The law's numbers as the kernel has them, flat."""
+        if self.table is None:
+            return np.ravel(self.law.law_data)
+        rows = self.table.coefficients.T
+        return np.pad(rows, ((0, 0), (0, self.columns - rows.shape[1]))).ravel()
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """∂u/∂x at the operating point, (m, n)."""
+        n, data = len(self.law.state_names), np.ravel(self.law.law_data)
+        if self.table is None:
+            return jacobian(self.law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
+        degrees = self.table.degrees
+        before = sum(basis.count(n, k) for k in degrees if k < 1)
+        linear = self.table.coefficients[:, before : before + n]
+        return linear if 1 in degrees else np.zeros_like(linear)
+
+    def evaluate(self, run: Any, x: Any, data: Any) -> Any:
+        """k(x), (m,), for a deviation x (n,) and the numbers as in `data`."""
+        if self.table is None:
+            return run.call(self.law.evaluate_law, x, data)
+        inputs = len(self.law.input_names)
+        if isinstance(run, Composer):
+            powers = monomials(run, x, self.table.degrees)
+            return run.combination(data.reshape(len(powers), self.columns).T, powers)[:inputs]
+        plain = data.reshape(-1, self.columns)[:, :inputs].T.ravel()
+        return run.call(self.law.evaluate_law, x, plain)
+
+
+def monomials(run: Composer, x: Block, degrees: tuple[int, ...]) -> Block:
+    """All monomials of these degrees, (Nmon,): products of one variable and the monomials of one degree less."""
+    n = len(x)
+    powers = run.work((sum(basis.count(n, k) for k in degrees),))
+    lower, begin = Block(None, (0,)), 0
+    for k in range(max(degrees) + 1):
+        size = basis.count(n, k)
+        if k in degrees:
+            higher, begin = powers[begin : begin + size], begin + size
+        else:
+            higher = run.work((size,))
+        if k == 0:
+            run.copy(run.call(lambda: np.ones(1)), higher)
+        elif k == 1:
+            run.copy(x, higher)
+        else:
+            start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
+            for j in range(n):
+                source, target = lower[int(start[j]) :], higher[int(first[j]) : int(first[j + 1])]
+                row = (1, target.size)
+                run.columns(times, source.reshape(row), x[j : j + 1], into=(target.reshape(row),))
+        lower = higher
+    return powers
+
+
+def times(monomial: Any, variable: Any) -> Any:
+    """Their product."""
+    return monomial * variable
