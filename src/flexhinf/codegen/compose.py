@@ -224,7 +224,8 @@ class Composer:
 
     def gram(self, columns: Block, weights: Any, plus: Block) -> Block:
         """As `Direct.gram`."""
-        return self._outer_sum(columns.T, columns.T, self._block(weights), plus, symmetric=True)
+        points = self._ordered(columns.T, "C")
+        return self._outer_sum(points, points, self._block(weights), plus, symmetric=True)
 
     def product(self, columns: Block, weights: Any, other: Block) -> Block:
         """As `Direct.product`."""

@@ -26,6 +26,7 @@ __all__ = ["ONE_TRACE", "Controller"]
 ONE_TRACE = 5_000
 
 INTEGRAL = "_integral"
+READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
 
@@ -220,17 +221,14 @@ class Controller:
             The steps, and scratch buffers that the program must have for them.
         """
         if not self.composed:
-            read = tuple(
-                place for name in ("y", "r", "memory", "data") if (place := places[name]) is not None
+            read, written = (
+                [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
             )
-            written = tuple(
-                place for name in ("u", "estimate", "memory") if (place := places[name]) is not None
-            )
-            return (Call(drop_empty(self.traced), read, written),), ()
+            return (Call(drop_empty(self.traced), tuple(read), tuple(written)),), ()
         run = Composer()
         y, r, memory, data = (
             Block(place, (place.size if place else 0,))
-            for place in (places[name] for name in ("y", "r", "memory", "data"))
+            for place in (places[name] for name in READ)
         )
         named = self.memory.named(memory), self.data.named(data)
         u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named, run)

@@ -1,0 +1,109 @@
+"""One text read directly and composed: the same numbers, compiled and interpreted."""
+
+import numpy as np
+import pytest
+
+from flexhinf.codegen import DIRECT, Block, Buffer, Composer, Program, Slice, compile_program, interpret
+from flexhinf.errors import InvalidInput
+
+rng = np.random.default_rng(3)
+ROOT = rng.normal(size=(4, 4))
+GIVEN = {
+    "a": rng.normal(size=(4, 9)), "b": rng.normal(size=(3, 9)), "v": rng.normal(size=4), "w": rng.uniform(1, 2, 9),
+    "s": ROOT @ ROOT.T, "e": np.zeros((0, 2)),
+}  # fmt: skip
+
+
+def turned(column, v):
+    return np.sin(column) * v, column[:2] - v[2:]
+
+
+def columns_of_both(one, other, factor):
+    return one[:3] * other * factor
+
+
+TEXTS = {
+    "call": lambda run, x: run.call(lambda a, v: v @ a, x["a"], x["v"]),
+    "call with several results": lambda run, x: run.call(lambda a, v: (a.T, v * v), x["a"], x["v"])[1],
+    "call with a constant": lambda run, x: run.call(np.multiply, x["v"], np.arange(4.0)),
+    "call of nothing": lambda run, x: run.call(lambda e, v: np.append(e, v), x["e"], x["v"]),
+    "columns": lambda run, x: run.columns(turned, x["a"], x["v"])[1],
+    "columns of two matrices": lambda run, x: run.columns(columns_of_both, (x["a"], x["b"]), 2.0),
+    "rows as columns": lambda run, x: run.columns(lambda row, w: row * w, x["a"].T, x["w"]),
+    "again and again": lambda run, x: run.columns(lambda c, v: np.cos(c + v), x["a"], x["v"], times=4),
+    "column stack": lambda run, x: run.column_stack((x["v"], x["a"], x["v"])),
+    "a call on columns stacked": lambda run, x: run.call(
+        lambda m, v: v @ m, run.column_stack((x["v"], x["a"])), x["v"]
+    ),
+    "gram": lambda run, x: run.gram(x["a"], x["w"], x["s"]),
+    "gram with constant weights": lambda run, x: run.gram(x["a"], np.arange(9.0), x["s"]),
+    "product": lambda run, x: run.product(x["a"], x["w"], x["b"]),
+    "combination": lambda run, x: run.combination(x["a"], x["w"], x["v"]),
+    "combination without more": lambda run, x: run.combination(x["b"], np.ones(9)),
+    "cholesky": lambda run, x: run.cholesky(x["s"]),
+    "columns of a factor": lambda run, x: run.columns(turned, run.cholesky(x["s"]), x["v"])[0],
+    "gram of a factor": lambda run, x: run.gram(run.cholesky(x["s"]), np.ones(4), x["s"]),
+    "parts": lambda run, x: run.call(lambda m, u: m + u[:2, None], x["a"][1:3], x["v"][2:].reshape(2)),
+}  # fmt: skip
+
+
+def composed(text, make, lanes=1):
+    """The result (lanes last) of a text as a program of its own."""
+    run = Composer()
+    blocks = {k: Block(Slice(k, 0, v.size) if v.size else None, v.shape) for k, v in GIVEN.items()}
+    result = text(run, blocks)
+    target = Block(Slice("y", 0, result.size), result.shape)
+    run.copy(result, target)
+    buffers = [Buffer(name, array.size, "in") for name, array in GIVEN.items() if array.size]
+    program = Program("composed", (*buffers, Buffer("y", result.size, "out"), *run.buffers), tuple(run.body))
+    arrays = {k: np.repeat(v.reshape(-1, 1), lanes, axis=1) for k, v in GIVEN.items() if v.size}
+    arrays["y"] = np.full((result.size, lanes), np.nan)
+    assert make(program, lanes).run(arrays).fine
+    return arrays["y"].reshape(*result.shape, lanes)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize("name", TEXTS)
+def test_composed_is_direct(name, make):
+    expected = TEXTS[name](DIRECT, GIVEN)
+    np.testing.assert_allclose(composed(TEXTS[name], make)[..., 0], expected, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_the_bits_do_not_depend_on_lanes(name):
+    one, many = composed(TEXTS[name], compile_program), composed(TEXTS[name], compile_program, 4)
+    np.testing.assert_array_equal(many, np.repeat(one, 4, axis=-1))
+
+
+def test_a_function_is_traced_once_for_each_shape():
+    run = Composer()
+    blocks = {k: Block(Slice(k, 0, v.size), v.shape) for k, v in GIVEN.items() if v.size}
+    run.columns(turned, blocks["a"], blocks["v"])
+    run.columns(turned, blocks["a"], blocks["v"])
+    run.columns(turned, blocks["s"], blocks["v"])
+    assert run.body[0].function is run.body[1].function is run.body[2].function
+    run.call(np.sin, blocks["v"])
+    run.call(np.sin, blocks["w"])
+    assert run.body[3].function is not run.body[4].function
+
+
+def test_constants_are_told_apart():
+    run = Composer()
+    v = Block(Slice("v", 0, 4), (4,))
+    for factor in (2.0, 3.0):
+        run.call(np.multiply, v, np.full(4, factor))
+    assert run.body[0].function is not run.body[1].function
+
+
+def test_what_a_block_cannot_do():
+    block = Block(Slice("a", 0, 6), (2, 3))
+    assert block == block.T.T
+    assert block[1:].shape == (1, 3)
+    assert block[2:].size == 0
+    with pytest.raises(InvalidInput):
+        block.reshape(4, 2)
+    with pytest.raises(InvalidInput):
+        block.T.reshape(6)
+    with pytest.raises(InvalidInput):
+        _ = block[2:].place
