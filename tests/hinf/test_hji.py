@@ -360,8 +360,8 @@ def test_level_must_be_a_positive_number(arm, gamma):
         solve_hji(arm, gamma, 4)
 
 
-@pytest.mark.parametrize("degree", [1, 0, -2, 2.5, 4.0, math.nan, True])
-def test_degree_must_be_an_integer_of_at_least_two(arm, degree):
+@pytest.mark.parametrize("degree", [1, 0, -2, 2.5, 4.0, math.nan, True, "4", 201, 10**9])
+def test_degree_must_be_an_integer_from_two_to_two_hundred(arm, degree):
     with pytest.raises(InvalidInput, match="degree of V"):
         solve_hji(arm, math.inf, degree)
 
@@ -369,6 +369,8 @@ def test_degree_must_be_an_integer_of_at_least_two(arm, degree):
 def test_a_thing_that_is_no_problem_is_refused():
     with pytest.raises(InvalidInput, match="ndarray"):
         solve_hji(np.eye(3), 2.0, 4)
+    with pytest.raises(InvalidInput, match="NoneType"):
+        smallest_gamma(None)
 
 
 def test_penalty_that_leaves_the_integrator_unseen_is_refused(arm):

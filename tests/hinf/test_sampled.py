@@ -142,6 +142,18 @@ def test_refusals(weighted):
     solution, check = weighted
     with pytest.raises(InvalidInput, match="expected gamma"):
         solution.sampled_region(gamma=0.9 * solution.gamma)
+    for wrong in (
+        {"rays": 0},
+        {"rays": 2.5},
+        {"seed": -1},
+        {"largest": "far"},
+        {"gamma": "2"},
+        {"gamma": math.nan},
+    ):
+        with pytest.raises(InvalidInput, match="cannot be made with these numbers"):
+            solution.sampled_region(**wrong)
+    with pytest.raises(InvalidInput, match="'heavy'"):
+        solution.sampled_region(penalty={"x1": "heavy"})
     with pytest.raises(InvalidInput, match="x9"):
         solution.sampled_region(penalty={"x9": 1.0})
     with pytest.raises(InvalidInput, match=r"shape \(3,\)"):

@@ -44,8 +44,11 @@ def test_value_is_the_sum_of_its_monomials(solved):
     assert solved.coefficients(2)[(1, 1, 0, 0, 0)] == pytest.approx(solved.P[0, 1])
     assert len(solved.coefficients(4)) == 70
     assert np.array_equal(solved.exponents(4)[0], [4, 0, 0, 0, 0])
-    with pytest.raises(InvalidInput, match="degree 5"):
-        solved.coefficients(5)
+    for wrong in (5, 1, "4", 2.5):
+        with pytest.raises(InvalidInput, match="no part of degree"):
+            solved.coefficients(wrong)
+    with pytest.raises(InvalidInput, match="got 'here'"):
+        solved.value("here")
 
 
 def test_kronecker_coefficients_of_others_go_in_and_come_out():

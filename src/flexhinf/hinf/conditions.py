@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.errors import NotDetectable, NotStabilisable
+from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
+from flexhinf.plant.problem import Problem
 
-__all__ = ["check_standing_assumptions", "disturbance_reaches_output"]
+__all__ = ["check_problem", "check_standing_assumptions", "disturbance_reaches_output"]
 
 _DECAYS = 1e-9  # modes with Re λ above −_DECAYS·‖A‖ count as not decaying
 _RANK = 1e-10  # smallest singular value of the pencil, relative to its norm, that counts as rank deficiency
 _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
+
+
+def check_problem(problem: object) -> None:
+    """Raise `InvalidInput` unless this is a generalised plant."""
+    if not isinstance(problem, Problem):
+        raise InvalidInput(
+            "This is not a problem that can be solved.",
+            f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
+            "plant.with_objective(penalty) makes a problem of a plant",
+        )
 
 
 def check_standing_assumptions(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexhinf.errors import NoFeasibleGamma
-from flexhinf.hinf.conditions import disturbance_reaches_output
+from flexhinf.hinf.conditions import check_problem, disturbance_reaches_output
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.problem import Problem
 
@@ -29,6 +29,8 @@ def smallest_gamma(problem: Problem) -> float:
 
     Raises
     ------
+    InvalidInput
+        Not a problem.
     NotStabilisable, NotDetectable
         The state and the mode are named.
     NoFeasibleGamma
@@ -39,6 +41,7 @@ def smallest_gamma(problem: Problem) -> float:
     At γ* either the Hamiltonian matrix has eigenvalues on the imaginary axis, or P has grown without bound
     while they stay off it. So existence itself is bisected, in coordinates balanced anew for every level.
     """
+    check_problem(problem)
     return linear_smallest_gamma(LinearPart.of(problem.expand(1)))
 
 

@@ -1,9 +1,56 @@
 """Solve the Hamilton–Jacobi–Isaacs equation, Eq. (8), to any degree about an operating point.
 
-    V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0,     u = −R2⁻¹ g2ᵀ V_xᵀ
+The game
+--------
+For ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), lᵀl = R2, f(0) = 0, h(0) = 0, a law u = k(x) is wanted with
+∫|z|² dt ≤ γ² ∫|d|² dt from rest. It is one player's strategy in a zero-sum game whose value V ≥ 0 solves
+[vanderschaft1992, isidori1995]
 
-Degree 2 is a Riccati equation (`riccati.py`), each higher degree one linear equation (`recursion.py`,
-`polynomial/homological.py`); Al'brekht 1961, Lukes 1969, for the H∞ form Huang and Lin 1995.
+    V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0,                                              (8)
+
+with u = −R2⁻¹ g2ᵀ V_xᵀ and worst disturbance d = g1ᵀ V_xᵀ/γ². γ = ∞ leaves the Hamilton–Jacobi–Bellman equation
+of optimal regulation. With R2 = L Lᵀ and the columns g_c of (g1/γ, g2 L⁻ᵀ), signs s_c = +1 for d and −1 for u, the
+quadratic terms are squares of scalar polynomials (`game.py`):
+
+    V_x f + q + ½ Σ_c s_c w_c² = 0,    w_c = V_x g_c,    q = ½ hᵀh.
+
+The expansion
+-------------
+Let V = V_2 + V_3 + …, V_k homogeneous of degree k, and collect (8) by degree [albrekht1961, lukes1969, huang1995].
+
+*Degree 2*, V_2 = ½ xᵀPx, is a Riccati equation with an indefinite quadratic term (`riccati.py`),
+
+    AᵀP + PA + Q + P M P = 0,    M = B1 B1ᵀ/γ² − B2 R2⁻¹ B2ᵀ,    A_cl = A + M P stable,    P ≥ 0.
+
+*Degree k > 2* is linear in V_k, because V_k meets only what is of lowest degree (`recursion.py`):
+
+    V_k,x A_cl x + r_k = 0,    r_k = q_k + Σ_{i<k} V_i,x f_{k+1−i} + ½ Σ_{a+b=k} s · w_a w_b,
+
+where w_{k−1} lacks V_k,x g(0): that part, with w_1, has become A_cl x. There is exactly one solution, since no sum
+λ_{i1} + … + λ_{ik} of eigenvalues of A_cl vanishes. V to degree d takes f and h through d − 1 and g through d − 2, and
+gives the law through degree d − 1. Degrees with r_k empty vanish: for odd f and h and even g all the odd ones.
+
+The algorithm
+-------------
+1. *Scale* the states and V by powers of two that balance the Hamiltonian matrix (`scaling.py`).
+2. *Riccati*: ordered real Schur form of the Hamiltonian matrix, then Newton steps with the residual formed in
+   extended precision. The Schur form alone, good to 1e-10, would cap every higher degree. No P ≥ 0: γ ≤ γ*, and γ* is
+   found by bisection on the existence of P (`gamma.py`), since it may be lost by P → ∞ and not by an
+   eigenvalue on the imaginary axis.
+3. *Right-hand sides*: polynomials are stored without repetition, one number per monomial, C(n+k−1, k) where a Kronecker
+   vector has n^k (`polynomial/basis.py`). Gradients are gathers by the table "rank of β with j inserted"; products
+   are one matrix product and one summation by target; zero columns of f, as in a chain of links, are skipped.
+4. *Homological equation* (`polynomial/homological.py`). With A_cl T = T Λ and x = T z it is a division by
+   −(λ_{i1} + … + λ_{ik}); the change of variables works on at most C(n+k/2−1, k/2)² real numbers at a time. The error
+   grows like cond(T)^k ε. One step of refinement repairs it while that is small; beyond, or when the measured residual
+   says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.
+5. *Residual*: ‖V_k,x A_cl x + r_k‖ / (‖A_cl‖ ‖V_k‖ + ‖r_k‖) is measured for what is returned, at every degree.
+
+Cost of degree k: about n C(n+k/2−1, k/2)² multiplications for each of the k steps of a change of variables, and tables
+of n C(n+k−2, k−1) integers. Accuracy: 1e-15 to 1e-13 of the largest coefficient of the degree where the problem itself
+is well-conditioned; 60-digit arithmetic and a family with known solution are among the tests.
+
+References are keys of docs/references.bib; docs/synthesis.md has examples, times and comparisons.
 """
 
 from __future__ import annotations
@@ -15,6 +62,7 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
+from flexhinf.hinf.conditions import check_problem
 from flexhinf.hinf.game import ScaledGame
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
@@ -29,6 +77,8 @@ from flexhinf.polynomial.algebra import monomials
 
 __all__ = ["linear_law", "solve_hji"]
 
+_HIGHEST = 200  # degree; far beyond what converges, and even one state would take minutes
+
 
 def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     """Value function and law of the game to the given degree.
@@ -40,7 +90,7 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     gamma : float
         Attenuation level, above γ*; `math.inf` gives the Hamilton–Jacobi–Bellman equation.
     degree : int
-        Degree of V, at least 2. The law has degree − 1.
+        Degree of V, 2 to 200. The law has degree − 1.
 
     Returns
     -------
@@ -49,13 +99,29 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     Raises
     ------
     InvalidInput
-        γ not positive, degree not an integer ≥ 2, a problem that is not one, or more memory than there is.
+        γ not positive, degree not an integer from 2 to 200, not a problem, or more memory than there is.
     NotStabilisable, NotDetectable
         The state and the mode are named.
     InfeasibleGamma
         γ ≤ γ*, which is in the message and in `.gamma_star`.
     NumericalFailure
         The coefficients left the finite numbers.
+
+    Notes
+    -----
+    This module's docstring is the derivation, `HJISolution.report` the account of what was done. A progress bar
+    appears on a terminal when the solve will take longer than about a second.
+
+    Examples
+    --------
+    The scalar plant ẋ = x − x³ + d + u, z = (x, u), whose V_x = (f + √(f² + s x²))/s, s = 1 − 1/γ², is known:
+
+    >>> import flexhinf as fh
+    >>> plant = fh.PolynomialPlant({(1,): [1.0], (3,): [-1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    >>> solution = fh.solve_hji(plant, gamma=2.0, degree=4)
+    >>> s = 1 - 1 / 2**2
+    >>> bool(abs(2 * solution.coefficients(2)[(2,)] - (1 + (1 + s) ** 0.5) / s) < 1e-13)
+    True
     """
     gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
     plant = _expansion(problem, degree)
@@ -98,9 +164,9 @@ def _checked_gamma(gamma: float) -> float:
 
 
 def _checked_degree(degree: int) -> int:
-    if not isinstance(degree, Integral) or isinstance(degree, bool) or degree < 2:
+    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
         raise InvalidInput(
-            "The degree of V is not an integer of at least 2.",
+            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
             f"expected 2, 3, 4, …, got {degree!r}",
             "4 gives a cubic law; 2 gives the linear one",
         )
@@ -108,12 +174,7 @@ def _checked_degree(degree: int) -> int:
 
 
 def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
-    if not isinstance(problem, Problem):
-        raise InvalidInput(
-            "This is not a problem that can be solved.",
-            f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
-            "plant.with_objective(penalty) makes a problem of a plant",
-        )
+    check_problem(problem)
     n, m = len(problem.state_names), len(problem.r2)
     check_memory((n, 0, m, 0), degree)  # the expansion itself would already not fit
     return problem.expand(degree - 1)

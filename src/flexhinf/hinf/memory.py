@@ -50,12 +50,21 @@ def check_memory(size: tuple[int, int, int, int], degree: int) -> int:
     """
     needed, available = estimate_memory(size, degree), available_memory()
     if needed > available:
+        fits = _highest_that_fits(size, degree, available)
         raise InvalidInput(
-            f"Degree {degree} in {size[0]} states does not fit in memory.",
+            f"Degree {degree} in {size[0]} {'state' if size[0] == 1 else 'states'} does not fit in memory.",
             f"about {needed / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available",
-            f"degree {degree - 1} needs about {estimate_memory(size, degree - 1) / 1e9:.3g} GB",
+            f"degree {fits} is the highest that fits, with about {estimate_memory(size, fits) / 1e9:.3g} GB",
         )
     return needed
+
+
+def _highest_that_fits(size: tuple[int, int, int, int], degree: int, available: int) -> int:
+    low, high = 2, degree
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if estimate_memory(size, middle) <= available else (low, middle)
+    return low
 
 
 def available_memory() -> int:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -102,12 +103,14 @@ def sample_region(
     largest: float = 1e3,
 ) -> SampledCheck:
     """Follow rays, then lower the worst level by ascent: what `HJISolution.sampled_region` does."""
-    checked_gamma = GAMMA_MARGIN * solution.gamma if gamma is None else float(gamma)
-    if not checked_gamma >= solution.gamma or rays < 1 or not largest > _SMALLEST:
+    checked_gamma = GAMMA_MARGIN * solution.gamma if gamma is None else gamma
+    whole = all(isinstance(count, Integral) for count in (rays, seed))
+    real = all(isinstance(number, Real) for number in (checked_gamma, largest))
+    if not (whole and real and checked_gamma >= solution.gamma and rays > 0 <= seed and largest > _SMALLEST):
         raise InvalidInput(
             "The check cannot be made with these numbers.",
-            f"expected gamma ≥ the designed {solution.gamma:.6g}, rays ≥ 1 and largest > {_SMALLEST}, "
-            f"got {checked_gamma:.6g}, {rays} and {largest}",
+            f"expected gamma ≥ the designed {solution.gamma:.6g}, whole rays ≥ 1 and seed ≥ 0, "
+            f"largest > {_SMALLEST}, got {checked_gamma!r}, {rays!r}, {seed!r} and {largest!r}",
             "a weaker level than the designed one, for example 1.1 times it",
         )
     output, words = _checked_penalty(solution, penalty)
@@ -123,7 +126,7 @@ def sample_region(
     if not np.isfinite(found.level[worst]):
         return SampledCheck(
             solution,
-            checked_gamma,
+            float(checked_gamma),
             margin,
             np.inf,
             np.zeros(len(solution.P)),
@@ -135,7 +138,7 @@ def sample_region(
     reason = "inequality" if found.broken[worst] else "V stops increasing"
     level = float(found.level[worst]) if found.radius[worst] > start else 0.0
     return SampledCheck(
-        solution, checked_gamma, margin, level, found.point[worst], reason, rays, seed, largest
+        solution, float(checked_gamma), margin, level, found.point[worst], reason, rays, seed, largest
     )
 
 
@@ -156,14 +159,16 @@ def _checked_penalty(
                 f"expected names among {', '.join(solution.state_names)}, got {', '.join(unknown)}",
                 "the names of the problem's states",
             )
-        weights = np.array([float(penalty.get(name, 0.0)) for name in solution.state_names])
-    else:
+        penalty = [penalty.get(name, 0.0) for name in solution.state_names]
+    try:
         weights = np.asarray(penalty, dtype=float)
+    except (TypeError, ValueError):
+        weights = np.full(n, np.nan)
     matrix = np.diag(weights) if weights.ndim == 1 else weights
     if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
         raise InvalidInput(
             "The penalty does not fit the states.",
-            f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}",
+            f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}: {penalty!r}",
             "one weight per state, or {name: weight}",
         )
     return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -113,7 +114,7 @@ class HJISolution:
         return basis.exponents(len(self.P), k)
 
     def _check_degree(self, k: int) -> None:
-        if not 2 <= k <= self.degree:
+        if not isinstance(k, Integral) or not 2 <= k <= self.degree:
             raise InvalidInput(
                 f"V has no part of degree {k}.",
                 f"expected a degree from 2 to {self.degree}, got {k}",
@@ -259,12 +260,15 @@ class HJISolution:
         return {k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in self.value_parts.items()}
 
     def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
-        points = np.asarray(x, dtype=float)
         n = len(self.P)
+        try:
+            points = np.asarray(x, dtype=float)
+        except (TypeError, ValueError):
+            points = np.zeros(())
         if points.ndim not in (1, 2) or points.shape[-1] != n:
             raise InvalidInput(
                 "The state does not fit the solution.",
-                f"expected shape ({n},) or (N, {n}), got {points.shape}",
+                f"expected shape ({n},) or (N, {n}), got {points.shape if points.ndim else repr(x)}",
                 f"deviations of {', '.join(self.state_names)} from the operating point",
             )
         return np.atleast_2d(points), points.ndim == 1

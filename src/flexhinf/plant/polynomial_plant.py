@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,8 @@ class PolynomialPlant:
                 f"expected {{exponents: (n,)}} with at least one entry, got {type(f).__name__}",
                 "for example f={(1, 0): [0, -1], (0, 1): [1, 0]} for an oscillator",
             )
-        n = len(next(iter(f)))
+        first = next(iter(f))
+        n = len(first) if isinstance(first, tuple) else 1
         self._set(
             n,
             f=_parts_from_mapping("f", f, n, 1),
@@ -157,6 +159,12 @@ class PolynomialPlant:
         InvalidInput
             Wrong shapes, and as `PolynomialPlant`.
         """
+        if not (len(f) and len(g1) and len(g2) and len(h)):
+            raise InvalidInput(
+                "A field has no Kronecker coefficients.",
+                f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
+                "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
+            )
         n = np.shape(f[0])[0]
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
@@ -276,10 +284,25 @@ def _positive_definite(r2: Any) -> np.ndarray:
     return (r2 + r2.T) / 2
 
 
+def _numbers(name: str, given: Any) -> np.ndarray:
+    try:
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"A coefficient of {name} is not made of numbers.",
+            f"expected an array of numbers, got {given!r} ({error})",
+            "rows of equal length",
+        ) from None
+
+
+def _is_exponent(given: Any) -> bool:
+    return isinstance(given, Integral) and not isinstance(given, bool) and given >= 0
+
+
 def _parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
     if isinstance(given, Mapping):
         return _parts_from_mapping(name, given, n, 2)
-    matrix = np.array(given, dtype=float)
+    matrix = _numbers(name, given)
     if matrix.ndim != 2:
         raise InvalidInput(
             f"{name} is not a matrix.",
@@ -297,11 +320,11 @@ def _parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, n
             f"expected {{exponents: coefficients}} with at least one entry, got {type(given).__name__}",
             "keys are tuples of exponents, one per state",
         )
-    values = [np.array(value, dtype=float) for value in given.values()]
+    values = [_numbers(name, value) for value in given.values()]
     shape = values[0].shape
     by_degree: dict[int, tuple[list[list[int]], list[np.ndarray]]] = {}
     for key, value in zip(given, values, strict=True):
-        if not isinstance(key, tuple) or len(key) != n or any(e != int(e) or e < 0 for e in key):
+        if not isinstance(key, tuple) or len(key) != n or not all(map(_is_exponent, key)):
             raise InvalidInput(
                 f"A key of {name} is not an exponent vector.",
                 f"expected {n} integers ≥ 0, got {key!r}",
