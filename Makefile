@@ -1,7 +1,7 @@
 # make demo      set everything up in .venv and reproduce the paper
 # make test      set up what the tests need and run them, with the import contract
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests;  make bench, make bench-hji: measure;  make clean;  make locks
+# make slow      the long tests;  make bench, make bench-hji, make bench-arm: measure;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
 # when a lock changes, .venv is made anew.
@@ -18,7 +18,7 @@ PROJECT := $(VENV)/.stamp-project
 PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
 
-.PHONY: demo test check slow bench bench-hji locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -43,6 +43,9 @@ bench: environment-dev
 
 bench-hji: environment-dev
 	OMP_NUM_THREADS=1 $(PY) -m benchmarks.hji
+
+bench-arm: environment-dev
+	OMP_NUM_THREADS=1 $(PY) -m benchmarks.arm
 
 # Set-up -----------------------------------------------------------------------------------------------------
 

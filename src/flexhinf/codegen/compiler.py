@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from functools import cache
 
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import Kernel
-from flexhinf.codegen.program import Program
+from flexhinf.codegen.program import ENTRY, Program
 from flexhinf.codegen.unsupported import Unsupported
 
 _LOGGER = logging.getLogger("flexhinf.codegen")
@@ -54,23 +55,22 @@ def _compile(program: Program, lanes: int) -> Kernel:
 
     from flexhinf.codegen import machine
     from flexhinf.codegen.cache import cached
-    from flexhinf.codegen.emit import ENTRY, emit_module
+    from flexhinf.codegen.fingerprint import emitter_digest, fingerprint
     from flexhinf.codegen.native import NativeKernel
 
     host = machine.host()
-    module = emit_module(program, lanes, host.fused)
-    effort = machine.Effort.for_size(module.operations)
-    parts = (
-        module.text,
-        host.triple,
-        host.cpu,
-        host.features,
-        host.version,
-        repr(effort),
-        version("flexhinf"),
-    )
-    image = cached(parts, lambda: machine.assemble(module.text, effort))
-    return NativeKernel(program, lanes, machine.Code(image, ENTRY, module.library))
+
+    def make() -> bytes:
+        """The C functions that are needed, on a line, and the object code."""
+        from flexhinf.codegen.emit import emit_module
+
+        module = emit_module(program, lanes, host.fused)
+        effort = machine.Effort.for_size(module.operations)
+        return json.dumps(module.library).encode() + b"\n" + machine.assemble(module.text, effort)
+
+    made_by = (host.triple, host.cpu, host.features, host.version, emitter_digest(), version("flexhinf"))
+    library, _, image = cached((fingerprint(program), str(lanes), *made_by), make).partition(b"\n")
+    return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
 
 
 @cache

@@ -16,6 +16,10 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     import casadi
 
+#: Every emitted name begins so: a function called `step` once bound to a symbol of the C library. ENTRY runs all.
+PREFIX = "flexhinf_"
+ENTRY = PREFIX + "run"
+
 Role = Literal["in", "out", "state", "work"]
 Order = Literal["C", "F"]
 

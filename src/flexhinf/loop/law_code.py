@@ -18,7 +18,7 @@ from flexhinf.scalars import jacobian
 __all__ = ["TABLE", "LawCode"]
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
-TABLE = 2_000
+TABLE = 500
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,10 @@ class Law(Protocol):
     """A state feedback u = u* + k(x − x*), readable on any element.
 
     The states are those of the plant followed by one integral ``NAME_integral`` per tracked state.
+
+    A law of many monomials may also have a method ``law_polynomial()``: the
+    `flexhinf.polynomial.law.PolynomialLaw` of which its `law_data` are the coefficients. Kernels then evaluate
+    that in loops; without it, `evaluate_law` is traced.
     """
 
     @property
@@ -63,6 +67,11 @@ class Law(Protocol):
 @runtime_checkable
 class Estimator(Protocol):
     """A recursive estimator as two pure functions of frozen values.
+
+    An estimator of many states may also have ``time_stages(run, belief, u, p, process_noise)`` and
+    ``measurement_stages(run, belief, y, u, p, measurement_noise)``, the same updates written against a run
+    (`flexhinf.codegen.Direct`, `Composer`) and with the parameters as a vector, and ``operations``, roughly what one
+    trace of both would have. Kernels are then composed of pieces in loops; without them, an update is one trace.
 
     Attributes
     ----------

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.emit.text import PREFIX, PURE, Writer
+from flexhinf.codegen.emit.text import PURE, Writer
+from flexhinf.codegen.program import PREFIX
 
 
 def library_call(writer: Writer, name: str, *operands: str) -> str:

@@ -23,8 +23,10 @@ from typing import TYPE_CHECKING
 from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
-from flexhinf.codegen.emit.text import PREFIX, Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.program import (
+    ENTRY,
+    PREFIX,
     Call,
     Cholesky,
     Columns,
@@ -41,9 +43,6 @@ from flexhinf.codegen.program import (
 
 if TYPE_CHECKING:
     import casadi
-
-ENTRY = PREFIX + "run"
-"""Name of the compiled entry."""
 
 _UNROLLED = 32  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
 

@@ -7,9 +7,6 @@ import itertools
 import struct
 from dataclasses import dataclass, field
 
-PREFIX = "flexhinf_"
-"""Every emitted name starts with it: a function named `step` once bound to a symbol of the C library."""
-
 PURE = "nounwind willreturn memory(none)"
 """Attributes of functions whose result depends on their arguments alone."""
 

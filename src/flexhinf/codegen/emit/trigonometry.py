@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 from flexhinf.codegen.emit.library import library_call
-from flexhinf.codegen.emit.text import PREFIX, PURE, Writer
+from flexhinf.codegen.emit.text import PURE, Writer
+from flexhinf.codegen.program import PREFIX
 
 REACH = 2.0**30
 """Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
