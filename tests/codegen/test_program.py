@@ -67,6 +67,7 @@ REFUSED = {
     "size zero": lambda: Buffer("a", 0, "in"),
     "work of unknown size": lambda: Buffer("a", None, "work"),
     "shared result": lambda: Buffer("a", 3, "out", shared=True),
+    "an input that is not cleared": lambda: Buffer("a", 3, "in", cleared=False),
     "bad buffer name": lambda: Buffer("a-b", 3, "in"),
 }
 

@@ -166,7 +166,7 @@ class Composer:
     @property
     def buffers(self) -> tuple[Buffer, ...]:
         """The scratch memory that the steps need."""
-        return (Buffer(SCRATCH, self._size, "work"),) if self._size else ()
+        return (Buffer(SCRATCH, self._size, "work", cleared=False),) if self._size else ()
 
     def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
         """New scratch memory."""

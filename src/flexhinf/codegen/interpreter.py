@@ -72,7 +72,10 @@ class BoundWalk:
             else np.empty(self._column(buffer.name, 0).size)
             for buffer in kernel.program.buffers
         }
-        self._work = [buffer.name for buffer in kernel.program.buffers if buffer.role == "work"]
+        work = [buffer for buffer in kernel.program.buffers if buffer.role == "work"]
+        self._work = {
+            buffer.name: 0.0 if buffer.cleared else np.nan for buffer in work
+        }  # NaN tells on a reader
         self._written = [buffer.name for buffer in kernel.program.buffers if buffer.role in ("out", "state")]
         self._walks = [self._walk(step) for step in kernel.program.body]
         self._codes = np.zeros(kernel.lanes, dtype=np.int64)
@@ -94,8 +97,8 @@ class BoundWalk:
     def _run_lane(self, lane: int) -> tuple[int, int]:
         for name in self._arrays:
             self._columns[name][:] = self._column(name, lane)
-        for name in self._work:
-            self._columns[name][:] = 0.0
+        for name, start in self._work.items():
+            self._columns[name][:] = start
         outcome = (0, -1)
         try:
             for walk in self._walks:

@@ -39,17 +39,22 @@ class Buffer:
         caller gives no array for it, and it is zero at the start of every run.
     shared : bool
         One copy for all lanes (only for "in").
+    cleared : bool
+        False for a work buffer of which every element is written before it is read: then nothing is spent on
+        zeros.
 
     Raises
     ------
     InvalidInput
-        Bad name, size or role; a shared buffer that is not "in"; a work buffer without a size.
+        Bad name, size or role; a shared buffer that is not "in"; a work buffer without a size; `cleared` for
+        another.
     """
 
     name: str
     size: int | None
     role: Role
     shared: bool = False
+    cleared: bool = True
 
     def __post_init__(self) -> None:
         _check_identifier(self.name, "buffer")
@@ -70,6 +75,12 @@ class Buffer:
                 f"Work buffer '{self.name}' has no size.",
                 "the kernel makes work buffers itself and must know how long they are; got size=None",
                 "a size, or the role 'state' with an array of your own",
+            )
+        if not self.cleared and self.role != "work":
+            raise InvalidInput(
+                f"Buffer '{self.name}' is never cleared.",
+                f"only work buffers are, got cleared=False and role {self.role!r}",
+                "cleared=True",
             )
         if self.shared and self.role != "in":
             raise InvalidInput(

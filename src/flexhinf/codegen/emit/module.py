@@ -112,7 +112,7 @@ class _Emitter:
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(0)}, ptr {self.codes}, align 8")
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
         for buffer in self.program.buffers:
-            if buffer.role == "work" and buffer.size is not None:
+            if buffer.role == "work" and buffer.size is not None and buffer.cleared:
                 self._clear(self.pointers[buffer.name], buffer.size)
         self._body(self.program.body, ())
         writer.do("br label %finish")
