@@ -117,17 +117,37 @@ def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> No
         {"degree": 5},
         {"degree": 6},
         {"period": 1e-2},
-        {"period": 0.1},
+        {"period": 0.05},
         {"gamma_ratio": 1.01},
         {"gamma_ratio": 100.0},
         {"process_noise": 1e-2},
         {"process_noise": 0.0},
         {"measurement_noise": 1e-2},
         {"seed": 7},
+        {"estimator": "none", "degree": 3},
+        {"measurement_noise": 1.0, "gamma_ratio": 1.01, "period": 0.05},
     ],
     ids=str,
 )
 def test_other_settings_give_a_report_too(options: dict[str, Any]) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"metrics.json holds {constant}")
+
     result = reproduce(PaperSettings(**options))
-    assert {claim["verdict"] for claim in result.metrics["claims"]} <= VERDICTS
-    json.loads(result.files["metrics.json"])
+    metrics = json.loads(result.files["metrics.json"], parse_constant=refuse)
+    for claim in metrics["claims"]:
+        assert claim["verdict"] in VERDICTS
+        assert claim["verdict"] != "fails" or claim["repair"], claim["id"]
+        assert not re.search(r"\b(inf|nan|None)\b", claim["evidence"]), claim["evidence"]
+    if options.get("estimator", "ukf") != "ukf":
+        assert "with the UKF tracks" not in result.files["index.html"]
+
+
+def test_tables_and_figures_are_numbered_and_claims_point_at_the_numbers(reproduction: Reproduction) -> None:
+    page = reproduction.files["index.html"]
+    targets = set(re.findall(r'<a href="#((?:table|figure)-[^"]+)"', page))
+    assert targets
+    assert all(re.fullmatch(r"(table|figure)-\d+", target) for target in targets)
+    for target in targets:
+        assert f'id="{target}"' in page
+    assert "Table 1. " in page

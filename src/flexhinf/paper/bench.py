@@ -122,6 +122,16 @@ class PaperBench:
         build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
         return build(self.model, s.period, q, s.measurement_noise, start, p0, **options)
 
+    @property
+    def feedback(self) -> str:
+        """What the law is fed with, in words."""
+        kind = self.settings.estimator
+        return "the true state" if kind == "none" else f"the {kind.upper()}"
+
+    def seed(self, k: int) -> int:
+        """Seed of the k-th of several runs (k < 1000): no two settings share one."""
+        return 1000 * self.settings.seed + k
+
     # Runs -------------------------------------------------------------------------------------------------------
     def run(
         self,

@@ -115,14 +115,13 @@ class Experiments:
         drawn = [self.bench.arm.draw(rng) for _ in range(PLANTS)]
 
         def one(k: int) -> UncertainRun:
-            seed = self.bench.settings.seed + k
             outcome = self.bench.run(
                 self.bench.nonlinear,
                 Step(math.pi / 2),
                 UNCERTAIN_DURATION,
                 true_values=drawn[k],
                 inductance=True,
-                seed=seed,
+                seed=self.bench.seed(k),
             )
             return UncertainRun.of(drawn[k], outcome)
 
@@ -130,10 +129,13 @@ class Experiments:
         with ThreadPoolExecutor(2) as pool:
             return [first, *pool.map(one, range(1, PLANTS))]
 
-    def disturbed(self, law: Any, signal: Any, channel: str = "link_torque") -> Outcome:
+    def disturbed(
+        self, law: Any, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
+    ) -> Outcome:
         """90° commanded after 2 s, then a disturbance torque."""
         command = Step(math.pi / 2, at=COMMAND_AT)
-        return self.bench.run(law, command, DISTURBED_DURATION, disturbance={channel: signal})
+        disturbance = {channel: signal}
+        return self.bench.run(law, command, DISTURBED_DURATION, disturbance=disturbance, estimator=estimator)
 
     @cached_property
     def step_disturbance(self) -> dict[str, Outcome]:

@@ -17,6 +17,7 @@ from flexhinf.paper.experiments import (
     Experiments,
 )
 from flexhinf.paper.figures import Drawn
+from flexhinf.paper.numbering import numbered
 from flexhinf.paper.openings import misprint_table, open_table
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.report import (
@@ -39,11 +40,12 @@ def paper_page(
     experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[Judged], command: Sequence[str]
 ) -> Page:
     """Everything on one page."""
+    judged = numbered(judged, first_figure=13)
     bench, claims = experiments.bench, [j.claim for j in judged]
     return Page(
-        "Nonlinear H∞ control of a flexible joint with an unscented Kalman filter, reproduced",
+        "Nonlinear H∞ control of a flexible joint, reproduced",
         "Elsa & Akbari (2014): the single-link arm of Sec. 6, its Figures 3–12 and its claims, computed again from its "
-        "equations and tables.",
+        f"equations and tables. Here the law is fed with {bench.feedback}.",
         summary(claims),
         (
             Section("Verdict per claim", (Paragraph(_reading()), Claims(claims)), "claims"),

@@ -11,6 +11,7 @@ from flexhinf.errors import InvalidInput
 __all__ = ["ESTIMATORS", "PaperSettings"]
 
 ESTIMATORS = ("ukf", "ekf", "none")
+PERIODS = "1e-4 to 0.05 s (the joint vibrates at 14 rad/s)"
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,15 @@ class PaperSettings:
             "an integer from 2 to 12",
             "--degree 4",
         )
-        _require("sampling period", self.period, 1e-4 <= self.period <= 1.0, "1e-4 to 1 s", "--period 1e-3")
+        _require(
+            "sampling period",
+            self.period,
+            1e-4 <= self.period <= 0.05,
+            PERIODS,
+            "--period 1e-3",
+        )
         known = isinstance(self.seed, int) and not isinstance(self.seed, bool)
-        _require("seed", self.seed, known and 0 <= self.seed < 2**63, "an integer from 0", "--seed 0")
+        _require("seed", self.seed, known and 0 <= self.seed < 2**53, "an integer from 0", "--seed 0")
         _require(
             "estimator",
             self.estimator,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexhinf.paper.claims.against_linear import judge_against_linear, judge_h_infinity
+from flexhinf.paper.claims.against_linear import judge_against_linear
 from flexhinf.paper.claims.disturbances import judge_sine_disturbance, judge_step_disturbance
+from flexhinf.paper.claims.h_infinity import judge_h_infinity
 from flexhinf.paper.claims.judged import Judged
 from flexhinf.paper.claims.reconstruction import judge_reconstruction
 from flexhinf.paper.claims.tracking import judge_sine, judge_steps

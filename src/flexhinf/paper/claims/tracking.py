@@ -11,7 +11,8 @@ import math
 from typing import Any
 
 from flexhinf.loop import Step
-from flexhinf.paper.bench import Outcome
+from flexhinf.paper.bench import Outcome, PaperBench
+from flexhinf.paper.claims.damping import damped_law, repair_by_damping
 from flexhinf.paper.claims.judged import Judged
 from flexhinf.paper.claims.smallest import smallest_change
 from flexhinf.paper.experiments import STEP_DURATION, TRACKING_FROM, Experiments
@@ -55,13 +56,21 @@ def judge_steps(experiments: Experiments) -> list[Judged]:
         holds = _settles(outcome, math.radians(goal))
         claim = Claim(
             f"tracks-{goal}",
-            f"NL-H∞ with the estimator tracks a step of {goal}° (settles within ±2 % in {STEP_DURATION:g} s).",
+            f"NL-H∞ with {experiments.bench.feedback} tracks a step of {goal}° "
+            f"(settles within ±2 % in {STEP_DURATION:g} s).",
             "holds" if holds else "fails",
             f"{step_text(outcome)}.".replace("overshoot", "Overshoot", 1),
-            figures=(figure,),
+            "" if holds else _repaired_step(experiments.bench, math.radians(goal)),
+            (figure,),
         )
         judged.append(Judged(claim))
     return judged
+
+
+def _repaired_step(bench: PaperBench, goal: float) -> str:
+    return repair_by_damping(
+        bench, lambda s: _settles(bench.run(damped_law(bench, s), Step(goal), STEP_DURATION), goal)
+    )
 
 
 def judge_sine(experiments: Experiments) -> Judged:

@@ -78,9 +78,23 @@ def judge_link_weight(experiments: Experiments) -> Judged:
         "60 x1 reduces the overshoot of the step response.",
         "holds" if holds else "fails",
         evidence,
-        figures=("table-link-weight",),
+        "" if holds else _repaired_link(experiments),
+        ("table-link-weight",),
     )
     return Judged(claim, (_table(rows, "The weight of x1 varied.", "table-link-weight"),))
+
+
+def _repaired_link(experiments: Experiments) -> str:
+    """The smallest equal weights on the two velocities with which the overshoot falls as the weight of x1 grows."""
+
+    def holds(velocity: float) -> bool:
+        rows = _sweep(experiments, [(w, 300.0) for w in LINK_WEIGHTS[1:]], velocity)
+        return all(_falls([row[k] for row in rows]) for k in (2, 4))
+
+    velocity = smallest_change(holds, 0.25, 64.0)
+    if velocity is None:
+        return "no equal weights of x2 and x4 up to 64 make the overshoot fall steadily."
+    return f"weights of {velocity:.2g} on x2 and x4 (smallest, by bisection)."
 
 
 def judge_integral_weight(experiments: Experiments) -> Judged:

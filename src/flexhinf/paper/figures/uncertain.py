@@ -59,8 +59,11 @@ def worst_text(runs: Sequence[UncertainRun]) -> str:
     worst = runs[_worst(runs)]
     stiffness, mass = worst.values["stiffness"], worst.values["mass"]
     error = np.degrees(_last_error(worst))
-    how = "diverged" if not np.isfinite(error) else f"is off by at most {error:.2g}° in the last 3 s"
-    return f"The worst run (k = {stiffness:.1f} N·m/rad, M = {mass:.3f} kg) {how}."
+    how = "diverged" if not np.isfinite(error) else f"its true link is off by at most {error:.2g}° then"
+    return (
+        f"The worst run has the largest error in the last 3 s (k = {stiffness:.1f} N·m/rad, M = {mass:.3f} kg): {how}; "
+        "what is drawn has the measurement's noise on it."
+    )
 
 
 def draw_uncertain(runs: Sequence[UncertainRun], kind: str) -> str:
