@@ -37,7 +37,8 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int) -> int:
     products = 24 * min(4_000_000, highest * degree) + 4 * sum(
         min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
     )
-    return tables + pairs + lower + transform + values + products
+    plant = 2 * 8 * n * sum(count(n, k) for k in range(1, degree))  # f, and f scaled, full to degree − 1
+    return plant + tables + pairs + lower + transform + values + products
 
 
 def check_memory(size: tuple[int, int, int, int], degree: int) -> int:

@@ -164,7 +164,7 @@ def _checked_penalty(
         weights = np.asarray(penalty, dtype=float)
     except (TypeError, ValueError):
         weights = np.full(n, np.nan)
-    matrix = np.diag(weights) if weights.ndim == 1 else weights
+    matrix: np.ndarray = np.diag(weights) if weights.ndim == 1 else weights
     if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
         raise InvalidInput(
             "The penalty does not fit the states.",

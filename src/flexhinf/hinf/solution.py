@@ -262,9 +262,9 @@ class HJISolution:
     def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
         n = len(self.P)
         try:
-            points = np.asarray(x, dtype=float)
+            points: np.ndarray = np.asarray(x, dtype=float)
         except (TypeError, ValueError):
-            points = np.zeros(())
+            points = np.array(np.nan)
         if points.ndim not in (1, 2) or points.shape[-1] != n:
             raise InvalidInput(
                 "The state does not fit the solution.",

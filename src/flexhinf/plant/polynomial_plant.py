@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.polynomial import basis
+from flexhinf.plant.coefficients import (
+    check_rest,
+    checked_names,
+    checked_parts,
+    checked_point,
+    checked_r2,
+    parts_from_input,
+    parts_from_mapping,
+)
 from flexhinf.polynomial.algebra import evaluate
 from flexhinf.polynomial.kronecker import from_kronecker
 
 __all__ = ["PolynomialPlant"]
-
-_REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -90,10 +95,10 @@ class PolynomialPlant:
         n = len(first) if isinstance(first, tuple) else 1
         self._set(
             n,
-            f=_parts_from_mapping("f", f, n, 1),
-            g1=_parts_from_input("g1", g1, n),
-            g2=_parts_from_input("g2", g2, n),
-            h=_parts_from_mapping("h", h, n, 1),
+            f=parts_from_mapping("f", f, n, 1),
+            g1=parts_from_input("g1", g1, n),
+            g2=parts_from_input("g2", g2, n),
+            h=parts_from_mapping("h", h, n, 1),
             r2=r2,
             state_names=state_names,
             operating_point=operating_point,
@@ -194,19 +199,19 @@ class PolynomialPlant:
         input_names: Sequence[str] | None,
         operating_input: Any,
     ) -> None:
-        r2 = _positive_definite(r2)
-        names = _names("state", state_names, "x", n)
-        inputs = _names("input", input_names, "u", len(r2))
+        r2 = checked_r2(r2)
+        names = checked_names("state", state_names, "x", n)
+        inputs = checked_names("input", input_names, "u", len(r2))
         parts = {
-            "f": _checked("f", f, n, (n,), 1),
-            "g1": _checked("g1", g1, n, (n, None), 0),
-            "g2": _checked("g2", g2, n, (n, len(r2)), 0),
-            "h": _checked("h", h, n, (None,), 1),
+            "f": checked_parts("f", f, n, (n,), 1),
+            "g1": checked_parts("g1", g1, n, (n, None), 0),
+            "g2": checked_parts("g2", g2, n, (n, len(r2)), 0),
+            "h": checked_parts("h", h, n, (None,), 1),
         }
-        _check_rest("f", parts["f"], names)
-        _check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
-        point = _point("state", operating_point, n)
-        rest = _point("input", operating_input, len(r2))
+        check_rest("f", parts["f"], names)
+        check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
+        point = checked_point("state", operating_point, n)
+        rest = checked_point("input", operating_input, len(r2))
         for name, value in parts.items():
             object.__setattr__(self, f"{name}_parts", value)
         object.__setattr__(self, "r2", r2)
@@ -242,158 +247,3 @@ class PolynomialPlant:
         x = np.asarray(x, dtype=float)
         f, g1, g2, h = (evaluate(p, x) for p in (self.f_parts, self.g1_parts, self.g2_parts, self.h_parts))
         return f, g1, g2, h
-
-
-def _names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
-    names = tuple(f"{letter}{i + 1}" for i in range(count)) if given is None else tuple(given)
-    if len(names) != count:
-        raise InvalidInput(
-            f"The number of {kind} names is not the number of {kind}s.",
-            f"expected {count} names, got {len(names)}: {', '.join(names)}",
-            f"one name per {kind}, in the order of {letter}",
-        )
-    return names
-
-
-def _point(kind: str, given: Any, count: int) -> np.ndarray:
-    point = np.zeros(count) if given is None else np.array(given, dtype=float)
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise InvalidInput(
-            f"The operating point does not fit the plant's {kind}s.",
-            f"expected {count} finite numbers, got {point!r}",
-            "leave it out for the origin",
-        )
-    return point
-
-
-def _positive_definite(r2: Any) -> np.ndarray:
-    r2 = np.array(r2, dtype=float, ndmin=2)
-    if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not np.isfinite(r2).all():
-        raise InvalidInput(
-            "R2 is not a finite square matrix.",
-            f"expected shape (m, m), got {r2.shape}: {r2.tolist()}",
-            "R2 = lᵀl > 0",
-        )
-    if not np.allclose(r2, r2.T, rtol=1e-12, atol=0) or np.linalg.eigvalsh(r2)[0] <= 0:
-        raise InvalidInput(
-            "R2 is not symmetric positive definite.",
-            f"eigenvalues of its symmetric part {np.linalg.eigvalsh((r2 + r2.T) / 2).tolist()}, "
-            f"asymmetry {np.abs(r2 - r2.T).max():.3g}",
-            "every input needs a positive price",
-        )
-    return (r2 + r2.T) / 2
-
-
-def _numbers(name: str, given: Any) -> np.ndarray:
-    try:
-        return np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(
-            f"A coefficient of {name} is not made of numbers.",
-            f"expected an array of numbers, got {given!r} ({error})",
-            "rows of equal length",
-        ) from None
-
-
-def _is_exponent(given: Any) -> bool:
-    return isinstance(given, Integral) and not isinstance(given, bool) and given >= 0
-
-
-def _parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
-    if isinstance(given, Mapping):
-        return _parts_from_mapping(name, given, n, 2)
-    matrix = _numbers(name, given)
-    if matrix.ndim != 2:
-        raise InvalidInput(
-            f"{name} is not a matrix.",
-            f"expected shape ({n}, inputs), got {matrix.shape}",
-            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
-        )
-    return {0: matrix[:, :, None]}
-
-
-def _parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np.ndarray]:
-    """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
-    if not isinstance(given, Mapping) or not given:
-        raise InvalidInput(
-            f"{name} is not a mapping of monomials.",
-            f"expected {{exponents: coefficients}} with at least one entry, got {type(given).__name__}",
-            "keys are tuples of exponents, one per state",
-        )
-    values = [_numbers(name, value) for value in given.values()]
-    shape = values[0].shape
-    by_degree: dict[int, tuple[list[list[int]], list[np.ndarray]]] = {}
-    for key, value in zip(given, values, strict=True):
-        if not isinstance(key, tuple) or len(key) != n or not all(map(_is_exponent, key)):
-            raise InvalidInput(
-                f"A key of {name} is not an exponent vector.",
-                f"expected {n} integers ≥ 0, got {key!r}",
-                "(2, 0, 1) stands for x1² x3",
-            )
-        if value.shape != shape or value.ndim != axes:
-            raise InvalidInput(
-                f"The coefficients of {name} have different or wrong shapes.",
-                f"expected {axes} axes, shape {shape} as in the first entry, got {value.shape} at {key}",
-                f"one array per monomial, as many rows as {name} has",
-            )
-        tuples, coefficients = by_degree.setdefault(int(sum(key)), ([], []))
-        tuples.append([i for i, e in enumerate(key) for _ in range(int(e))])
-        coefficients.append(value)
-    parts = {}
-    for degree, (tuples, coefficients) in by_degree.items():
-        part = np.zeros((*shape, basis.count(n, degree)))
-        ranks = basis.rank(n, np.array(tuples, dtype=np.int64).reshape(len(tuples), degree))
-        part[..., ranks] = np.moveaxis(np.array(coefficients), 0, -1)
-        parts[degree] = part
-    return parts
-
-
-def _checked(
-    name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
-) -> dict[int, np.ndarray]:
-    """Shapes and finiteness; zero parts dropped; the lowest degree always present."""
-    if not parts:
-        raise InvalidInput(
-            f"{name} has no coefficients.", "expected at least one degree, got none", "give zeros"
-        )
-    lead = np.shape(next(iter(parts.values())))[:-1]
-    fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
-    checked: dict[int, np.ndarray] = {}
-    for degree, given in sorted(parts.items()):
-        part = np.ascontiguousarray(given, dtype=float)
-        expected = (
-            *("any" if s is None else s for s in (shape if not fits else lead)),
-            basis.count(n, degree),
-        )
-        if not fits or part.shape != expected:
-            raise InvalidInput(
-                f"{name} does not fit the plant (n = {n} states).",
-                f"expected shape {expected} at degree {degree}, got {part.shape}",
-                "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
-            )
-        if not np.isfinite(part).all():
-            raise InvalidInput(
-                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
-            )
-        if degree == lowest or part.any():
-            checked[degree] = part
-    if lowest not in checked:
-        checked[lowest] = np.zeros((*lead, basis.count(n, lowest)))
-    return dict(sorted(checked.items()))
-
-
-def _check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
-    """f(x*) = 0 and h(x*) = 0 up to rounding; the constant part is then dropped."""
-    constant = parts.pop(0, None)
-    if constant is None:
-        return
-    offset = np.abs(constant[:, 0])
-    excess = offset - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
-    worst = int(np.argmax(excess))
-    if excess[worst] > 0:
-        what = "The plant is not at rest" if name == "f" else "The penalty does not vanish"
-        raise InvalidInput(
-            f"{what} at the operating point.",
-            f"expected {name} = 0 there, got {constant[worst, 0]:.6g} in {rows[worst]}",
-            "an operating point that is an equilibrium, and penalties measured from it",
-        )

@@ -35,7 +35,7 @@ def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
     InvalidInput
         Wrong number of columns.
     """
-    matrix = coefficients if hasattr(coefficients, "tocoo") else np.asarray(coefficients, dtype=float)
+    matrix: Any = coefficients if hasattr(coefficients, "tocoo") else np.asarray(coefficients, dtype=float)
     if len(matrix.shape) != 2 or matrix.shape[1] != n**k:
         raise InvalidInput(
             f"The Kronecker coefficients of degree {k} do not fit {n} variables.",
