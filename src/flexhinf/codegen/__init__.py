@@ -6,19 +6,9 @@ from flexhinf.codegen.compiler import compile_program
 from flexhinf.codegen.compose import DIRECT, Block, Composer, Direct
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
-from flexhinf.codegen.program import (
-    Buffer,
-    Call,
-    Cholesky,
-    Columns,
-    Copy,
-    Guard,
-    Map,
-    OuterSum,
-    Program,
-    Repeat,
-    Slice,
-)
+from flexhinf.codegen.memory import Buffer, Columns, Slice
+from flexhinf.codegen.program import Program
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat
 
 __all__ = [
     "DIRECT",

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flexhinf.codegen.program import Buffer, Program, Repeat, slices
+from flexhinf.codegen.memory import Buffer
+from flexhinf.codegen.program import Program
+from flexhinf.codegen.steps import Repeat, slices
 from flexhinf.errors import InvalidInput
 
 

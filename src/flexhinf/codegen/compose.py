@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.program import Buffer, Call, Cholesky, Columns, Copy, Map, Order, OuterSum, Slice, Step
+from flexhinf.codegen.memory import Buffer, Columns, Order, Slice
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Step
 from flexhinf.errors import InvalidInput
 
 __all__ = ["DIRECT", "Block", "Composer", "Direct"]

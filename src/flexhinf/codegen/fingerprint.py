@@ -6,7 +6,8 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from flexhinf.codegen.program import Call, Map, Program, Repeat, Step
+from flexhinf.codegen.program import Program
+from flexhinf.codegen.steps import Call, Map, Repeat, Step
 
 __all__ = ["emitter_digest", "fingerprint"]
 

@@ -8,19 +8,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.kernel import Kernel, Status
-from flexhinf.codegen.program import (
-    Call,
-    Cholesky,
-    Columns,
-    Copy,
-    Guard,
-    Map,
-    OuterSum,
-    Program,
-    Slice,
-    Step,
-    whole,
-)
+from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.program import Program
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Step
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:

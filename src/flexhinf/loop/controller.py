@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
-from flexhinf.codegen.program import Step
+from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.layout import Layout
@@ -227,8 +227,7 @@ class Controller:
             return (Call(drop_empty(self.traced), tuple(read), tuple(written)),), ()
         run = Composer()
         y, r, memory, data = (
-            Block(place, (place.size if place else 0,))
-            for place in (places[name] for name in READ)
+            Block(place, (place.size if place else 0,)) for place in (places[name] for name in READ)
         )
         named = self.memory.named(memory), self.data.named(data)
         u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named, run)

@@ -61,7 +61,7 @@ class Algebra:
         sizes: tuple[int, int, int],
         symmetric: bool,
     ) -> None:
-        """See `flexhinf.codegen.program.OuterSum`; sizes are (N, r, c)."""
+        """See `flexhinf.codegen.steps.OuterSum`; sizes are (N, r, c)."""
         _, rows, columns = sizes
         column = 0
         while column < columns:
@@ -133,7 +133,7 @@ class Algebra:
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
-        """See `flexhinf.codegen.program.Cholesky`: row by row of Lᵀ, which is then taken from the rows below."""
+        """See `flexhinf.codegen.steps.Cholesky`: row by row of Lᵀ, which is then taken from the rows below."""
         writer = self.writer
         together = 8 if self.single else 1
         pitch = -(-n // together) * together

@@ -44,7 +44,7 @@ class Packer:
             One number serves all lanes of the kernel.
         rows : int
         moves : (int, int)
-            See `flexhinf.codegen.program.Columns.moves`.
+            See `flexhinf.codegen.memory.Columns.moves`.
         target : str
         """
         writer, wide, single = self.writer, self.wide, self.writer.lanes.width == 1

@@ -24,22 +24,9 @@ from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
-from flexhinf.codegen.program import (
-    ENTRY,
-    PREFIX,
-    Call,
-    Cholesky,
-    Columns,
-    Copy,
-    Guard,
-    Map,
-    OuterSum,
-    Program,
-    Repeat,
-    Slice,
-    Step,
-    whole,
-)
+from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.program import ENTRY, PREFIX, Program
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step
 
 if TYPE_CHECKING:
     import casadi

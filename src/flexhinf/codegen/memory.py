@@ -1,0 +1,206 @@
+"""Where a kernel's numbers lie: named flat arrays, slices of them, and slices read as matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from flexhinf.errors import InvalidInput
+
+__all__ = [
+    "Buffer",
+    "Columns",
+    "Order",
+    "Role",
+    "Slice",
+    "check_identifier",
+    "is_integer",
+    "overlap",
+    "whole",
+]
+
+Role = Literal["in", "out", "state", "work"]
+Order = Literal["C", "F"]
+
+
+@dataclass(frozen=True)
+class Buffer:
+    """A flat float64 array, known by name.
+
+    Parameters
+    ----------
+    name : str
+        An identifier, unique in the program.
+    size : int or None
+        Number of elements per lane; None leaves it to the array given at run time.
+    role : {"in", "out", "state", "work"}
+        "in" is only read; "out" is written; "state" is read and written; "work" belongs to the kernel: the
+        caller gives no array for it, and it is zero at the start of every run.
+    shared : bool
+        One copy for all lanes (only for "in").
+    cleared : bool
+        False for a work buffer of which every element is written before it is read: then nothing is spent on
+        zeros.
+
+    Raises
+    ------
+    InvalidInput
+        Bad name, size or role; a shared buffer that is not "in"; a work buffer without a size; `cleared` for
+        another.
+    """
+
+    name: str
+    size: int | None
+    role: Role
+    shared: bool = False
+    cleared: bool = True
+
+    def __post_init__(self) -> None:
+        check_identifier(self.name, "buffer")
+        if self.role not in get_args(Role):
+            raise InvalidInput(
+                f"Buffer '{self.name}' has an unknown role.",
+                f"expected one of {', '.join(get_args(Role))}, got {self.role!r}",
+                "'in' for data, 'state' for what is updated in place, 'out' for results, 'work' for scratch",
+            )
+        if self.size is not None and not (is_integer(self.size) and self.size > 0):
+            raise InvalidInput(
+                f"Buffer '{self.name}' has no usable size.",
+                f"expected a positive integer or None, got {self.size!r}",
+                "None when the array given at run time decides",
+            )
+        if self.size is None and self.role == "work":
+            raise InvalidInput(
+                f"Work buffer '{self.name}' has no size.",
+                "the kernel makes work buffers itself and must know how long they are; got size=None",
+                "a size, or the role 'state' with an array of your own",
+            )
+        if not self.cleared and self.role != "work":
+            raise InvalidInput(
+                f"Buffer '{self.name}' is never cleared.",
+                f"only work buffers are, got cleared=False and role {self.role!r}",
+                "cleared=True",
+            )
+        if self.shared and self.role != "in":
+            raise InvalidInput(
+                f"Buffer '{self.name}' cannot be shared.",
+                f"lanes may only share what they all read (role 'in'), got role {self.role!r}",
+                "shared=False",
+            )
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Elements ``offset + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer; k_d counts the d-th loop around.
+
+    Parameters
+    ----------
+    buffer : str
+    offset : int
+        First element, in elements.
+    size : int
+        Number of elements.
+    strides : tuple of int
+        Elements to move per turn of each enclosing `Repeat`, outermost first; ``()`` stays in place.
+
+    Raises
+    ------
+    InvalidInput
+        Negative offset, size below one, or strides that are not integers.
+    """
+
+    buffer: str
+    offset: int = 0
+    size: int = 1
+    strides: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "strides", tuple(self.strides))
+        numbers = (self.offset, self.size, *self.strides)
+        if not all(map(is_integer, numbers)) or self.offset < 0 or self.size < 1:
+            raise InvalidInput(
+                f"A slice of '{self.buffer}' is not usable.",
+                f"expected integers with offset ≥ 0 and size ≥ 1, got offset={self.offset!r}, "
+                f"size={self.size!r}, strides={self.strides!r}",
+                "Slice(buffer, offset, size, strides)",
+            )
+
+    def __str__(self) -> str:
+        moves = "".join(f" + {stride}·k{depth}" for depth, stride in enumerate(self.strides) if stride)
+        return f"{self.buffer}[{self.offset}{moves} : +{self.size}]"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A slice read as a matrix, of which a `Map` takes one column at a time.
+
+    Parameters
+    ----------
+    whole : Slice
+        All of the matrix.
+    count : int
+        Number of columns, a divisor of the slice's size.
+    order : {"C", "F"}
+        Rows one after the other, or columns one after the other.
+
+    Raises
+    ------
+    InvalidInput
+        A count that does not divide the size, or another order.
+    """
+
+    whole: Slice
+    count: int
+    order: Order = "C"
+
+    def __post_init__(self) -> None:
+        if self.order not in get_args(Order):
+            raise InvalidInput(
+                "A matrix has an unknown order.", f"expected C or F, got {self.order!r}", "'C'"
+            )
+        if not is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
+            raise InvalidInput(
+                f"{self.whole} is no matrix of {self.count} columns.",
+                f"expected a positive divisor of {self.whole.size}, got {self.count!r}",
+                "a slice of rows times columns elements, rows one after the other",
+            )
+
+    @property
+    def size(self) -> int:
+        """Elements of one column."""
+        return self.whole.size // self.count
+
+    @property
+    def moves(self) -> tuple[int, int]:
+        """Elements from one element of a column to the next, and from one column to the next."""
+        return (self.count, 1) if self.order == "C" else (1, self.size)
+
+    def __str__(self) -> str:
+        return f"columns of {self.whole}"
+
+
+def whole(piece: Slice | Columns) -> Slice:
+    """All that the columns of a matrix cover; a slice is its own."""
+    return piece.whole if isinstance(piece, Columns) else piece
+
+
+def overlap(one: Slice, other: Slice) -> bool:
+    """Do they share elements, as far as that can be told (the same moves in all loops)?"""
+    if one.buffer != other.buffer or one.strides != other.strides:
+        return False
+    return one.offset < other.offset + other.size and other.offset < one.offset + one.size
+
+
+def is_integer(value: object) -> bool:
+    """An int that is no bool."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def check_identifier(name: object, kind: str) -> None:
+    """Refuse what is no ASCII identifier."""
+    if not (isinstance(name, str) and name.isidentifier() and name.isascii()):
+        raise InvalidInput(
+            f"A {kind} has no usable name.",
+            f"expected an ASCII identifier, got {name!r}",
+            "letters, digits and underscores, not starting with a digit",
+        )

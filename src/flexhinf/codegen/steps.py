@@ -1,0 +1,308 @@
+"""What a kernel does: traced functions, linear algebra, copies and guards over slices, inside loops."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from flexhinf.codegen.memory import Columns, Slice, is_integer, overlap, whole
+from flexhinf.errors import InvalidInput
+
+if TYPE_CHECKING:
+    import casadi
+
+__all__ = ["Call", "Cholesky", "Copy", "Guard", "Map", "OuterSum", "Repeat", "Simple", "Step", "slices"]
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        An SX function whose arguments and results are dense.
+    inputs, outputs : tuple of Slice
+        One per argument and per result, of the same number of elements.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice, ...]
+    outputs: tuple[Slice, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        _check_function(self.function, self.inputs, self.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Evaluate a traced function on every column of matrices, in any order: several at once where that is faster.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As for `Call`.
+    inputs : tuple of Slice or Columns
+        A slice is the same for all columns.
+    outputs : tuple of Columns
+        May be the very columns of an input (in place), but overlap no input otherwise.
+    times : int
+        How often: with more than once, what is computed takes the place of the columns that are read.
+
+    Raises
+    ------
+    InvalidInput
+        As `Call`; columns of different numbers, no columns, results that overlap arguments, or that cannot take
+        their place.
+    """
+
+    function: casadi.Function
+    inputs: tuple[Slice | Columns, ...]
+    outputs: tuple[Columns, ...]
+    times: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        _check_function(self.function, self.inputs, self.outputs)
+        counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
+        if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
+            raise InvalidInput(
+                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
+                f"expected results in columns, and one number of columns, got {sorted(counts)}",
+                "Columns(slice, count) for every result, with the same count",
+            )
+        moving = [piece.size for piece in self.inputs if isinstance(piece, Columns)]
+        again = self.times == 1 or moving == [piece.size for piece in self.outputs]
+        if not is_integer(self.times) or self.times < 1 or not again:
+            raise InvalidInput(
+                f"Function '{self.function.name()}' cannot be mapped again and again.",
+                f"expected times >= 1, and columns in of the sizes of those out, got {self.times!r} and {moving}",
+                "times=1",
+            )
+        for result in self.outputs:
+            for piece in self.inputs:
+                if piece != result and overlap(whole(piece), result.whole):
+                    raise InvalidInput(
+                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
+                        f"result {result} overlaps argument {piece}",
+                        "another place for the result, or exactly that of the argument's columns",
+                    )
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.outputs[0].count
+
+
+@dataclass(frozen=True)
+class OuterSum:
+    """Σ_k weights[k] · left[k, :]ᵀ right[k, :] + plus, of matrices in C order.
+
+    The sum runs in eight parts, k modulo 8, which are added in pairs at the end: the same order for any number
+    of lanes.
+
+    Parameters
+    ----------
+    left, right : Slice
+        (N, r) and (N, c).
+    target : Slice
+        (r, c), not in the memory of left, right and weights.
+    count : int
+        N.
+    weights : Slice or None
+        (N,); ones by default.
+    plus : Slice or None
+        (r, c); zero by default.
+    symmetric : bool
+        Left and right are the same: half of the sums are computed, and the result is exactly symmetric if
+        `plus` is.
+
+    Raises
+    ------
+    InvalidInput
+        Sizes that do not fit, or a target that overlaps what is read.
+    """
+
+    left: Slice
+    right: Slice
+    target: Slice
+    count: int
+    weights: Slice | None = None
+    plus: Slice | None = None
+    symmetric: bool = False
+
+    def __post_init__(self) -> None:
+        count = self.count if is_integer(self.count) and self.count > 0 else 0
+        rows, columns = self.shape if count else (0, 0)
+        fits = rows * columns == self.target.size and rows * count == self.left.size
+        fits = fits and columns * count == self.right.size
+        fits = fits and (self.weights is None or self.weights.size == count)
+        fits = fits and (self.plus is None or self.plus.size == self.target.size)
+        fits = fits and (not self.symmetric or self.left == self.right)
+        read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
+        if not fits or any(overlap(piece, self.target) for piece in read):
+            raise InvalidInput(
+                "A sum of outer products joins slices that do not fit.",
+                f"expected N·r, N·c, r·c and N elements apart from the target, got {self}",
+                "one row of left and right per weight; left equal to right if symmetric",
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(r, c)."""
+        return self.left.size // self.count, self.right.size // self.count
+
+
+@dataclass(frozen=True)
+class Cholesky:
+    """The Cholesky factor of a symmetric positive semidefinite matrix, as `flexhinf.scalars.cholesky`.
+
+    Parameters
+    ----------
+    source : Slice
+        (n, n), symmetric.
+    target : Slice
+        Lᵀ in C order, that is L column by column; apart from the source.
+
+    Raises
+    ------
+    InvalidInput
+        Slices that are not square and of one size, or overlap.
+    """
+
+    source: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        square = self.order**2 == self.source.size == self.target.size
+        if not square or overlap(self.source, self.target):
+            raise InvalidInput(
+                "A Cholesky factor does not fit its matrix.",
+                f"expected two slices of n² elements apart from each other, got {self.source} and {self.target}",
+                "square matrices",
+            )
+
+    @property
+    def order(self) -> int:
+        """n."""
+        return math.isqrt(self.source.size)
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Copy one slice onto another of the same size (they may overlap)."""
+
+    source: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if self.source.size != self.target.size:
+            raise InvalidInput(
+                "A copy joins slices of different sizes.",
+                f"source {self.source}, target {self.target}",
+                "slices of the same size",
+            )
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Stop unless every element is finite.
+
+    Parameters
+    ----------
+    source : Slice
+    code : int
+        Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
+    """
+
+    source: Slice
+    code: int
+
+    def __post_init__(self) -> None:
+        if not is_integer(self.code) or self.code < 1:
+            raise InvalidInput(
+                f"The guard of {self.source} has no usable code.",
+                f"expected an integer ≥ 1 (0 means that all is well), got {self.code!r}",
+                "a small positive number per kind of failure",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Repeat:
+    """Run `body` as many times as the run-time count says.
+
+    Parameters
+    ----------
+    count : str
+        Name of a count of the program.
+    body : tuple of steps
+    """
+
+    count: str
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", tuple(self.body))
+
+
+Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Guard
+Step: TypeAlias = Simple | Repeat
+
+
+def slices(step: Simple) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+    """The slices that a step reads, and those that it writes."""
+    if isinstance(step, Call | Map):
+        return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
+    if isinstance(step, OuterSum):
+        read = (step.left, step.right, step.weights, step.plus)
+        return tuple(piece for piece in read if piece is not None), (step.target,)
+    if isinstance(step, Copy | Cholesky):
+        return (step.source,), (step.target,)
+    return (step.source,), ()
+
+
+def _check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+    """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
+    if not function.is_a("SXFunction"):
+        raise InvalidInput(
+            f"Function '{function.name()}' cannot be compiled.",
+            f"expected a casadi.Function of SX operations, got {function.class_name()}",
+            "function.expand(), or trace it with flexhinf.scalars.trace",
+        )
+    if function.has_free():
+        raise InvalidInput(
+            f"Function '{function.name()}' has symbols that are no arguments.",
+            f"free symbols: {', '.join(function.get_free())}",
+            "pass them as arguments",
+        )
+    arguments = [function.sparsity_in(k) for k in range(function.n_in())]
+    results = [function.sparsity_out(k) for k in range(function.n_out())]
+    _check_sizes(function.name(), "argument", function.name_in(), arguments, inputs)
+    _check_sizes(function.name(), "result", function.name_out(), results, outputs)
+
+
+def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
+    if len(shapes) != len(pieces):
+        raise InvalidInput(
+            f"Function '{function}' is called with the wrong number of {kind}s.",
+            f"expected {len(shapes)} slices ({', '.join(names)}), got {len(pieces)}",
+            f"one slice per {kind}",
+        )
+    for name, shape, piece in zip(names, shapes, pieces, strict=True):
+        if not shape.is_dense():
+            raise InvalidInput(
+                f"Function '{function}' has the sparse {kind} '{name}'.",
+                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
+                "casadi.densify",
+            )
+        if shape.numel() != piece.size:
+            raise InvalidInput(
+                f"Function '{function}' does not fit the slice for its {kind} '{name}'.",
+                f"expected {shape.numel()} elements, got {piece}",
+                f"a slice of size {shape.numel()}",
+            )
