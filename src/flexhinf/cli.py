@@ -83,46 +83,163 @@ def paper(
 
 
 @app.command()
+def robots() -> None:
+    """List the robots that ship with flexhinf, and where their numbers come from."""
+    from rich.console import Console
+
+    from flexhinf.design.terminal import robots_table
+
+    Console().print(robots_table())
+
+
+@app.command()
 def design(
-    robot: Annotated[str, typer.Argument(help="Robot: paper is the built-in arm.")],
-    degrees: Annotated[str, typer.Option(help="Degrees of V to compare.")] = "2,4,6",
-    goal: Annotated[str, typer.Option(help="Goal pose, one angle per joint: 180deg, or 3.14 (rad).")] = "0",
+    context: typer.Context,
+    robot: Annotated[
+        str, typer.Argument(help="A robot file (arm.toml), a URDF, or a name that `flexhinf robots` lists.")
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")
+    ] = Path("flexhinf-design"),
+    elastic: Annotated[
+        str, typer.Option(help="With a URDF: the robot file with spring and motor of each joint.")
+    ] = "",
+    goal: Annotated[
+        str,
+        typer.Option(
+            "--pose", "--goal", help="Goal, one position per joint: 0.3,-0.5 (rad, m) or 30deg,-10deg."
+        ),
+    ] = "",
+    start: Annotated[
+        str, typer.Option("--from-pose", help="Where the step to it starts. Default: 0.1 rad from the goal.")
+    ] = "",
     penalty: Annotated[
-        str, typer.Option(help="Weights, one per state (integrals last). Default: the robot's.")
+        str,
+        typer.Option(
+            help="Weights: link_position=60,link_position_integral=300, or one per state (integrals last). "
+            "Default: the robot file's, or for a bandwidth."
+        ),
     ] = "",
     effort: Annotated[float, typer.Option(help="R2, the price of the input; 0 keeps the robot's.")] = 0.0,
+    bandwidth: Annotated[
+        float, typer.Option(help="Hz, of the default weights; 0: half the lowest vibration with held motors.")
+    ] = 0.0,
     gamma_ratio: Annotated[float, typer.Option(help="γ/γ* of the design.")] = 1.5,
     checked_gamma_ratio: Annotated[float, typer.Option(help="γ/γ* of the inequality that is checked.")] = 1.6,
     checked_penalty: Annotated[
         str, typer.Option(help="Weights of the checked inequality. Default: 0.9 × penalty.")
     ] = "",
-    rays: Annotated[int, typer.Option(help="Directions in which the region is looked at.")] = 4000,
-    seed: Annotated[int, typer.Option(help="Seed of the directions.")] = 0,
+    degrees: Annotated[
+        str, typer.Option(help="Degrees of V to compare: 4, or 2,4,6. Default: by the number of states.")
+    ] = "",
+    measured: Annotated[
+        str,
+        typer.Option(
+            help="link_position, motor_position, joint_torque, link_velocity, motor_velocity; "
+            "NAME_JOINT for single ones."
+        ),
+    ] = "link_position",
+    disturbances: Annotated[
+        str, typer.Option(help="Disturbance torques: link_torque,motor_torque. Default: the command instead.")
+    ] = "",
+    command: Annotated[
+        bool,
+        typer.Option("--command", help="The command as a disturbance (the paper's), beside --disturbances."),
+    ] = False,
+    estimator: Annotated[str, typer.Option(help="ukf, ekf, or none (feeds back the true state).")] = "ukf",
+    period: Annotated[float, typer.Option(help="Sampling period of estimator and law, s.")] = 1e-3,
+    process_noise: Annotated[
+        float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")
+    ] = 1e-10,
+    measurement_noise: Annotated[
+        float,
+        typer.Option(
+            help="R^n, variance of a measured position, rad² or m²; the simulated noise has it too."
+        ),
+    ] = 1e-8,
+    saturation: Annotated[float, typer.Option(help="± limit of every input, V or N·m; 0: none.")] = 0.0,
+    extras: Annotated[
+        str,
+        typer.Option(
+            help="What the true plant has beside the model: inductance, joint_damping, "
+            "spring_hardening, backlash, coulomb_friction, stribeck_friction."
+        ),
+    ] = "",
+    rays: Annotated[
+        int,
+        typer.Option(
+            help="Directions in which the region is looked at; 0: none; −1: by the number of states."
+        ),
+    ] = -1,
+    duration: Annotated[
+        float, typer.Option(help="Length of the step response, s; 0: by the slowest mode.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of directions and noise.")] = 0,
+    compare_rigid: Annotated[
+        bool, typer.Option(help="Design the same on the rigid model too, and run it on the elastic robot.")
+    ] = True,
 ) -> None:
-    """Choose the degree by data: where can each solution be trusted, and which step fits in it?"""
-    from flexhinf.design import shrinking, try_degrees
-    from flexhinf.plant import Penalty
-    from flexhinf.robot import paper_arm
+    """From a robot to a judged controller: modes, γ*, law, region, step response, and a report."""
+    import warnings
 
-    if robot != "paper":
-        raise InvalidInput(
-            "There is no such robot.", f"expected 'paper', got {robot!r}", "flexhinf design paper"
-        )
-    arm = paper_arm()
-    asked = _numbers("degrees", degrees, int)
-    price = arm.penalty.effort if effort == 0.0 else effort
-    weights = (
-        Penalty(tuple(_numbers("penalty", penalty)), price) if penalty else Penalty(arm.penalty.states, price)
+    from rich.console import Console
+
+    from flexhinf import design as corridor
+    from flexhinf.design.terminal import design_tables
+    from flexhinf.report import check, write
+    from flexhinf.robot import RobotFileWarning, load_robot
+
+    asked = corridor.Specification(
+        pose=_angles("pose", goal) if goal else None,
+        start=_angles("start pose", start) if start else None,
+        penalty=_weights("penalty", penalty),
+        effort=_unless_zero(effort),
+        bandwidth=_unless_zero(bandwidth),
+        gamma_ratio=gamma_ratio,
+        checked_gamma_ratio=checked_gamma_ratio,
+        checked_penalty=_weights("checked penalty", checked_penalty),
+        degrees=_numbers("degrees", degrees, int) if degrees else None,
+        measured=_names(measured),
+        disturbances=_names(disturbances) or None,
+        command=command,
+        estimator=estimator,
+        period=period,
+        process_noise=process_noise,
+        measurement_noise=measurement_noise,
+        saturation=_unless_zero(saturation),
+        extras=_names(extras),
+        rays=None if rays == -1 else rays,
+        duration=_unless_zero(duration),
+        seed=seed,
+        compare_rigid=compare_rigid,
     )
-    problem = arm.problem(weights, pose=_angles("goal", goal))
-    weaker = _numbers("checked penalty", checked_penalty) if checked_penalty else None
-    with _progress(2 * len(asked)) as tell:
-        choices = list(
-            try_degrees(problem, asked, gamma_ratio, checked_gamma_ratio, weaker, rays, seed, tell)
-        )
-    _print_choices(choices)
-    for low, high in shrinking(choices):
-        typer.secho(f"note: degree {high} allows a smaller step than degree {low}.", fg="yellow", err=True)
+    check(out)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RobotFileWarning)
+        arm = load_robot(robot, elastic or None)
+    told = [str(warning.message) for warning in caught if issubclass(warning.category, RobotFileWarning)]
+    for text in told:
+        typer.secho(f"note: {text}", fg="yellow", err=True)
+    with _progress(corridor.stages(5 * len(arm.joint_names), asked) + 1) as tell:
+        result = corridor.design(arm, asked, tell)
+        tell("report")
+        files = corridor.design_files(result, _again(context), told)
+    folder = write(out, files)
+    for table in design_tables(result):
+        Console().print(table)
+    for text in corridor.notes(result):
+        typer.secho(f"note: {text}", fg="yellow", err=True)
+    typer.echo(corridor.verdict(result))
+    typer.echo(f"report: {folder / 'index.html'}")
+
+
+def _unless_zero(value: float) -> float | None:
+    return None if value == 0.0 else value
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def _numbers(what: str, text: str, kind: Callable[[str], Any] = float) -> list[Any]:
@@ -135,6 +252,17 @@ def _numbers(what: str, text: str, kind: Callable[[str], Any] = float) -> list[A
         ) from None
 
 
+def _weights(what: str, text: str) -> Any:
+    """Weights by name, or numbers, between commas; None for nothing."""
+    if "=" not in text:
+        return tuple(_numbers(what, text)) if text else None
+    named = {}
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        named[name.strip()] = _numbers(what, value)[0]
+    return named
+
+
 def _angles(what: str, text: str) -> list[float]:
     """Angles between commas, in rad, or in degrees with the suffix deg."""
 
@@ -145,21 +273,18 @@ def _angles(what: str, text: str) -> list[float]:
     return _numbers(what, text, angle)
 
 
-def _print_choices(choices: Sequence[Any]) -> None:
-    """A table of what each degree gives."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="Where each solution can be trusted: sampled, not proved", title_justify="left")
-    for column in ("degree", "law", "V ≤", "step, rad", "°", "residual", "solve, ms", "check, s"):
-        table.add_column(column, justify="left" if column == "law" else "right", no_wrap=True)
-    names = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
-    for c in choices:
-        law = names.get(c.degree, f"degree {c.degree - 1}")
-        step = f"{c.step_amplitude:.3f}", f"{math.degrees(c.step_amplitude):.0f}"
-        times = f"{1e3 * c.solve_seconds:.1f}", f"{c.check_seconds:.1f}"
-        table.add_row(str(c.degree), law, f"{c.level:.4g}", *step, f"{c.residual:.0e}", *times)
-    Console().print(table)
+def _again(context: typer.Context) -> list[str]:
+    """The words that make the same report again: every option that is not its default."""
+    words = context.command_path.split()
+    for parameter in context.command.params:
+        value = context.params.get(str(parameter.name))
+        if parameter.param_type_name == "argument":
+            words.append(str(value))
+        elif isinstance(value, bool) and value != parameter.default:
+            words.append((parameter.opts if value else parameter.secondary_opts)[0])
+        elif not isinstance(value, bool) and value is not None and str(value) != str(parameter.default):
+            words += [parameter.opts[0], value.name if isinstance(value, Path) else str(value)]
+    return words
 
 
 def _command(settings: Any, out: Path) -> list[str]:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.cli import main
 from flexhinf.design import DegreeChoice, shrinking, try_degrees
 
 WEIGHTS = (70.0, 18.0, 60.0, 18.0, 320.0)
@@ -44,33 +43,8 @@ def test_a_region_that_shrinks_with_the_degree_is_named() -> None:
     assert shrinking([choice(6, 1.9), choice(2, 0.3), choice(4, 2.1)]) == [(4, 6)]
 
 
-def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", "paper", "--degrees", "2,4", "--goal", "180deg", "--rays", "200"]) == 0
-    shown = capsys.readouterr().out
-    assert "linear" in shown
-    assert "cubic" in shown
-    assert "not proved" in shown
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["nobody"],
-        ["paper", "--degrees", "two"],
-        ["paper", "--goal", "90grad"],
-        ["paper", "--goal", "1,2"],
-        ["paper", "--penalty", "1,2,3"],
-        ["paper", "--gamma-ratio", "0.5"],
-        ["paper", "--checked-gamma-ratio", "1.2"],
-        ["paper", "--degrees", "1"],
-        ["paper", "--effort", "-1"],
-        ["paper", "--penalty", "0,0,0,0,300", "--checked-penalty", "0,1"],
-    ],
-    ids=" ".join,
-)
-def test_bad_input_is_told_in_three_parts(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", *words]) == 2
-    told = capsys.readouterr().err
-    assert "found:" in told
-    assert "try:" in told
-    assert "Traceback" not in told
+def test_without_rays_no_region_is_looked_at() -> None:
+    (choice,) = try_degrees(fh.paper_arm().problem(), (4,), rays=0)
+    assert not choice.looked
+    assert np.isnan(choice.step_amplitude)
+    assert shrinking([choice, choice]) == []

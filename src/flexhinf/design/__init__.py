@@ -1,5 +1,39 @@
-"""The corridor from a robot to a judged law: one call per arrow."""
+"""The corridor from a robot to a judged design: one call per arrow."""
 
-from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
+from __future__ import annotations
 
-__all__ = ["DegreeChoice", "shrinking", "try_degrees"]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+_HOME = {
+    "Design": "corridor",
+    "DegreeChoice": "degrees",
+    "Specification": "specification",
+    "design": "corridor",
+    "design_files": "page",
+    "notes": "words",
+    "shrinking": "degrees",
+    "stages": "corridor",
+    "try_degrees": "degrees",
+    "verdict": "words",
+}
+
+__all__ = [
+    "DegreeChoice", "Design", "Specification", "design", "design_files", "notes", "shrinking", "stages",
+    "try_degrees", "verdict",
+]  # fmt: skip
+
+if TYPE_CHECKING:
+    from flexhinf.design.corridor import Design, design, stages
+    from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
+    from flexhinf.design.page import design_files
+    from flexhinf.design.specification import Specification
+    from flexhinf.design.words import notes, verdict
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'flexhinf.design' has no attribute {name!r}")
+    value = getattr(import_module(f"flexhinf.design.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -1,6 +1,5 @@
 """Choosing the degree by data: solve to several, look where each solution can be trusted, say what it cost."""
 
-
 from __future__ import annotations
 
 import time
@@ -33,6 +32,8 @@ class DegreeChoice:
         Largest relative residual of the homological equations, as measured.
     solve_seconds, check_seconds : float
         Wall time.
+    looked : bool
+        Whether the region was looked at; level and step are nan otherwise.
     """
 
     degree: int
@@ -43,6 +44,7 @@ class DegreeChoice:
     residual: float
     solve_seconds: float
     check_seconds: float
+    looked: bool = True
 
 
 def try_degrees(
@@ -68,7 +70,7 @@ def try_degrees(
     checked_penalty : optional
         Penalty of the inequality that is checked; 0.9 times the designed one by default.
     rays, seed : int
-        Of the sampled check.
+        Of the sampled check; without rays the regions are not looked at.
     tell : callable
         Told what comes next, twice per degree.
 
@@ -87,6 +89,13 @@ def try_degrees(
         start = time.perf_counter()
         solution = solve_hji(problem, gamma=gamma_ratio * gamma_star, degree=degree)
         solved = time.perf_counter()
+        residual = max((record.residual for record in solution.records), default=float("nan"))
+        if not rays:
+            nothing = float("nan")
+            yield DegreeChoice(
+                degree, solution, nothing, nothing, "not looked at", residual, solved - start, 0.0, False
+            )
+            continue
         tell(f"degree {degree}: sample the region")
         check = solution.sampled_region(
             gamma=checked_gamma_ratio * gamma_star,
@@ -95,7 +104,6 @@ def try_degrees(
             seed=seed,
         )
         amplitude = check.step_amplitude()
-        residual = max((record.residual for record in solution.records), default=float("nan"))
         yield DegreeChoice(
             degree,
             solution,

@@ -1,0 +1,87 @@
+"""The estimator of a design: which model it believes, how much noise, and whether what is measured is enough."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import NotDetectable
+from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.plant import Plant
+
+__all__ = ["INITIAL_VARIANCE", "VELOCITY_RATE", "estimator_for", "noise_variances"]
+
+#: Belief at the start: the robot rests there, as known to a milliradian (mm), and to 1 mrad/s.
+INITIAL_VARIANCE = 1e-6
+
+#: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
+VELOCITY_RATE = 100.0
+
+#: Relative size of a singular value that counts as zero.
+RANK = 1e-9
+
+
+def noise_variances(plant: Plant, position: float) -> np.ndarray:
+    """R^n (p,): `position` for positions, that at `VELOCITY_RATE` for velocities, through the spring for torques."""
+    p = plant.parameters.named(plant.parameters.vector())
+    stiffness = np.atleast_1d(p.stiffness).astype(float)
+    joints = [name.removeprefix("link_position") for name in plant.states if name.startswith("link_position")]
+    variances = []
+    for name in plant.outputs:
+        factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
+        if name.startswith("joint_torque"):
+            factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
+        variances.append(factor * position)
+    return np.array(variances)
+
+
+def estimator_for(
+    kind: str,
+    plant: Plant,
+    rest: tuple[np.ndarray, np.ndarray],
+    start: np.ndarray,
+    period: float,
+    process_noise: float,
+    measurement_noise: float,
+) -> Any:
+    """The filter, or None for "none".
+
+    Parameters
+    ----------
+    kind : {"ukf", "ekf", "none"}
+    plant : Plant
+        With what is measured.
+    rest : (x*, u*)
+        The goal: what is measured must show every mode there that does not decay.
+    start : (n,)
+        Initial mean.
+
+    Raises
+    ------
+    NotDetectable
+        If a mode that does not decay is not seen by the sensors, with the state it is in.
+    """
+    if kind == "none":
+        return None
+    _check_seen(plant, rest)
+    made = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
+    noise = noise_variances(plant, measurement_noise)
+    return made(plant, period, process_noise, noise, mean=start, covariance=INITIAL_VARIANCE)
+
+
+def _check_seen(plant: Plant, rest: tuple[np.ndarray, np.ndarray]) -> None:
+    a, _, _, c = plant.linearise(*rest)
+    size = float(np.abs(np.linalg.eigvals(a)).max())
+    c = c / np.maximum(np.abs(c).max(axis=1, keepdims=True), 1e-300)
+    for value in np.linalg.eigvals(a):
+        if value.real < -1e-9 * size:
+            continue
+        _, singular, right = np.linalg.svd(np.vstack([a - value * np.eye(len(a)), size * c]))
+        if singular[-1] <= RANK * singular[0]:
+            raise NotDetectable(
+                "What is measured does not show every mode that does not decay: no estimator can know it.",
+                f"measured: {list(plant.outputs)}; hidden: a mode at {abs(value) / (2 * np.pi):.3g} Hz, mainly in "
+                f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
+                "--measured link_position or motor_position",
+            )

@@ -1,0 +1,117 @@
+"""Modes of a linearisation, named as an engineer names them: vibration of a spring, or motion of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Mode", "closed_loop", "modes_of", "stiffness_and_inertia"]
+
+#: An oscillation is a vibration of the springs if they hold this share or more of the energy of springs and moving
+#: links: one half where the motors stand still, more where they move against the links, next to nothing where links
+#: and motors swing together.
+SPRING_SHARE = 0.25
+
+#: A mode slower than this share of the fastest one is at rest: rounding.
+STANDS_STILL = 1e-9
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate.
+
+    Attributes
+    ----------
+    eigenvalue : complex
+        1/s.
+    vibration : bool
+        Whether it is a vibration of the springs; otherwise links and motors move together.
+    joint : str
+        Where most of it is.
+    """
+
+    eigenvalue: complex
+    vibration: bool
+    joint: str
+
+    @property
+    def frequency(self) -> float:
+        """|λ| / 2π, Hz."""
+        return abs(self.eigenvalue) / (2.0 * np.pi)
+
+    @property
+    def damping(self) -> float:
+        """−Re λ / |λ|; 1 for a mode that decays without oscillating, 0 at rest, negative for one that grows."""
+        return -self.eigenvalue.real / abs(self.eigenvalue) if self.eigenvalue else 0.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether it decays."""
+        return self.eigenvalue.real < 0.0
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        if self.eigenvalue == 0.0:
+            return "free motion"
+        if self.vibration:
+            return "vibration"
+        return "swing" if self.eigenvalue.imag else ("motion" if self.stable else "fall")
+
+    @property
+    def time_constant(self) -> float | None:
+        """1 / |Re λ|, s: to decay, or to grow, by the factor e."""
+        return 1.0 / abs(self.eigenvalue.real) if self.eigenvalue.real else None
+
+
+def modes_of(
+    a: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+) -> tuple[Mode, ...]:
+    """Modes of ẋ = A x, slowest first.
+
+    Parameters
+    ----------
+    a : (N, N)
+        The first 4 n states are link positions, link velocities, motor positions, motor velocities.
+    joints : sequence of str
+    stiffness, inertia : (n,), (2n, 2n)
+        Of the springs, and of links and motors; for the shares of energy.
+    """
+    values, vectors = np.linalg.eig(a)
+    fastest = np.abs(values).max(initial=0.0)
+    n, found = len(joints), []
+    weight = np.diag(inertia)
+    for value, vector in zip(values, vectors.T):
+        if value.imag < 0.0:
+            continue
+        q, dq, theta, _ = (vector[k * n : (k + 1) * n] for k in range(4))
+        spring = stiffness * np.abs(theta - q) ** 2
+        kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
+        share = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
+        vibration = bool(value.imag > 0.0 and share >= SPRING_SHARE)
+        moving = weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
+        where = spring if vibration else moving
+        still = abs(value) <= STANDS_STILL * fastest
+        found.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
+    return tuple(sorted(found, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
+
+
+def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
+    """A + B2 K (N, N) for the law u = K x (m, N), with the exact linearisation of the problem."""
+    expansion = problem.expand(1)
+    return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
+
+
+def stiffness_and_inertia(plant: Any, rest: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation at rest."""
+    p = plant.parameters.named(plant.parameters.vector())
+    stiffness, motors = np.atleast_1d(p.stiffness).astype(float), np.atleast_1d(p.motor_inertia).astype(float)
+    n = len(stiffness)
+    a = plant.linearise(*rest)[0]
+    links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
+    inertia = np.zeros((2 * n, 2 * n))
+    inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
+    return stiffness, inertia

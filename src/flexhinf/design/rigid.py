@@ -1,0 +1,181 @@
+"""The rigid design: the same specification for springs infinitely stiff, and what it does to the elastic robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
+
+__all__ = ["SIDES", "RigidFlow", "RigidLaw", "rigid_problem", "rigid_solution"]
+
+#: Which side's position and velocity the rigid law is fed: on a rigid robot they are the same.
+SIDES = ("link", "motor")
+
+
+@dataclass(frozen=True)
+class RigidFlow:
+    """ẋ of (M(q) + J) q̈ + C q̇ + G + B q̇ = τ + d_link + d_motor, x = (q, q̇), of any element.
+
+    From the elastic robot's own equations with its springs unloaded: links and motors, side by side, accelerate by
+    a_link and a_motor, and the rigid joint makes them move together,
+    q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is what one more N·m on a link does.
+
+    Parameters
+    ----------
+    elastic : ElasticFlow
+        Without extras.
+    """
+
+    elastic: Any
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates of both states."""
+        root = np.atleast_1d(np.sqrt(p.motor_inertia))
+        n = len(root)
+        q, dq = x[:n], x[n:]
+
+        def rates(torques: Any) -> tuple[Any, Any]:
+            rate = self.elastic(np.concatenate([q, dq, q, dq]), u, torques, p)
+            return rate[n : 2 * n], rate[3 * n : 4 * n]
+
+        link, motor = rates(d)
+        columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
+        matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
+        together = motor + _eliminated(matrix, list(root * (link - motor))) / root
+        return np.concatenate([dq, together])
+
+
+def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
+    """Solution of a symmetric positive definite system of any element; polynomials cannot be compared: no pivots."""
+    n = len(right)
+    for k in range(n):
+        for i in range(k + 1, n):
+            factor = matrix[i][k] / matrix[k][k]
+            matrix[i] = [left - factor * above for left, above in zip(matrix[i], matrix[k])]
+            right[i] = right[i] - factor * right[k]
+    for k in reversed(range(n)):
+        known = sum((matrix[k][j] * right[j] for j in range(k + 1, n)), start=0.0)
+        right[k] = (right[k] - known) / matrix[k][k]
+    return np.array(right)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidLaw:
+    """The rigid robot's law on the elastic robot, fed the position and velocity of one side.
+
+    It is a `flexhinf.plant.Law` of the elastic robot's states, with the integrals of the error on that side.
+    """
+
+    solution: HJISolution
+    problem: GeneralisedPlant
+    side: str
+
+    @property
+    def _places(self) -> np.ndarray:
+        n = len(self.problem.plant.states) // 4
+        first = 0 if self.side == "link" else 2 * n
+        return np.array([*range(first, first + 2 * n), *range(4 * n, len(self.state_names))])
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """States of the elastic robot, then integrals on the side that is fed back."""
+        plant = self.problem.plant
+        tracked = [name.replace("link_position", f"{self.side}_position") for name in self.problem.integrate]
+        return (*plant.states, *(f"{name}_integral" for name in tracked))
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """As the robot's."""
+        return self.problem.input_names
+
+    @property
+    def operating_point(self) -> np.ndarray:
+        """Rest of the elastic robot: the wind-up of its springs is granted."""
+        return self.problem.operating_point
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """Holds either robot."""
+        return self.problem.operating_input
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Coefficients of the rigid law."""
+        return self.solution.law_data
+
+    @property
+    def law_key(self) -> str:
+        """Side and monomials."""
+        return f"rigid {self.side} {self.solution.law_key}"
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """The rigid law of the part that it is fed."""
+        return self.solution.evaluate_law(np.asarray(x)[self._places], data)
+
+    @property
+    def gain(self) -> np.ndarray:
+        """Its linear part (m, N) on the elastic robot's states, with integrals of the side that is fed back."""
+        e = self.solution.expansion
+        rigid = -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ self.solution.P)
+        gain = np.zeros((len(rigid), len(self.state_names)))
+        gain[:, self._places] = rigid
+        return gain
+
+    def closed_loop(self) -> np.ndarray:
+        """A of the elastic robot in this law's loop, (N, N)."""
+        plant, n = self.problem.plant, self.problem.plant.n
+        x, u = self.operating_point[:n], self.operating_input
+        a, b, _, _ = plant.linearise(x, u)
+        size = len(self.state_names)
+        whole, inputs = np.zeros((size, size)), np.zeros((size, b.shape[1]))
+        whole[:n, :n], inputs[:n] = a, b
+        for row, name in enumerate(self.state_names[n:]):
+            whole[n + row, plant.index(name.removesuffix("_integral"))] = 1.0
+        return whole + inputs @ self.gain
+
+
+def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
+    """The same specification for the rigid robot at the same pose; None for a penalty that is code of the user's.
+
+    Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
+    """
+    plant, penalty = problem.plant, problem.penalty
+    weights = _weights(penalty, problem.state_names)
+    if weights is None:
+        return None
+    n = plant.n // 4
+    link, motor, integrals = weights[: 2 * n], weights[2 * n : 4 * n], weights[4 * n :]
+    rigid = Plant(
+        RigidFlow(plant.flow),
+        lambda x, u, p: x[:n],
+        states=plant.states[: 2 * n],
+        inputs=plant.inputs,
+        disturbances=plant.disturbances,
+        parameters=plant.parameters.values,
+        units=plant.units,
+    )
+    return GeneralisedPlant(
+        rigid,
+        Penalty((*np.hypot(link, motor), *integrals), penalty.effort),
+        problem.integrate,
+        problem.command,
+        problem.disturbances,
+        rest=(problem.operating_point[: 2 * n], problem.operating_input),
+    )
+
+
+def rigid_solution(problem: GeneralisedPlant, gamma_ratio: float, degree: int) -> HJISolution:
+    """Its law at the same γ/γ*."""
+    return solve_hji(problem, gamma=gamma_ratio * smallest_gamma(problem), degree=degree)
+
+
+def _weights(penalty: Penalty, names: tuple[str, ...]) -> np.ndarray | None:
+    states = penalty.states
+    if callable(states):
+        own = getattr(states, "states", None)  # weighted states and torques of springs
+        return None if own is None else np.asarray(own, dtype=float)
+    return penalty.weights(names)

@@ -1,0 +1,128 @@
+"""What a design comes to, in a few words, for the terminal and the top of the report."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from flexhinf.design.comparison import RigidLoop
+from flexhinf.design.corridor import Design
+from flexhinf.report import number
+
+__all__ = ["HARDLY_DAMPED", "LAW_NAMES", "law_name", "notes", "range_of", "rigid_words", "verdict"]
+
+LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
+
+#: A vibration with less damping than this rings.
+HARDLY_DAMPED = 0.1
+
+
+def law_name(degree: int) -> str:
+    """Of the law for a V of this degree."""
+    return LAW_NAMES.get(degree, f"degree {degree - 1}")
+
+
+def range_of(values: Any, digits: int = 3) -> str:
+    """Smallest and largest of some numbers."""
+    values = sorted(values)
+    if not values:
+        return "–"
+    ends = number(values[0], digits), number(values[-1], digits)
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+
+
+def vibrations(modes: Any) -> list[float]:
+    """Damping ratios of the vibrations among some modes."""
+    return [mode.damping for mode in modes if mode.vibration]
+
+
+def settled(design: Design) -> str:
+    """The step response in words."""
+    response = design.response
+    if response.diverged is not None:
+        return f"the step response diverges at {response.diverged:.3g} s"
+    times = [m["settling_time_s"] for m in response.metrics]
+    overshoot = max((m["overshoot_percent"] or 0.0) for m in response.metrics)
+    moved = [t for m, t in zip(response.metrics, times) if m["overshoot_percent"] is not None]
+    if not moved:
+        return "nothing was to move"
+    if any(t is None for t in moved):
+        return f"not every joint settles within {design.duration:g} s, overshoot {overshoot:.3g} %"
+    return f"the step settles in {max(moved):.3g} s with {overshoot:.3g} % overshoot"
+
+
+def rigid_words(loop: RigidLoop) -> str:
+    """What the rigid design does, fed from one side."""
+    damping = vibrations(loop.modes)
+    if not loop.stable:
+        worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
+        return f"unstable (a mode at {worst.frequency:.3g} Hz grows by e in {worst.time_constant:.2g} s)"
+    if damping and min(damping) < HARDLY_DAMPED:
+        return f"stable, and rings (damping ratio {min(damping):.2g})"
+    return "stable" + (f", vibrations damped by {range_of(damping, 2)}" if damping else "")
+
+
+def verdict(design: Design) -> str:
+    """One line."""
+    stable = all(mode.stable for mode in design.closed_modes)
+    before, after = vibrations(design.open_modes), vibrations(design.closed_modes)
+    change = (
+        f"; damping of the vibrations {range_of(before, 2)} without control, {range_of(after, 2)} with it"
+        if after
+        else ""
+    )
+    rings = bool(stable and after and min(after) < HARDLY_DAMPED)
+    first = "Stable, but rings" if rings else ("Stable" if stable else "Unstable")
+    text = f"{first}: {settled(design)}{change}."
+    if design.rigid is not None:
+        sides = "; ".join(
+            f"fed from the {loop.side} side it is {rigid_words(loop)}" for loop in design.rigid.loops
+        )
+        text += f" The rigid design on the same robot: {sides}."
+    return text
+
+
+def notes(design: Design) -> list[str]:
+    """What the reader must not miss."""
+    found = []
+    if design.response.diverged is not None:
+        found.append(
+            f"The step diverges at {design.response.diverged:.3g} s: start nearer to the goal, or change the penalty."
+        )
+    after = vibrations(design.closed_modes)
+    if after and min(after) < HARDLY_DAMPED:
+        found.append(
+            f"A vibration keeps a damping ratio of {min(after):.2g}: these weights hardly act on it. "
+            "Weights on motor_velocity or joint_torque damp it."
+        )
+    for low, high in design.shrinking:
+        found.append(f"degree {high} allows a smaller step than degree {low}.")
+    if design.inside is False:
+        found.append(
+            f"The step starts outside the region in which nothing was found against the solution of degree "
+            f"{design.chosen.degree} (V there is above {design.chosen.level:.4g}); the simulation shows what happens."
+        )
+    if not design.chosen.looked:
+        found.append(
+            f"The regions were not looked at: {len(design.problem.state_names)} states take minutes. "
+            "Ask for it with --rays 50."
+            if design.specification.rays is None
+            else "The regions were not looked at, as asked."
+        )
+    elif design.specification.rays is None and design.rays < 4000:
+        found.append(
+            f"The regions were looked at along {design.rays} rays only, for the number of states; --rays asks for more."
+        )
+    if design.specification.compare_rigid and design.rigid is None:
+        found.append("No rigid design was made: a penalty that is code says nothing about a rigid robot.")
+    return found
+
+
+def step_words(amplitude: float, unit: str) -> str:
+    """A rest-to-rest step."""
+    if math.isnan(amplitude):
+        return "–"
+    if math.isinf(amplitude):
+        return "any looked at"
+    degrees = f" ({math.degrees(amplitude):.3g}°)" if unit == "rad" else ""
+    return f"{amplitude:.3g} {unit}{degrees}"
