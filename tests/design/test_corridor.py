@@ -11,7 +11,8 @@ from scipy.linalg import expm
 
 import flexhinf as fh
 from flexhinf.design import Design, Specification, design, design_files, notes, stages, verdict
-from flexhinf.design.modes import closed_loop
+from flexhinf.design.estimator import estimator_for, estimator_modes
+from flexhinf.design.modes import closed_loop, stiffness_and_inertia
 from flexhinf.errors import NotDetectable
 
 
@@ -123,6 +124,41 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
     assert mixed.response.metrics[1]["steady_state_error"] < 1e-2
     with pytest.raises(NotDetectable, match="joint_torque"):
         quick("quanser-rotflex", measured=("joint_torque",))
+
+
+def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
+    blind = quick("seven-link", measured=("motor_position",))
+    assert min(mode.damping for mode in blind.estimator_modes if mode.vibration) < 1e-3
+    assert any("hardly sees" in note for note in notes(blind))
+    seen = blind.robot.plant(("motor_position", "joint_torque"))
+    rest = blind.robot.operating_point()
+    ukf = estimator_for("ukf", seen, rest, rest[0], 1e-3, 1e-10, 1e-8)
+    energy = stiffness_and_inertia(seen, rest)
+    modes = estimator_modes(ukf, rest, blind.robot.joint_names, *energy)
+    assert min(mode.damping for mode in modes if mode.vibration) > 0.01
+
+
+@pytest.mark.oracle
+def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
+    result = quick("vertical-rig", estimator="ekf")
+    robot, s = result.robot, result.specification
+    rest = robot.operating_point()
+    ekf = fh.ExtendedKalmanFilter(
+        robot.plant(), s.period, s.process_noise, s.measurement_noise, rest[0], 1e-6
+    )
+    for _ in range(6000):
+        ekf.predict(rest[1])
+        ekf.correct(rest[0][:1])
+    ekf.predict(rest[1])
+    prior = ekf.covariance  # the error map A (1 − L C), from how the filter answers
+    c = np.array([[1.0, 0, 0, 0]])
+    gain = prior @ c.T / (c @ prior @ c.T + s.measurement_noise)
+    a = robot.plant().linearise(*rest)[0]
+    wanted = np.log(np.linalg.eigvals(expm(a * s.period) @ (np.eye(4) - gain @ c)).astype(complex)) / s.period
+    found = [mode.eigenvalue for mode in result.estimator_modes]
+    assert sorted(abs(v) for v in found) == pytest.approx(
+        sorted(abs(v) for v in wanted if v.imag >= 0), rel=1e-4
+    )
 
 
 def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:

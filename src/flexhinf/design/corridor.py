@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.design.comparison import RigidComparison, compare_rigid
 from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
-from flexhinf.design.estimator import estimator_for, noise_variances
+from flexhinf.design.estimator import estimator_for, estimator_modes, noise_variances
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 from flexhinf.design.penalty import ChosenPenalty, chosen_penalty
 from flexhinf.design.response import Response, default_start, run_length, step_response
@@ -38,6 +38,8 @@ class Design:
         Link positions of the step, rad or m.
     open_modes, closed_modes : tuple of Mode
         Of the linearisation at the goal, without control, and with the law (true state).
+    estimator_modes : tuple of Mode
+        Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
     gamma_star : float
     choices : tuple of DegreeChoice
     chosen : DegreeChoice
@@ -61,6 +63,7 @@ class Design:
     start: np.ndarray
     open_modes: tuple[Mode, ...]
     closed_modes: tuple[Mode, ...]
+    estimator_modes: tuple[Mode, ...]
     gamma_star: float
     choices: tuple[DegreeChoice, ...]
     chosen: DegreeChoice
@@ -138,6 +141,10 @@ def design(
     gain = -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ law.P)
     closed_modes = modes_of(closed_loop(problem, gain), robot.joint_names, *energy)
 
+    error_modes: tuple[Mode, ...] = ()
+    if estimator is not None and s.process_noise > 0.0:
+        error_modes = estimator_modes(estimator, rest, robot.joint_names, *energy)
+
     tell("compile the closed loop, and run the step")
     slowest = min(-mode.eigenvalue.real for mode in closed_modes)
     duration = run_length(slowest) if s.duration is None else s.duration
@@ -152,7 +159,7 @@ def design(
         tell("the rigid design on the same robot")
         rigid = compare_rigid(problem, true_plant, chosen.degree, s, energy, true_start, goal, duration)
     return Design(
-        robot, s, penalty, problem, goal, start, open_modes, closed_modes, law.gamma / s.gamma_ratio,
+        robot, s, penalty, problem, goal, start, open_modes, closed_modes, error_modes, law.gamma / s.gamma_ratio,
         choices, chosen, inside, response, sub_steps, duration, rays, rigid,
     )  # fmt: skip
 

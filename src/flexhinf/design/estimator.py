@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from flexhinf.design.modes import Mode, named_modes
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.plant import Plant
 
-__all__ = ["INITIAL_VARIANCE", "VELOCITY_RATE", "estimator_for", "noise_variances"]
+__all__ = ["INITIAL_VARIANCE", "VELOCITY_RATE", "estimator_for", "estimator_modes", "noise_variances"]
 
 #: Belief at the start: the robot rests there, as known to a milliradian (mm), and to 1 mrad/s.
 INITIAL_VARIANCE = 1e-6
@@ -85,3 +87,29 @@ def _check_seen(plant: Plant, rest: tuple[np.ndarray, np.ndarray]) -> None:
                 f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
                 "--measured link_position or motor_position",
             )
+
+
+def estimator_modes(
+    estimator: Any,
+    rest: tuple[np.ndarray, np.ndarray],
+    joints: Sequence[str],
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+) -> tuple[Mode, ...]:
+    """Modes of the estimation error at rest, with the stationary gain of the linearised filter, slowest first.
+
+    e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
+    nominal plant the linearised loop has these modes beside those of the law.
+    """
+    from scipy.linalg import expm, solve_discrete_are
+
+    a, _, _, c = estimator.plant.linearise(*rest)
+    sampled, noise = expm(a * estimator.period), estimator.measurement_noise
+    scale = np.sqrt(np.diag(noise))  # outputs in units of their noise
+    c, unit = c / scale[:, None], noise / np.outer(scale, scale)
+    spread = solve_discrete_are(sampled.T, c.T, estimator.process_noise, unit)
+    gain = np.linalg.solve(c @ spread @ c.T + unit, c @ spread).T
+    values, vectors = np.linalg.eig(sampled @ (np.eye(len(a)) - gain @ c))
+    kept = np.abs(values) > 1e-12  # a mode that is gone after one sample has no rate
+    rates = np.log(values[kept].astype(complex)) / estimator.period
+    return named_modes(rates, vectors[:, kept], joints, stiffness, inertia)

@@ -130,6 +130,8 @@ def modes_figure(design: Design) -> Figure:
         ("without control", design.open_modes, "o", MUTED),
         ("with this law", design.closed_modes, "o", SERIES[0]),
     ]
+    if design.estimator_modes:
+        groups.append(("estimation error", design.estimator_modes, "^", SERIES[2]))
     for loop, marker in zip(design.rigid.loops if design.rigid else (), ("x", "+")):
         groups.append((f"rigid law, fed from the {loop.side} side", loop.modes, marker, SERIES[1]))
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -159,7 +161,8 @@ def modes_figure(design: Design) -> Figure:
     return Figure(
         "figure-modes",
         figure_to_svg(figure),
-        "Modes of the linearisation at the goal, the true state fed back. Damping 1: no oscillation; below zero "
+        "Modes of the linearisation at the goal, the true state fed back, and those of the estimation error "
+        "(stationary gain), which the loop has too. Damping 1: no oscillation; below zero "
         "(shaded): the mode grows. Modes at rest (0 Hz) are left out.",
         "Modes",
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Mode", "closed_loop", "modes_of", "stiffness_and_inertia"]
+__all__ = ["Mode", "closed_loop", "modes_of", "named_modes", "stiffness_and_inertia"]
 
 #: An oscillation is a vibration of the springs if they hold this share or more of the energy of springs and moving
 #: links: one half where the motors stand still, more where they move against the links, next to nothing where links
@@ -70,17 +70,28 @@ class Mode:
 def modes_of(
     a: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
 ) -> tuple[Mode, ...]:
-    """Modes of ẋ = A x, slowest first.
+    """Modes of ẋ = A x, slowest first; see `named_modes`."""
+    return named_modes(*np.linalg.eig(a), joints, stiffness, inertia)
+
+
+def named_modes(
+    values: np.ndarray,
+    vectors: np.ndarray,
+    joints: Sequence[str],
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+) -> tuple[Mode, ...]:
+    """Modes by name, slowest first.
 
     Parameters
     ----------
-    a : (N, N)
-        The first 4 n states are link positions, link velocities, motor positions, motor velocities.
+    values, vectors : (N,), (N, N)
+        Eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link positions, link
+        velocities, motor positions, motor velocities.
     joints : sequence of str
     stiffness, inertia : (n,), (2n, 2n)
         Of the springs, and of links and motors; for the shares of energy.
     """
-    values, vectors = np.linalg.eig(a)
     fastest = np.abs(values).max(initial=0.0)
     n, found = len(joints), []
     weight = np.diag(inertia)

@@ -163,7 +163,11 @@ def _step_blocks(design: Design, warnings: Sequence[str]) -> list[Any]:
 
 
 def _mode_table(design: Design) -> Table:
-    loops = (("without control", design.open_modes), ("with this law", design.closed_modes))
+    loops = (
+        ("without control", design.open_modes),
+        ("with this law", design.closed_modes),
+        ("estimation error", design.estimator_modes),
+    )
     rows = [(name, *_mode_row(mode)) for name, modes in loops for mode in modes if _told(mode)]
     return Table(
         (
@@ -171,8 +175,8 @@ def _mode_table(design: Design) -> Table:
             "mode",
             "mainly",
             Column("frequency", "Hz", 3),
-            Column("damping ratio", "", 4),
-            Column("time constant", "s", 4),
+            Column("damping ratio"),
+            Column("time constant", "s"),
         ),
         rows,
         "What oscillates or does not decay, linearised at the goal",
@@ -221,7 +225,7 @@ def _rigid_blocks(design: Design) -> list[Any]:
         "law",
         "fed from",
         "linearised loop",
-        Column("lowest damping ratio of a vibration", "", 4),
+        Column("lowest damping ratio of a vibration"),
         Column("largest overshoot", "%", 1),
         Column("settling time", "s", 3),
         "run",
@@ -231,7 +235,8 @@ def _rigid_blocks(design: Design) -> list[Any]:
 
 
 def _compared(law: str, fed: str, modes: Sequence[Mode], response: Any, words: str) -> tuple[Any, ...]:
-    moved = [m for m in response.metrics if m.get("overshoot_percent") is not None]
+    stable = all(mode.stable for mode in modes)
+    moved = [m for m in response.metrics if m.get("overshoot_percent") is not None and stable]
     times = [m["settling_time_s"] for m in moved]
     ended = "to its end" if response.diverged is None else f"diverged at {response.diverged:.3g} s"
     settling = None if not times or None in times else max(times)
@@ -358,6 +363,7 @@ def numbers_of(design: Design) -> dict[str, Any]:
         "operating_input": [float(value) for value in u],
         "open_modes": [mode(m) for m in design.open_modes],
         "closed_modes": [mode(m) for m in design.closed_modes],
+        "estimator_modes": [mode(m) for m in design.estimator_modes],
         "degrees": [
             {"degree": c.degree, "level": plain(c.level), "step": plain(c.step_amplitude), "limit": c.limit}
             for c in design.choices

@@ -16,6 +16,9 @@ LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"
 #: A vibration with less damping than this rings.
 HARDLY_DAMPED = 0.1
 
+#: An estimation error at a vibration with less damping than this is hardly corrected.
+HARDLY_SEEN = 0.01
+
 
 def law_name(degree: int) -> str:
     """Of the law for a V of this degree."""
@@ -94,6 +97,14 @@ def notes(design: Design) -> list[str]:
         found.append(
             f"A vibration keeps a damping ratio of {min(after):.2g}: these weights hardly act on it. "
             "Weights on motor_velocity or joint_torque damp it."
+        )
+    unseen = [mode for mode in design.estimator_modes if mode.vibration and mode.damping < HARDLY_SEEN]
+    if unseen:
+        worst = min(unseen, key=lambda mode: mode.damping)
+        found.append(
+            f"The estimator hardly sees {len(unseen)} vibration{'s' if len(unseen) > 1 else ''}: its error at "
+            f"{worst.frequency:.3g} Hz ({worst.joint}) is damped by {worst.damping:.1g} only, and noise keeps it "
+            "ringing, in the robot too. Measure link positions or joint torques, or raise --process-noise."
         )
     for low, high in design.shrinking:
         found.append(f"degree {high} allows a smaller step than degree {low}.")
