@@ -178,6 +178,9 @@ def design(
     compare_rigid: Annotated[
         bool, typer.Option(help="Design the same on the rigid model too, and run it on the elastic robot.")
     ] = True,
+    mujoco: Annotated[
+        bool, typer.Option("--mujoco", help="Run the step on MuJoCo's plant too (needs flexhinf[mujoco]).")
+    ] = False,
 ) -> None:
     """From a robot to a judged controller: modes, γ*, law, region, step response, and a report."""
     import warnings
@@ -212,6 +215,7 @@ def design(
         duration=_unless_zero(duration),
         seed=seed,
         compare_rigid=compare_rigid,
+        mujoco=mujoco,
     )
     check(out)
     with warnings.catch_warnings(record=True) as caught:

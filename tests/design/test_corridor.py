@@ -110,6 +110,23 @@ def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     assert min(m.damping for m in result.closed_modes if m.vibration) > 0.1
 
 
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("name", "measured", "apart"),
+    [("planar-two-link", ("motor_position",), 1e-6), ("seven-link", ("link_position",), 1e-4)],
+)
+def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...], apart: float) -> None:
+    pytest.importorskip("mujoco")
+    result = quick(name, measured=measured, mujoco=True, duration=1.0)
+    assert result.mujoco is not None
+    assert np.abs(result.mujoco.positions - result.response.positions).max() < apart
+    for ours, other in zip(result.response.metrics, result.mujoco.metrics):
+        assert other["overshoot_percent"] == pytest.approx(ours["overshoot_percent"], rel=0.01)
+        assert other["peak_input"] == pytest.approx(ours["peak_input"], rel=0.01)
+    assert "On MuJoCo's plant" in verdict(result)
+    assert "MuJoCo&#x27;s plant" in design_files(result, ["flexhinf"])["index.html"]
+
+
 def test_torques_can_disturb_instead_of_the_command() -> None:
     result = quick("planar-two-link", disturbances=("link_torque", "motor_torque"))
     assert result.problem.disturbance_names == (

@@ -17,7 +17,7 @@ from flexhinf.design.response import Response, default_start, run_length, step_r
 from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant, sub_steps
 from flexhinf.robot import Robot
 
 __all__ = ["Design", "design", "stages"]
@@ -53,6 +53,8 @@ class Design:
         s.
     rays : int
     rigid : RigidComparison or None
+    mujoco : Response or None
+        The same run on MuJoCo's plant, if asked for.
     """
 
     robot: Robot
@@ -73,6 +75,7 @@ class Design:
     duration: float
     rays: int
     rigid: RigidComparison | None
+    mujoco: Response | None = None
 
     @property
     def solution(self) -> HJISolution:
@@ -123,6 +126,9 @@ def design(
         s.period, s.process_noise, s.measurement_noise,
     )  # fmt: skip
 
+    true_plant = robot.plant(s.measured, extras=s.extras)
+    independent = mujoco_plant(robot, true_plant, rest, s) if s.mujoco else None
+
     degrees, rays = degrees_and_rays(len(problem.state_names), s)
     choices = tuple(
         try_degrees(
@@ -148,20 +154,43 @@ def design(
     tell("compile the closed loop, and run the step")
     slowest = min(-mode.eigenvalue.real for mode in closed_modes)
     duration = run_length(slowest) if s.duration is None else s.duration
-    true_plant = robot.plant(s.measured, extras=s.extras)
     controller = Controller(law, estimator, s.period, s.saturation)
     noise = None if estimator is None else np.sqrt(noise_variances(problem.plant, s.measurement_noise))
     response = step_response(true_plant, controller, true_start, goal, noise, duration, s.seed)
-    sub_steps = (0 if estimator is None else estimator.sub_steps, response.run.settings["sub_steps"])
+    steps = (0 if estimator is None else estimator.sub_steps, response.run.settings["sub_steps"])
 
+    mujoco = None
+    if independent is not None:
+        tell("the same run on MuJoCo's plant")
+        mujoco = step_response(independent, controller, true_start, goal, noise, duration, s.seed)
     rigid = None
     if s.compare_rigid:
         tell("the rigid design on the same robot")
         rigid = compare_rigid(problem, true_plant, chosen.degree, s, energy, true_start, goal, duration)
     return Design(
         robot, s, penalty, problem, goal, start, open_modes, closed_modes, error_modes, law.gamma / s.gamma_ratio,
-        choices, chosen, inside, response, sub_steps, duration, rays, rigid,
+        choices, chosen, inside, response, steps, duration, rays, rigid, mujoco,
     )  # fmt: skip
+
+
+def mujoco_plant(robot: Robot, plant: Plant, rest: tuple[np.ndarray, np.ndarray], s: Specification) -> Any:
+    """The same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase or less.
+
+    Raises
+    ------
+    InvalidInput
+        If MuJoCo is not installed, or does not express the extras.
+    """
+    from flexhinf.robot import MuJoCoPlant
+
+    x = robot.operating_point(rest[0][: len(robot.joint_names)], s.extras)[0]
+    step = s.period / sub_steps(s.period, plant.fastest_mode(x, rest[1]), MUJOCO_STEP)
+    measured = None if s.estimator == "none" else s.measured
+    return MuJoCoPlant(robot, measured=measured, step=step, extras=s.extras)
+
+
+#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode.
+MUJOCO_STEP = 0.1
 
 
 def _checked(s: Specification, problem: GeneralisedPlant) -> Any:
@@ -187,4 +216,4 @@ RAYS = ((5, 4000), (10, 1000), (20, 200))
 def stages(states: int, specification: Specification) -> int:
     """How many steps of work there are, for a progress bar."""
     degrees, rays = degrees_and_rays(states, specification)
-    return 2 + len(degrees) * (2 if rays else 1) + specification.compare_rigid
+    return 2 + len(degrees) * (2 if rays else 1) + specification.compare_rigid + specification.mujoco

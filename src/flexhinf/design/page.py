@@ -9,11 +9,20 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.corridor import Design
-from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.figures import estimation_figure, modes_figure, response_figure, rigid_figure
 from flexhinf.design.modes import Mode
+from flexhinf.design.numbers import numbers_of
 from flexhinf.design.settings import setting_groups
-from flexhinf.design.words import law_name, notes, range_of, rigid_words, step_words, verdict, vibrations
+from flexhinf.design.words import (
+    law_name,
+    mujoco_words,
+    notes,
+    range_of,
+    rigid_words,
+    step_words,
+    verdict,
+    vibrations,
+)
 from flexhinf.report import (
     Column,
     KeyNumber,
@@ -158,8 +167,28 @@ def _step_blocks(design: Design, warnings: Sequence[str]) -> list[Any]:
             "Of the true link positions; m for joints that slide. Input noise: standard deviation in the last tenth",
         ),
     ]
+    if design.mujoco is not None:
+        blocks.append(_mujoco_table(design))
     estimate = estimation_figure(design)
     return blocks if estimate is None else [*blocks, estimate]
+
+
+def _mujoco_table(design: Design) -> Table:
+    """The figures of merit of both plants side by side."""
+    assert design.mujoco is not None
+    rows = [
+        (plant, name, m.get("overshoot_percent"), m.get("settling_time_s"), m.get("steady_state_error"))
+        for plant, response in (("ours", design.response), ("MuJoCo's", design.mujoco))
+        for name, m in zip(design.robot.joint_names, response.metrics)
+    ]
+    columns = (
+        "plant",
+        "joint",
+        Column("overshoot", "%"),
+        Column("settling time", "s"),
+        "largest error in the last tenth",
+    )
+    return Table(columns, rows, f"The same controller and noise on MuJoCo's plant: {mujoco_words(design)}")
 
 
 def _mode_table(design: Design) -> Table:
@@ -330,63 +359,3 @@ def _gain_table(design: Design) -> Table:
     names = design.problem.state_names
     rows = [(name, *(f"{value:.4g}" for value in gain[:, i])) for i, name in enumerate(names)]
     return Table(("state", *(name for name in design.problem.input_names)), rows)
-
-
-# The same numbers as data -------------------------------------------------------------------------
-def numbers_of(design: Design) -> dict[str, Any]:
-    """What ``design.json`` holds."""
-    x, u = design.problem.operating_point, design.problem.operating_input
-
-    def mode(m: Mode) -> dict[str, Any]:
-        return {
-            "name": m.name,
-            "joint": m.joint,
-            "frequency_Hz": m.frequency,
-            "damping": m.damping,
-            "real": m.eigenvalue.real,
-            "imaginary": m.eigenvalue.imag,
-        }
-
-    def plain(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
-    rigid = [] if design.rigid is None else list(design.rigid.loops)
-    return {
-        "version": 1,
-        "robot": design.robot.name,
-        "joints": list(design.robot.joint_names),
-        "gamma_star": design.gamma_star,
-        "gamma": design.solution.gamma,
-        "degree": design.chosen.degree,
-        "states": list(design.problem.state_names),
-        "operating_point": [float(value) for value in x],
-        "operating_input": [float(value) for value in u],
-        "open_modes": [mode(m) for m in design.open_modes],
-        "closed_modes": [mode(m) for m in design.closed_modes],
-        "estimator_modes": [mode(m) for m in design.estimator_modes],
-        "degrees": [
-            {"degree": c.degree, "level": plain(c.level), "step": plain(c.step_amplitude), "limit": c.limit}
-            for c in design.choices
-        ],
-        "step": {
-            "start": design.start.tolist(),
-            "goal": design.goal.tolist(),
-            "duration_s": design.duration,
-            "diverged_at_s": design.response.diverged,
-            "joints": design.response.metrics,
-        },
-        "rigid": [
-            {
-                "side": loop.side,
-                "stable": loop.stable,
-                "modes": [mode(m) for m in loop.modes],
-                "diverged_at_s": loop.response.diverged,
-                "joints": loop.response.metrics,
-            }
-            for loop in rigid
-        ],
-        "noise_variances": noise_variances(
-            design.problem.plant, design.specification.measurement_noise
-        ).tolist(),
-        "initial_variance": INITIAL_VARIANCE,
-    }

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop import BlackBox, Controller, Loop, Trajectory
 from flexhinf.plant import Plant
 
 __all__ = ["Response", "default_start", "run_length", "step_response"]
@@ -92,7 +92,7 @@ def run_length(slowest: float) -> float:
 
 
 def step_response(
-    plant: Plant,
+    plant: Plant | BlackBox,
     controller: Controller,
     start: tuple[np.ndarray, np.ndarray],
     goal: np.ndarray,

@@ -57,6 +57,8 @@ class Specification:
     seed : int
     compare_rigid : bool
         Whether the same specification is designed on the rigid model too.
+    mujoco : bool
+        Whether the step is run on MuJoCo's plant too.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Specification:
     duration: float | None = None
     seed: int = 0
     compare_rigid: bool = True
+    mujoco: bool = False
 
     def __post_init__(self) -> None:
         positive = ("bandwidth", "gamma_ratio", "checked_gamma_ratio", "measurement_noise", "saturation")

@@ -5,11 +5,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from flexhinf.design.comparison import RigidLoop
 from flexhinf.design.corridor import Design
 from flexhinf.report import number
 
-__all__ = ["HARDLY_DAMPED", "LAW_NAMES", "law_name", "notes", "range_of", "rigid_words", "verdict"]
+__all__ = [
+    "HARDLY_DAMPED",
+    "LAW_NAMES",
+    "law_name",
+    "mujoco_words",
+    "notes",
+    "range_of",
+    "rigid_words",
+    "verdict",
+]
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
 
@@ -65,6 +76,16 @@ def rigid_words(loop: RigidLoop) -> str:
     return "stable" + (f", vibrations damped by {range_of(damping, 2)}" if damping else "")
 
 
+def mujoco_words(design: Design) -> str:
+    """How far the run on MuJoCo's plant is from ours."""
+    assert design.mujoco is not None
+    if design.mujoco.diverged is not None or design.response.diverged is not None:
+        return "it diverges" if design.mujoco.diverged is not None else "it does not diverge"
+    apart = float(np.abs(design.mujoco.positions - design.response.positions).max())
+    unit = "m" if design.robot.links.slides[0] else "rad"
+    return f"link positions within {number(apart, 2)} {unit} of these"
+
+
 def verdict(design: Design) -> str:
     """One line."""
     stable = all(mode.stable for mode in design.closed_modes)
@@ -77,6 +98,8 @@ def verdict(design: Design) -> str:
     rings = bool(stable and after and min(after) < HARDLY_DAMPED)
     first = "Stable, but rings" if rings else ("Stable" if stable else "Unstable")
     text = f"{first}: {settled(design)}{change}."
+    if design.mujoco is not None:
+        text += f" On MuJoCo's plant: {mujoco_words(design)}."
     if design.rigid is not None:
         sides = "; ".join(
             f"fed from the {loop.side} side it is {rigid_words(loop)}" for loop in design.rigid.loops
