@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.feedback import GradientLaw, input_matrix_of
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.hinf.recursion import DegreeRecord
@@ -221,23 +222,39 @@ class HJISolution:
         return PolynomialLaw(n, degrees, np.concatenate([parts[k] for k in degrees], axis=1))
 
     # As a law of a closed loop (`flexhinf.plant.Law`) ----------------------------------------------
+    @property
+    def law_is_polynomial(self) -> bool:
+        """Whether `law_polynomial` is the law itself: g2 is constant, and not only its expansion."""
+        source = self.problem if hasattr(self.problem, "input_matrix_is_constant") else self.expansion
+        return source.input_matrix_is_constant  # type: ignore[union-attr]
+
     @cached_property
-    def _law_table(self) -> PolynomialLaw:
-        return self.law_polynomial()
+    def _feedback(self) -> PolynomialLaw | GradientLaw:
+        if self.law_is_polynomial:
+            return self.law_polynomial()
+        degrees = tuple(sorted(self._slopes))
+        table = np.concatenate([self._slopes[k] for k in degrees]).T
+        slopes = PolynomialLaw(len(self.P), tuple(k - 1 for k in degrees), table)
+        matrix, name = input_matrix_of(self.problem, self.expansion)
+        key = f"gradient {slopes.n} {slopes.degrees} {name}"
+        return GradientLaw(slopes, matrix, np.linalg.inv(self.expansion.r2), key)
 
     @property
     def law_data(self) -> np.ndarray:
         """Coefficients of the law, flat: data of a kernel, so another γ compiles nothing."""
-        return self._law_table.coefficients.ravel()
+        return self._feedback.coefficients.ravel()
 
     @property
     def law_key(self) -> str:
-        """What distinguishes this law's code from another's: its monomials."""
-        return f"polynomial {self._law_table.n} {self._law_table.degrees}"
+        """What distinguishes this law's code from another's: its monomials, and g2 where it is not constant."""
+        feedback = self._feedback
+        if isinstance(feedback, GradientLaw):
+            return feedback.key
+        return f"polynomial {feedback.n} {feedback.degrees}"
 
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """The law at one deviation x (n,) on any element, with its coefficients as an argument."""
-        return self._law_table.evaluate(x, np.asarray(data).reshape(self._law_table.coefficients.shape))
+        return self._feedback.evaluate(x, np.asarray(data).reshape(self._feedback.coefficients.shape))
 
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:
@@ -285,11 +302,11 @@ class HJISolution:
         return sum(self.gradient_parts(points).values(), start=np.zeros(points.shape))
 
     def _fields(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Exact fields; the expansion's g1 or g2 where that is constant."""
+        """Exact fields; without the plant the expansion's g1 where that is constant, and its g2."""
         if self.problem is not None:
             return self.problem.fields(points)
         constant = {"g1": self.expansion.g1_parts, "g2": self.expansion.g2_parts}.get(what, {})
-        if set(constant) == {0}:
+        if set(constant) == {0} or what == "g2":
             return self.expansion.fields(points)
         raise InvalidInput(
             "The exact plant is not known to this solution.",

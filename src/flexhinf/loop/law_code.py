@@ -46,6 +46,8 @@ class LawCode:
         few = np.size(self.law.law_data) < TABLE
         if few or not self.composed or not offers(self.law, "law_polynomial", "evaluate_law"):
             return None
+        if not getattr(self.law, "law_is_polynomial", True):
+            return None
         return self.law.law_polynomial()  # type: ignore[attr-defined]
 
     @property

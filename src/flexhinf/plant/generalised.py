@@ -222,6 +222,24 @@ class GeneralisedPlant:
         outputs = [f, ca.vec(ca.densify(g1).T), ca.vec(ca.densify(g2).T), h]  # C order
         return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
 
+    @cached_property
+    def _input_matrix_is_constant(self) -> bool:
+        import casadi as ca
+
+        x = ca.SX.sym("x", len(self.state_names))
+        return not any(ca.which_depends(self._traced_fields.call([x])[2], x, 1, True))
+
+    @property
+    def input_matrix_is_constant(self) -> bool:
+        """Whether g2 does not depend on the state, as the code is written."""
+        return self._input_matrix_is_constant
+
+    def input_matrix(self, x: Any) -> Any:
+        """Exact g2 (n, m) at one deviation x (n,), on numbers or symbols."""
+        from flexhinf.scalars import apply
+
+        return apply(self._traced_fields, x)[2].reshape(len(self.state_names), -1)
+
     def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))

@@ -18,7 +18,7 @@ from flexhinf.plant.coefficients import (
     parts_from_input,
     parts_from_mapping,
 )
-from flexhinf.polynomial.algebra import evaluate
+from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.kronecker import from_kronecker
 
 __all__ = ["PolynomialPlant"]
@@ -241,6 +241,16 @@ class PolynomialPlant:
             input_names=self.input_names,
             operating_input=self.operating_input,
         )
+
+    @property
+    def input_matrix_is_constant(self) -> bool:
+        """Whether g2 does not depend on the state."""
+        return set(self.g2_parts) == {0}
+
+    def input_matrix(self, x: Any) -> Any:
+        """g2 (n, m) at one deviation x (n,), on any element."""
+        powers = monomials(np.asarray(x)[None, :], tuple(self.g2_parts))
+        return sum(part @ powers[k][0] for k, part in self.g2_parts.items())
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at the deviations `x` (N, n)."""

@@ -1,0 +1,63 @@
+"""The law of a solution as a closed loop runs it: u = −R2⁻¹ g2(x)ᵀ V_xᵀ on any element.
+
+With a constant g2 that is a polynomial, a table of monomials. With g2(x) it is the product of the exact g2 and
+the polynomial V_x: what runs is what `HJISolution.law` says and what `sampled_region` checks.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.problem import Problem
+from flexhinf.polynomial.law import PolynomialLaw
+
+__all__ = ["GradientLaw", "input_matrix_of"]
+
+_numbers: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
+_next = itertools.count()
+
+
+@dataclass(frozen=True, eq=False)
+class GradientLaw:
+    """−R2⁻¹ g2(x)ᵀ V_xᵀ with the coefficients of V_x as data.
+
+    Attributes
+    ----------
+    slopes : PolynomialLaw
+        V_x, one row per state.
+    input_matrix : callable
+        g2 at one deviation (n,) on any element, (n, m).
+    price : ndarray, shape (m, m)
+        R2⁻¹.
+    key : str
+        What distinguishes its code.
+    """
+
+    slopes: PolynomialLaw
+    input_matrix: Callable[[Any], Any]
+    price: np.ndarray
+    key: str
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Of V_x, (n, Nmon)."""
+        return self.slopes.coefficients
+
+    def evaluate(self, x: Any, coefficients: Any) -> Any:
+        """The law at one deviation (n,) on any element, (m,)."""
+        slope = self.slopes.evaluate(x, coefficients)
+        return -(self.price @ (np.asarray(self.input_matrix(x)).T @ slope))
+
+
+def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> tuple[Callable[[Any], Any], str]:
+    """g2 on any element, and a name for it: the exact one where the problem offers it, else its expansion."""
+    source = problem if hasattr(problem, "input_matrix") else expansion
+    number = _numbers.setdefault(source, next(_next))
+    return source.input_matrix, f"{type(source).__name__} {number}"  # type: ignore[union-attr]
