@@ -125,4 +125,6 @@ def _target(level: int) -> llvm.TargetMachine:
 
 @cache
 def _linker() -> llvm.LLJIT:
-    return llvm.create_lljit_compiler(_target(0))
+    # JITLink keeps the sections of an object together. The older linker takes memory wherever there is some; in a
+    # process with large arrays code and constants can end up more than 2 GB apart, and it then aborts the process.
+    return llvm.create_lljit_compiler(_target(0), use_jit_link=True)
