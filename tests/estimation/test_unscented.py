@@ -259,3 +259,18 @@ def test_keys_tell_code_apart():
     ]
     assert len(set(keys)) == len(keys)
     assert arm_ukf(measurement_noise=3.0, covariance=1.0).estimator_key == keys[0]
+
+
+@pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
+def test_bounds_that_bite_keep_the_covariance_positive(period):
+    """Clipped points stand for a narrower prior; what a measurement takes away must not exceed it."""
+    plant = paper_arm().plant()
+    bounds = {"link_velocity": (-8.0, 8.0), "motor_position": (-4.0, 4.0), "motor_velocity": (-8.0, 8.0)}
+    ukf = UnscentedKalmanFilter(plant, period, 1e-6, 1e-6, np.zeros(4), 10.0, bounds=bounds)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        ukf.correct([0.3 + 1e-3 * rng.normal()])
+        assert np.linalg.eigvalsh(ukf.covariance)[0] >= -1e-14 * np.abs(ukf.covariance).max()
+        for name, (low, high) in bounds.items():
+            assert low <= ukf.mean[plant.index(name)] <= high
+        ukf.predict([3.0])

@@ -104,7 +104,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
         moved = self.inside(run, run.columns(self.sub_step, points, u, p, times=self.sub_steps))  # 2
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
-        deviations = run.columns(less, (moved.T, mean.reshape(1, len(mean)))).T
+        deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
         return Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, moved)
 
@@ -113,16 +113,16 @@ class UnscentedKalmanFilter(RecursiveFilter):
     ) -> tuple[Any, Any, Any]:
         """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance)."""
         weights = self.sigma.covariance_weights
-        points, deviations = self.redrawn(run, belief)  # 5
+        points, deviations, prior = self.redrawn(run, belief)  # 5
         outputs = run.columns(self.output, points, u, p)  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
-        spread = run.columns(less, (outputs.T, expected.reshape(1, len(expected)))).T
+        spread = self.deviations(run, outputs, expected)
         p_yy = run.gram(spread, weights, measurement_noise)  # 8
         p_yx = run.product(spread, weights, deviations)  # 9
         factor, innovation = run.call(factored, p_yy, y, expected)
         gain, root = run.columns(gain_of, p_yx, factor)  # 10: Kᵀ, and a root of K P_yy Kᵀ, state by state
-        mean = run.combination(gain.T, innovation, belief.mean)  # 11
-        covariance = run.gram(root.T, -np.ones(len(self.plant.outputs)), belief.covariance)  # 12
+        mean = run.combination(gain.T, innovation, prior.mean)  # 11
+        covariance = run.gram(root.T, -np.ones(len(self.plant.outputs)), prior.covariance)  # 12
         if self.bounds:
             mean = run.call(self.bounded, mean)
         corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
@@ -132,18 +132,29 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Sigma points inside the bounds, (n, 2n + 1)."""
         return self.inside(run, run.column_stack((mean, *run.columns(self.sigma.pair, root, mean))))
 
-    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any]:
-        """Sigma points for the measurement, and their deviations from the mean, both (n, 2n + 1)."""
+    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any]:
+        """Sigma points for the measurement and their deviations, both (n, 2n + 1), and the prior they stand for.
+
+        Clipped points stand for a narrower prior than the belief they were drawn from: steps 11 and 12 must use its
+        mean and covariance, or what is subtracted from P could exceed it.
+        """
         mean = belief.mean
         if not self.redraw:
-            points = belief.points
-        else:
-            root = run.cholesky(belief.covariance)
-            points = self.points(run, mean, root)
-            if not self.bounds:  # not points − mean: those digits are lost already
-                centre = run.call(np.zeros_like, mean)
-                return points, run.column_stack((centre, *run.columns(self.sigma.offsets, root)))
-        return points, run.columns(less, (points.T, mean.reshape(1, len(mean)))).T
+            return belief.points, self.deviations(run, belief.points, mean), belief
+        root = run.cholesky(belief.covariance)
+        points = self.points(run, mean, root)
+        if not self.bounds:  # not points − mean: those digits are lost already
+            centre = run.call(np.zeros_like, mean)
+            return points, run.column_stack((centre, *run.columns(self.sigma.offsets, root))), belief
+        centre = run.combination(points, self.sigma.mean_weights)
+        deviations = self.deviations(run, points, centre)
+        weights = self.sigma.covariance_weights
+        nothing = run.call(np.zeros_like, belief.covariance)
+        return points, deviations, Gaussian(centre, run.gram(deviations, weights, nothing))
+
+    def deviations(self, run: Any, points: Any, mean: Any) -> Any:
+        """Points minus a mean, (n, 2n + 1)."""
+        return run.columns(less, (points.T, mean.reshape(1, len(mean)))).T
 
     def inside(self, run: Any, points: Any) -> Any:
         """Points clipped to the bounds."""
