@@ -189,8 +189,8 @@ def rigid_figure(design: Design) -> Figure | None:
     """Our step response and those of the rigid law, of the joint where the rigid law does worst."""
     if design.rigid is None:
         return None
-    joint = worst_joint(design)
-    name, (length, torque) = design.robot.joint_names[joint], _units(design)
+    joint, (length, torque) = worst_joint(design), _units(design)
+    where = f", {design.robot.joint_names[joint]}, where it does worst" if len(design.goal) > 1 else ""
     runs = [("this law, with its estimator", design.response, SERIES[0])]
     if design.specification.estimator == "none":
         runs = [("this law", design.response, SERIES[0])]
@@ -224,7 +224,7 @@ def rigid_figure(design: Design) -> Figure | None:
     return Figure(
         "figure-rigid",
         figure_to_svg(figure),
-        f"The same step by the rigid design, joint {name}, where it does worst. It is fed the true position and "
+        f"The same step by the rigid design{where}. It is fed the true position and "
         "velocity of one side, without estimator or noise. Lines that leave the panels go on.",
         "The rigid design on the elastic robot",
     )

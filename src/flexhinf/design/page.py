@@ -114,7 +114,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         ),
         KeyNumber("peak input", float(f"{peak:.3g}"), unit),
     ]
-    last = KeyNumber("trusted step", trusted, note="rest to rest, all joints; sampled, not proved")
+    last = KeyNumber("sampled step", trusted, note="largest rest to rest, all joints; not proved")
     return [*numbers, last] if chosen.looked else numbers
 
 

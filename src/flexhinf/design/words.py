@@ -133,8 +133,9 @@ def notes(design: Design) -> list[str]:
         found.append(f"degree {high} allows a smaller step than degree {low}.")
     if design.inside is False:
         found.append(
-            f"The step starts outside the region in which nothing was found against the solution of degree "
-            f"{design.chosen.degree} (V there is above {design.chosen.level:.4g}); the simulation shows what happens."
+            f"The step starts, with its integrals at zero, outside the region in which nothing was found against the "
+            f"solution of degree {design.chosen.degree} (V there is above {design.chosen.level:.4g}); the "
+            "simulation shows what happens. The table's steps start at the integrals where V is smallest."
         )
     if not design.chosen.looked:
         found.append(
