@@ -7,9 +7,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.channel import Channel
 from flexhinf.loop.controller import Controller
 from flexhinf.loop.program import CONTROL_FAILED, PLANT_FAILED
-from flexhinf.loop.sampling import sample_signal
+from flexhinf.loop.sampling import by_name, sample_signal
 from flexhinf.loop.starting import starting_state
 
 __all__ = ["BlackBox", "run_black_box"]
@@ -38,6 +39,7 @@ class BlackBox(Protocol):
 def run_black_box(
     box: Any,
     controller: Controller,
+    channel: Channel,
     signals: dict[str, np.ndarray],
     disturbance: Any,
     times: np.ndarray,
@@ -52,7 +54,8 @@ def run_black_box(
     """
     controller = controller.fresh()
     channels = tuple(getattr(box, "disturbances", ()))
-    d = sample_signal(disturbance, times, channels, "disturbance")
+    d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
+    queue = np.zeros(channel.delay * len(controller.law.input_names))
     has_state = hasattr(box, "state") and hasattr(box, "states")
     width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
@@ -62,7 +65,7 @@ def run_black_box(
     for k in range(len(times)):
         if has_state:
             recorded["state"][k] = box.state()
-        y = _measured(box, controller) + signals["noise"][k]
+        y = channel.quantised(_measured(box, controller) + signals["noise"][k])
         recorded["output"][k] = y
         if not np.all(np.isfinite(y)):
             return recorded, (PLANT_FAILED, k)
@@ -71,7 +74,8 @@ def run_black_box(
         except NumericalFailure:
             return recorded, (CONTROL_FAILED, k)
         recorded["input"][k], recorded["estimate"][k] = u, controller.estimate
-        box.step(u, d[k], controller.period)
+        held, queue = channel.delayed(queue, u)
+        box.step(held, d[k], controller.period)
     return recorded, (0, len(times) - 1)
 
 

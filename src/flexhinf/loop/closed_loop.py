@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -10,15 +11,20 @@ import numpy as np
 from flexhinf.codegen import compile_program
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.black_box import BlackBox, run_black_box
+from flexhinf.loop.channel import Channel
 from flexhinf.loop.controller import Controller
+from flexhinf.loop.limits import positive
 from flexhinf.loop.program import CONTROL_FAILED, LoopSizes, loop_program
-from flexhinf.loop.sampling import sample_disturbance, sample_noise, sample_signal, signal_name
+from flexhinf.loop.sampling import by_name, sample_disturbance, sample_noise, sample_signal, signal_name
 from flexhinf.loop.shared import share
 from flexhinf.loop.starting import starting_state
 from flexhinf.loop.trajectory import Trajectory
 from flexhinf.plant import Plant, sub_steps
 
 __all__ = ["Loop"]
+
+#: Longest run, in samples.
+MOST_SAMPLES = 20_000_000
 
 
 class Loop:
@@ -33,6 +39,10 @@ class Loop:
         Only read: every run has a memory of its own.
     sub_steps : int, optional
         Sub-steps per period for a `Plant`, instead of the automatic number.
+    quantisation : float or (p,) array, optional
+        Step of the measurements, in their unit: 2π/4096 for an encoder of 12 bits.
+    delay : float
+        Between an input and its effect, s; a whole number of periods. The estimator does not know of it.
 
     Raises
     ------
@@ -41,7 +51,12 @@ class Loop:
     """
 
     def __init__(
-        self, true_plant: Plant | BlackBox, controller: Controller, sub_steps: int | None = None
+        self,
+        true_plant: Plant | BlackBox,
+        controller: Controller,
+        sub_steps: int | None = None,
+        quantisation: Any = None,
+        delay: float = 0.0,
     ) -> None:
         self.true_plant, self.controller = true_plant, controller
         self._asked_sub_steps = sub_steps
@@ -57,6 +72,7 @@ class Loop:
             raise InvalidInput(
                 "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
             )
+        self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, Plant):
             self._check_plant(true_plant)
         elif not isinstance(true_plant, BlackBox):
@@ -114,8 +130,8 @@ class Loop:
         """The whole run as one compiled kernel."""
         plant, controller, sizes = self.true_plant, self.controller, self._sizes
         assert isinstance(plant, Plant)
-        key = ("loop", plant.code_key, controller.code_key, sizes)
-        return share(key, lambda: compile_program(loop_program(plant, controller, sizes)))
+        key = ("loop", plant.code_key, controller.code_key, sizes, self.channel)
+        return share(key, lambda: compile_program(loop_program(plant, controller, sizes, self.channel)))
 
     def run(
         self,
@@ -152,13 +168,17 @@ class Loop:
             If the loop diverges to numbers that are not finite: says when, and holds the run so far as
             `.trajectory`.
         """
-        if not (np.isfinite(duration) and duration > 0.0):
-            raise InvalidInput("The duration of a run is not positive.", f"got {duration!r} s", "8.0")
-        samples = round(duration / self.controller.period) + 1
+        samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
+        if not 2 <= samples <= MOST_SAMPLES:
+            raise InvalidInput(
+                "The run is too short or too long.",
+                f"expected 1 to {MOST_SAMPLES - 1} periods of {self.controller.period:g} s, got {duration!r} s",
+                "duration=8.0",
+            )
         times = np.arange(samples) * self.controller.period
         held = self.controller.operating_reference if reference is None else reference
         signals = {
-            "reference": sample_signal(held, times, self.controller.tracked, "reference"),
+            "reference": self._commanded(held, times),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
         if isinstance(self.true_plant, Plant):
@@ -166,12 +186,12 @@ class Loop:
             recorded, status = self._run_kernel(signals, disturbance, samples, start)
         else:
             recorded, status = run_black_box(
-                self.true_plant, self.controller, signals, disturbance, times, initial_state
+                self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state
             )
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": seed,
-            "period": self.controller.period, "sub_steps": self.sub_steps,
+            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.words(),
         }  # fmt: skip
         code, last = status
         end = samples if not code else last + 1
@@ -181,13 +201,21 @@ class Loop:
             raise _diverged(code, times[last], trajectory)
         return trajectory
 
+    def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
+        """The command (N, k): by name, what is not named stays at the operating point."""
+        tracked = self.controller.tracked
+        if isinstance(reference, Mapping):
+            held = dict(zip(tracked, self.controller.operating_reference.tolist()))
+            reference = {**held, **by_name(reference, self.true_plant)}
+        return sample_signal(reference, times, tracked, "reference")
+
     def _run_kernel(
         self, signals: dict[str, np.ndarray], disturbance: Any, samples: int, x: np.ndarray
     ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
         plant, sizes, controller = self.true_plant, self._sizes, self.controller
         assert isinstance(plant, Plant)
         period, channels = controller.period, plant.disturbances
-        d = sample_disturbance(disturbance, period, samples, sizes.parts, channels)
+        d = sample_disturbance(by_name(disturbance, plant), period, samples, sizes.parts, channels)
         arrays = {
             "x": x, "u": np.zeros(sizes.u),
             "memory": controller.initial_memory(), "data": controller.data_vector,
@@ -200,6 +228,8 @@ class Loop:
             arrays["reference"] = signals["reference"].ravel()
         if sizes.d:
             arrays["disturbance"] = d.ravel()
+        if self.channel.delay:
+            arrays |= {"held": np.zeros(sizes.u), "queue": np.zeros(self.channel.delay * sizes.u)}
         status = self.kernel.run(arrays, {"steps": samples, "parts": sizes.parts})
         recorded = {
             "state": arrays["states"].reshape(samples, -1),

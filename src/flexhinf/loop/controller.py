@@ -13,7 +13,7 @@ from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.layout import Layout
-from flexhinf.loop.limits import Limits
+from flexhinf.loop.limits import Limits, positive
 from flexhinf.loop.shared import share
 from flexhinf.loop.step import controller_step
 from flexhinf.plant import Estimator, Law
@@ -54,9 +54,8 @@ class Controller:
     def __init__(
         self, solution: Law, estimator: Estimator | None, period: float = 1e-3, saturation: Any = None
     ) -> None:
-        if not (np.isfinite(period) and period > 0.0):
-            raise InvalidInput("The sampling period is not positive.", f"got {period!r} s", "1e-3 for 1 kHz")
-        self.law, self.estimator, self.period = solution, estimator, float(period)
+        self.law, self.estimator = solution, estimator
+        self.period = positive(period, "sampling period", "1e-3 for 1 kHz")
         _check_kinds(solution, estimator)
         self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
         self.tracked = tuple(

@@ -1,4 +1,4 @@
-"""Limits of the input."""
+"""Limits of the input, and of what a user may give for a time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,20 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Limits"]
+__all__ = ["Limits", "positive"]
+
+
+def positive(value: Any, what: str, example: str) -> float:
+    """A positive finite number of seconds."""
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError):
+        seconds = np.nan
+    if not (np.isfinite(seconds) and seconds > 0.0):
+        raise InvalidInput(
+            f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example
+        )
+    return seconds
 
 
 @dataclass(frozen=True, eq=False)

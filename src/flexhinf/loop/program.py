@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice
+from flexhinf.loop.channel import Channel
 from flexhinf.loop.controller import Controller
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
@@ -46,14 +47,15 @@ def rk4_function(plant: Plant) -> ca.Function:
     return trace(advance, plant.n, len(plant.inputs), 3 * nd, 1 + plant.parameters.size, name="advance")
 
 
-def measure_function(plant: Plant, controller: Controller) -> ca.Function:
+def measure_function(plant: Plant, controller: Controller, channel: Channel) -> ca.Function:
     """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant."""
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
         if places is not None:
-            return x[places] + noise
-        return np.atleast_1d(plant.output(x, u, plant.parameters.named(truth[1:]))) + noise
+            return channel.quantised(x[places] + noise)
+        y = np.atleast_1d(plant.output(x, u, plant.parameters.named(truth[1:])))
+        return channel.quantised(y + noise)
 
     return trace(
         measure,
@@ -65,7 +67,12 @@ def measure_function(plant: Plant, controller: Controller) -> ca.Function:
     )
 
 
-def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes) -> Program:
+def delay_function(channel: Channel, inputs: int) -> ca.Function:
+    """(queue, u) → (the input that acts, queue)."""
+    return trace(channel.delayed, channel.delay * inputs, inputs, name="delay")
+
+
+def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel: Channel) -> Program:
     """The program of one run; `steps` samples, `parts` sub-steps each."""
 
     def whole(name: str, size: int) -> tuple[Slice, ...]:
@@ -86,14 +93,23 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes) -> Prog
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip
+    held, queue = (
+        (whole("held", sizes.u), whole("queue", channel.delay * sizes.u)) if channel.delay else (u, ())
+    )
+    late = (Call(delay_function(channel, sizes.u), (*queue, *u), (*held, *queue)),) if channel.delay else ()
     body = (
         Copy(x[0], row("states", sizes.x)[0]),
-        Call(drop_empty(measure_function(plant, controller)), (*x, *u, *row("noise", sizes.y), *truth), y),
+        Call(
+            drop_empty(measure_function(plant, controller, channel)),
+            (*x, *held, *row("noise", sizes.y), *truth),
+            y,
+        ),
         *control,
         Copy(u[0], row("inputs", sizes.u)[0]),
         Guard(u[0], CONTROL_FAILED),
         Guard(memory[0], CONTROL_FAILED),
-        Repeat("parts", (Call(drop_empty(rk4_function(plant)), (*x, *u, *stage, *truth), x),)),
+        *late,
+        Repeat("parts", (Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x),)),
         Guard(x[0], PLANT_FAILED),
     )
     buffers = [
@@ -110,4 +126,6 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes) -> Prog
     ]
     buffers += [Buffer("reference", None, "in")] if sizes.r else []
     buffers += [Buffer("disturbance", None, "in")] if sizes.d else []
+    if channel.delay:
+        buffers += [Buffer("held", sizes.u, "state"), Buffer("queue", channel.delay * sizes.u, "state")]
     return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts"))

@@ -11,7 +11,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.noise import standard_normal
 from flexhinf.loop.references import Constant, Quintic, Samples, Sine, Step
 
-__all__ = ["sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
+__all__ = ["by_name", "sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
 
 VECTORISED = (Constant, Quintic, Samples, Sine, Step)
 
@@ -24,6 +24,16 @@ LATER = 1.0 + 4.0 * np.finfo(float).eps
 
 #: More numbers than this for one run's disturbance are refused (8 bytes each).
 MOST_NUMBERS = 200_000_000
+
+
+def by_name(signal: Any, plant: Any) -> Any:
+    """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
+    groups = getattr(plant, "groups", {})
+    if not isinstance(signal, Mapping):
+        return signal
+    single = {name: part for name, part in signal.items() if name not in groups}
+    grouped = {one: part for name, part in signal.items() for one in groups.get(name, ())}
+    return {**grouped, **single}
 
 
 def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what: str) -> np.ndarray:

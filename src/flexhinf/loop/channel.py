@@ -1,0 +1,88 @@
+"""What lies between a robot and its controller: the grain of its sensors, and the delay of its inputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+
+__all__ = ["Channel"]
+
+#: A delay this close to a whole number of samples (in samples) is one.
+WHOLE = 1e-6
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Quantised measurements and delayed inputs; neither is known to the estimator.
+
+    Attributes
+    ----------
+    quanta : tuple of float
+        Step of each measurement, in its unit; 0 for one that is not quantised.
+    delay : int
+        Samples between an input and its effect.
+    """
+
+    quanta: tuple[float, ...]
+    delay: int
+
+    @staticmethod
+    def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
+        """From user's numbers.
+
+        Parameters
+        ----------
+        quantisation : None, float, or (p,) array
+            Step of the measurements.
+        delay : float
+            s; a whole number of periods.
+
+        Raises
+        ------
+        InvalidInput
+            If they do not fit.
+        """
+        try:
+            steps = np.zeros(0) if quantisation is None else np.asarray(quantisation, dtype=float)
+            late = float(delay)
+        except (TypeError, ValueError):
+            steps, late = np.full(1, np.nan), np.nan
+        if (
+            steps.shape not in ((0,), (), (len(measured),))
+            or not np.all(np.isfinite(steps))
+            or np.any(steps < 0)
+        ):
+            raise InvalidInput(
+                "The quantisation does not fit the measurements.",
+                f"expected one step >= 0 or one for each of {list(measured)}, got {quantisation!r}",
+                "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
+            )
+        samples = late / period
+        if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
+            raise InvalidInput(
+                "The input delay is not a whole number of samples.",
+                f"expected a multiple of {period:g} s, got {delay!r} s",
+                f"delay={period:g} for one sample",
+            )
+        quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
+        return Channel(quanta if any(quanta) else (), round(samples))
+
+    def quantised(self, y: Any) -> Any:
+        """Measurements (p,) rounded to their steps, on any element."""
+        if not self.quanta:
+            return y
+        rounded = [q * np.floor(value / q + 0.5) if q > 0.0 else value for value, q in zip(y, self.quanta)]
+        return np.array(rounded)
+
+    def delayed(self, queue: Any, u: Any) -> tuple[Any, Any]:
+        """The input that acts now (m,), and the queue (delay · m,) for the next sample."""
+        waiting = np.concatenate([queue, u])
+        return waiting[: len(u)], waiting[len(u) :]
+
+    def words(self) -> dict[str, Any]:
+        """For the record of a run."""
+        return {"quantisation": list(self.quanta) or "none", "input_delay_samples": self.delay}
