@@ -347,6 +347,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         code = app(args=words, prog_name="flexhinf", standalone_mode=False)
+        if code == INTERRUPTED:  # the option parser has caught Ctrl-C
+            return _tell("Interrupted; nothing was written.", INTERRUPTED)
         return code if isinstance(code, int) else 0
     except FlexhinfError as error:
         return _tell(str(error))

@@ -1,6 +1,7 @@
 """Kernels are linked in a process whose address space is full of large arrays and small holes.
 
-A linker that takes memory wherever there is some puts code and constants more than 2 GB apart there, and aborts the process.
+A linker that takes memory wherever there is some puts code and constants more than 2 GB apart there, and aborts the
+process.
 """
 
 import os

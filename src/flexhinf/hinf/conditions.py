@@ -23,7 +23,7 @@ def check_problem(problem: object) -> None:
         raise InvalidInput(
             "This is not a problem that can be solved.",
             f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
-            "plant.with_objective(penalty) makes a problem of a plant",
+            "robot.problem(), or plant.with_objective(penalty), makes a problem",
         )
 
 

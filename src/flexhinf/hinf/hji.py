@@ -158,7 +158,8 @@ def _checked_gamma(gamma: float) -> float:
         raise InvalidInput(
             "The attenuation level gamma is not a positive number.",
             f"expected gamma > 0 (math.inf for no disturbance), got {gamma!r}",
-            "a multiple of smallest_gamma(problem), for example 2",
+            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
+            "(is it used in flow?), and any gamma > 0 will do",
         )
     return float(gamma)
 
