@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Channel"]
+__all__ = ["DIRECT", "Channel"]
 
 #: A delay this close to a whole number of samples (in samples) is one.
 WHOLE = 1e-6
@@ -86,3 +86,7 @@ class Channel:
     def words(self) -> dict[str, Any]:
         """For the record of a run."""
         return {"quantisation": list(self.quanta) or "none", "input_delay_samples": self.delay}
+
+
+#: Nothing in between.
+DIRECT = Channel((), 0)

@@ -19,9 +19,7 @@ def positive(value: Any, what: str, example: str) -> float:
     except (TypeError, ValueError):
         seconds = np.nan
     if not (np.isfinite(seconds) and seconds > 0.0):
-        raise InvalidInput(
-            f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example
-        )
+        raise InvalidInput(f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example)
     return seconds
 
 

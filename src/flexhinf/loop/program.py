@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice
-from flexhinf.loop.channel import Channel
+from flexhinf.loop.channel import DIRECT, Channel
 from flexhinf.loop.controller import Controller
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
@@ -47,7 +47,7 @@ def rk4_function(plant: Plant) -> ca.Function:
     return trace(advance, plant.n, len(plant.inputs), 3 * nd, 1 + plant.parameters.size, name="advance")
 
 
-def measure_function(plant: Plant, controller: Controller, channel: Channel) -> ca.Function:
+def measure_function(plant: Plant, controller: Controller, channel: Channel = DIRECT) -> ca.Function:
     """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant."""
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
