@@ -143,7 +143,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
 def test_every_public_name_can_be_imported() -> None:
     import flexhinf as fh
 
-    # The names of this stage, as the API promises them; robots from files, campaigns and proofs come later.
+    # The names of this stage, as the API promises them; campaigns and proofs come later.
     promised = [
         "paper_arm",
         "Plant",
