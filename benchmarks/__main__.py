@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import platform
 import subprocess
 import sys
 import tempfile
@@ -19,10 +17,10 @@ from rich.table import Table
 import flexhinf as fh
 from benchmarks.filterpy_loop import FilterpyLoop
 from benchmarks.measure import alternate, timed
+from benchmarks.record import keep, readable
 
 STEPS, PEER_STEPS, PERIOD, GOAL = 10_000, 1_000, 1e-3, math.pi / 2
 Q, R = 1e-6, 1e-6
-RESULTS = Path(".benchmarks") / "bench.json"
 
 
 def loops() -> list[dict[str, Any]]:
@@ -135,24 +133,14 @@ def main() -> None:
     rows = [*loops(), *solver(), *processes()]
     table = Table("what", "flexhinf", "peer", "ratio", "target", "met", "note")
     for row in rows:
-        peer = f"{row['peer']} {_time(row['peer_us'])}" if "peer" in row else ""
+        peer = f"{row['peer']} {readable(row['peer_us'])}" if "peer" in row else ""
         ratio = f"{row['ratio']:.0f}" if "ratio" in row else ""
         met = "yes" if row["met"] else "NO"
         table.add_row(
-            row["what"], _time(row["ours_us"]), peer, ratio, row["target"], met, row.get("note", "")
+            row["what"], readable(row["ours_us"]), peer, ratio, row["target"], met, row.get("note", "")
         )
     Console(width=150).print(table)
-    RESULTS.parent.mkdir(exist_ok=True)
-    machine = {"python": platform.python_version(), "machine": platform.machine(), "numpy": np.__version__}
-    RESULTS.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1, default=bool) + "\n")
-    print(f"kept in {RESULTS}")
-
-
-def _time(microseconds: float) -> str:
-    for unit, size in (("s", 1e6), ("ms", 1e3)):
-        if microseconds >= size:
-            return f"{microseconds / size:.3g} {unit}"
-    return f"{microseconds:.3g} µs"
+    keep("bench.json", rows)
 
 
 if __name__ == "__main__":

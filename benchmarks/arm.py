@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +17,13 @@ from rich.table import Table
 import flexhinf as fh
 from benchmarks.measure import Timing, alternate
 from benchmarks.pinocchio_loop import PinocchioController
+from benchmarks.record import keep, readable
 from flexhinf.codegen import Block, Buffer, Composer, Program, Slice, compile_program
 from flexhinf.loop.law_code import LawCode
 
 PERIOD, GAMMA = 1e-3, 700.0
 Q, R, P0 = 1e-8, 1e-8, 1e-6
 STEPS, PEER_STEPS, AGREE = 200, 3, 5
-RESULTS = Path(".benchmarks") / "arm.json"
 
 
 class Arm:
@@ -118,10 +116,10 @@ def first_step() -> None:
     """In a process of its own: seconds from the controller to its first input, on the clock and of this process."""
     arm = Arm()
     y, r = arm.samples(1)[0]
-    start, used = time.perf_counter(), time.process_time()
+    start, used = time.perf_counter(), time.processreadable()
     controller = fh.Controller(arm.solution, arm.estimator, PERIOD)
     controller.step(y, r)
-    print(json.dumps([time.perf_counter() - start, time.process_time() - used]))
+    print(json.dumps([time.perf_counter() - start, time.processreadable() - used]))
 
 
 def compile_times() -> list[dict[str, Any]]:
@@ -155,31 +153,14 @@ def main() -> None:
     rows = [*speed(), *compile_times()]
     table = Table("what", "flexhinf", "best", "peer", "ratio", "target", "met", "note")
     for row in rows:
-        peer = f"{row['peer']} {_time(row['peer_us'])}" if "peer" in row else ""
+        peer = f"{row['peer']} {readable(row['peer_us'])}" if "peer" in row else ""
         table.add_row(
-            row["what"], _time(row["ours_us"]), _time(row["best_us"]) if "best_us" in row else "", peer,
+            row["what"], readable(row["ours_us"]), readable(row["best_us"]) if "best_us" in row else "", peer,
             f"{row['ratio']:.0f}" if "ratio" in row else "", row["target"],
             {True: "yes", False: "NO", None: ""}[row["met"]], row["note"],
         )  # fmt: skip
     Console(width=170).print(table)
-    load = os.getloadavg() if hasattr(os, "getloadavg") else None
-    print(f"load of the machine: {load}, {os.cpu_count()} processors")
-    RESULTS.parent.mkdir(exist_ok=True)
-    machine = {
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "numpy": np.__version__,
-        "load": load,
-    }
-    RESULTS.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1, default=bool) + "\n")
-    print(f"kept in {RESULTS}")
-
-
-def _time(microseconds: float) -> str:
-    for unit, size in (("s", 1e6), ("ms", 1e3)):
-        if microseconds >= size:
-            return f"{microseconds / size:.3g} {unit}"
-    return f"{microseconds:.3g} µs"
+    keep("arm.json", rows)
 
 
 if __name__ == "__main__":

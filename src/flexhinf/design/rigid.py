@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.plant import GeneralisedPlant, Penalty, Plant
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 
 __all__ = ["SIDES", "RigidFlow", "RigidLaw", "rigid_problem", "rigid_solution"]
 
@@ -64,7 +64,7 @@ def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class RigidLaw:
+class RigidLaw(ProblemLaw):
     """The rigid robot's law on the elastic robot, fed the position and velocity of one side.
 
     It is a `flexhinf.plant.Law` of the elastic robot's states, with the integrals of the error on that side.
@@ -86,21 +86,6 @@ class RigidLaw:
         plant = self.problem.plant
         tracked = [name.replace("link_position", f"{self.side}_position") for name in self.problem.integrate]
         return (*plant.states, *(f"{name}_integral" for name in tracked))
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """As the robot's."""
-        return self.problem.input_names
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """Rest of the elastic robot: the wind-up of its springs is granted."""
-        return self.problem.operating_point
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """Holds either robot."""
-        return self.problem.operating_input
 
     @property
     def law_data(self) -> np.ndarray:

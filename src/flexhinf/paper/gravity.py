@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from flexhinf.hinf import linear_law
-from flexhinf.plant import GeneralisedPlant
+from flexhinf.plant import GeneralisedPlant, ProblemLaw
 from flexhinf.robot import Robot
 
 __all__ = ["GravityCompensatedLaw"]
 
 
 @dataclass(frozen=True, eq=False)
-class GravityCompensatedLaw:
+class GravityCompensatedLaw(ProblemLaw):
     """u = u_g(x1) + K (x − x_g(x1)), K the LQR gain of the arm without gravity.
 
     At a link angle x1 gravity M g L sin x1 is held by the spring, wound up by x_g3 = (M g L / k) sin x1, and by
@@ -37,8 +37,6 @@ class GravityCompensatedLaw:
     wind_up: float
     holding_voltage: float
 
-    law_key = "LQR with gravity compensation"
-
     @staticmethod
     def design(arm: Robot, problem: GeneralisedPlant) -> GravityCompensatedLaw:
         """The LQR gain (γ = ∞) of the arm with g = 0, for the same penalty."""
@@ -52,24 +50,9 @@ class GravityCompensatedLaw:
         )
 
     @property
-    def state_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.state_names
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Of the problem."""
-        return self.problem.input_names
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """Of the problem."""
-        return self.problem.operating_point
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """Of the problem."""
-        return self.problem.operating_input
+    def law_key(self) -> str:
+        """One text for all numbers."""
+        return "LQR with gravity compensation"
 
     @property
     def law_data(self) -> np.ndarray:

@@ -7,6 +7,7 @@ from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import Plant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.problem_law import ProblemLaw
 from flexhinf.plant.protocols import Estimator, Gaussian, Law
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Penalty",
     "Plant",
     "PolynomialPlant",
+    "ProblemLaw",
     "equilibrium",
     "rk4_step",
     "sub_steps",
