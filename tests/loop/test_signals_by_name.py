@@ -33,3 +33,28 @@ def test_a_group_name_stands_for_all_joints_and_what_is_not_named_stays():
 def test_a_duration_that_cannot_be_run_is_refused(made, duration):
     with pytest.raises(InvalidInput, match="run"):
         Loop(paper_arm().plant(), Controller(made.law, None)).run(1.0, duration=duration)
+
+
+def test_plants_whose_sub_steps_differ_run_on_one_kernel(made):
+    arm = paper_arm()
+    plants = [arm.plant(inductance=True).with_parameters(resistance=r) for r in (10.0, 9.3, 11.0)]
+    loops = [Loop(plant, Controller(made.law, None)) for plant in plants]
+    assert len({loop.sub_steps for loop in loops}) > 1
+    assert len({id(loop.kernel) for loop in loops}) == 1
+    for loop in loops:
+        own = Loop(loop.true_plant, loop.controller, sub_steps=16).run(
+            Step(0.5), {"link_torque": Step(1.0)}, duration=0.3
+        )
+        run = loop.run(Step(0.5), {"link_torque": Step(1.0)}, duration=0.3)
+        np.testing.assert_allclose(run.signals["state"], own.signals["state"], atol=1e-9)
+
+
+def test_a_delayed_arm_at_rest_stays_at_rest():
+    robot = load_robot("planar-two-link")
+    problem = robot.problem(
+        penalty={"link_position": 100.0, "link_position_integral": 100.0}, pose=(0.6, -0.4)
+    )
+    law = linear_law(problem, gamma=np.inf)
+    run = Loop(robot.plant(), Controller(law, None), delay=0.02).run(duration=1.0)
+    states = run.signals["state"]
+    assert np.abs(states - states[0]).max() < 1e-6

@@ -147,3 +147,44 @@ def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
     urdf.write_text("<mujoco/>", encoding="utf-8")
     with pytest.raises(InvalidInput, match="<robot>"):
         read_urdf(urdf)
+
+
+BODY = """<robot name="two">
+<link name="base"/>
+<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tool"><inertial><mass value="MASS"/><inertia ixx="IXX" iyy="0.001" izz="IZZ" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>
+<joint name="q" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="hand" type="KIND"><parent link="arm"/><child link="tool"/><origin xyz="0.4 0 0"/><axis xyz="AXIS"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"MASS": "-0.4"}, "no such body exists"),
+        ({"IXX": "-0.002"}, "no such body exists"),
+        ({"IZZ": "0.01"}, "no such body exists"),
+        ({"KIND": "revolute", "AXIS": "0 0 0"}, "no direction"),
+    ],
+)
+def test_impossible_bodies_behind_a_fixed_joint_are_refused(tmp_path, changes, what):
+    usual = {"MASS": "0.1", "IXX": "0.001", "IZZ": "0.001", "KIND": "fixed", "AXIS": "0 0 1"}
+    text = BODY
+    for key, value in {**usual, **changes}.items():
+        text = text.replace(key, value)
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=what):
+        read_urdf(tmp_path / "arm.urdf", joints=["q"])
+
+
+def test_a_massless_body_keeps_its_inertia(tmp_path):
+    text = BODY.replace("AXIS", "0 0 1").replace("KIND", "fixed").replace("MASS", "0")
+    inertias = []
+    for size in ("0.001", "0.0012"):
+        path = tmp_path / f"{size}.urdf"
+        path.write_text(text.replace("IXX", size).replace("IZZ", size), encoding="utf-8")
+        inertias.append(read_urdf(path, joints=["q"]).links[0].inertia)
+    assert inertias[1][0] - inertias[0][0] == pytest.approx(0.0002)

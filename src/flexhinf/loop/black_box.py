@@ -55,7 +55,7 @@ def run_black_box(
     controller = controller.fresh()
     channels = tuple(getattr(box, "disturbances", ()))
     d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
-    queue = np.zeros(channel.delay * len(controller.law.input_names))
+    queue = np.tile(np.asarray(controller.law.operating_input, dtype=float), channel.delay)
     has_state = hasattr(box, "state") and hasattr(box, "states")
     width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})

@@ -32,7 +32,7 @@ class LoopSizes:
     data: int
     estimate: int
     parameters: int
-    parts: int
+    capacity: int
 
 
 def rk4_function(plant: Plant) -> ca.Function:
@@ -73,13 +73,13 @@ def delay_function(channel: Channel, inputs: int) -> ca.Function:
 
 
 def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel: Channel) -> Program:
-    """The program of one run; `steps` samples, `parts` sub-steps each."""
+    """The program of one run; `steps` samples, `parts` sub-steps each, room for `capacity` of them."""
 
     def whole(name: str, size: int) -> tuple[Slice, ...]:
         return (Slice(name, size=size),) if size else ()
 
     def row(name: str, size: int, extra: tuple[int, ...] = ()) -> tuple[Slice, ...]:
-        stride = size if not extra else size * sizes.parts
+        stride = size if not extra else size * sizes.capacity
         return (Slice(name, size=size, strides=(stride, *extra)),) if size else ()
 
     x, u, truth = whole("x", sizes.x), whole("u", sizes.u), whole("truth", 1 + sizes.parameters)

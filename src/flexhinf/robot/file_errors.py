@@ -50,6 +50,15 @@ def told(error: ValidationError, file: str, data: dict[str, Any]) -> InvalidInpu
         )
     unit = f" ({QUANTITIES[str(key)].unit})" if str(key) in QUANTITIES else ""
     if first["type"] == "missing":
+        present = list(first["input"]) if isinstance(first["input"], dict) else []
+        unknown = [name for name in present if name not in table.model_fields]
+        meant = difflib.get_close_matches(str(key), unknown, n=1)
+        if meant:
+            return InvalidInput(
+                f"{file}: {where} has an unknown key {meant[0]!r}{others}.",
+                f"expected {key!r}{unit}, got {meant[0]!r}",
+                f"{key!r}",
+            )
         return InvalidInput(
             f"{file}: {where} has no {key!r}{others}.",
             f"expected {key!r}{unit}, got only {_keys(first['input'])}",

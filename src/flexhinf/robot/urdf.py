@@ -194,6 +194,12 @@ class _Walk:
                     f"expected fixed or one of {list(KINDS)}",
                     "a robot on a fixed base with joints of one degree of freedom",
                 )
+            if not any(axis):
+                raise InvalidInput(
+                    f"{self.file.name}: the axis of the joint {name!r} has no direction.",
+                    f"expected a vector that is not zero, got {axis}",
+                    "xyz='0 0 1'",
+                )
             if name in self.locked:
                 self.visit(child, carrier, place.then(_moved(kind, axis, float(self.locked[name]))))
                 continue
@@ -266,9 +272,9 @@ def _body(file: _File, link: str, placement: Placement) -> list[tuple[str, float
     if inertial is None or mass_element is None:
         return []
     mass = _number(file, link, mass_element, "value", 0.0)
-    if mass == 0.0:
-        return []
     six = inertial.find("inertia")
+    if six is None and mass == 0.0:
+        return []
     if six is None:
         raise InvalidInput(
             f"{file.name}: the link {link!r} has a mass and no inertia.",
@@ -278,10 +284,29 @@ def _body(file: _File, link: str, placement: Placement) -> list[tuple[str, float
     xx, xy, xz, yy, yz, zz = (
         _number(file, link, six, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
+    _check_body(file, link, mass, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     place = placement.then(_origin(file, link, inertial))
     turn = np.array(place.rotation)
     inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     return [(link, mass, np.array(place.translation), inertia)]
+
+
+def _check_body(file: _File, link: str, mass: float, inertia: np.ndarray) -> None:
+    """Refuse what no body has, before it is merged with others; a body may be a point, or have no mass at all."""
+    a, b, c = np.linalg.eigvalsh(inertia)
+    slack = 1e-9 * max(abs(a), c)
+    if mass < 0.0 or a < -slack:
+        wrong = "a negative mass" if mass < 0.0 else "a negative inertia"
+    elif a + b < c - slack:
+        wrong = "an inertia that violates the triangle inequality"
+    else:
+        return
+    raise InvalidInput(
+        f"{file.name}: the link {link!r} has {wrong}: no such body exists.",
+        "expected mass >= 0 and principal inertias >= 0 of which none exceeds the sum of the others, got "
+        f"{mass:g} kg and ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²",
+        "the inertia about the centre of mass, in kg·m²",
+    )
 
 
 def _merged(bodies: list[Any], joint: str, file: str) -> Link:
