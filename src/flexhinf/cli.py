@@ -201,7 +201,7 @@ def design(
         gamma_ratio=gamma_ratio,
         checked_gamma_ratio=checked_gamma_ratio,
         checked_penalty=_weights("checked penalty", checked_penalty),
-        degrees=_numbers("degrees", degrees, int) if degrees else None,
+        degrees=_numbers("degrees", degrees, int, "2,4,6") if degrees else None,
         measured=_names(measured),
         disturbances=_names(disturbances) or None,
         command=command,
@@ -246,13 +246,15 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-def _numbers(what: str, text: str, kind: Callable[[str], Any] = float) -> list[Any]:
+def _numbers(
+    what: str, text: str, kind: Callable[[str], Any] = float, example: str = "60,0,0,0,300"
+) -> list[Any]:
     """Numbers between commas."""
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
         raise InvalidInput(
-            f"The {what} cannot be read.", f"expected numbers between commas, got {text!r}", "2,4,6"
+            f"The {what} cannot be read.", f"expected numbers between commas, got {text!r}", example
         ) from None
 
 
@@ -274,7 +276,7 @@ def _angles(what: str, text: str) -> list[float]:
         part = part.strip()
         return math.radians(float(part.removesuffix("deg"))) if part.endswith("deg") else float(part)
 
-    return _numbers(what, text, angle)
+    return _numbers(what, text, angle, "0.3,-0.5 in rad, or 30deg,-20deg")
 
 
 def _again(context: typer.Context) -> list[str]:

@@ -114,7 +114,9 @@ def sample_region(
             "a weaker level than the designed one, for example 1.1 times it",
         )
     output, words = _checked_penalty(solution, penalty)
-    margin = f"{checked_gamma / solution.gamma:.4g} times the designed gamma, {words}"
+    infinite = not np.isfinite(solution.gamma)
+    level = "gamma = inf" if infinite else f"{checked_gamma / solution.gamma:.4g} times the designed gamma"
+    margin = f"{level}, {words}"
     game = Inequality(solution, checked_gamma, output)
     rng = np.random.default_rng(seed)
     directions = game.directions(rng.standard_normal((rays, len(solution.P))))
