@@ -116,10 +116,10 @@ def first_step() -> None:
     """In a process of its own: seconds from the controller to its first input, on the clock and of this process."""
     arm = Arm()
     y, r = arm.samples(1)[0]
-    start, used = time.perf_counter(), time.processreadable()
+    start, used = time.perf_counter(), time.process_time()
     controller = fh.Controller(arm.solution, arm.estimator, PERIOD)
     controller.step(y, r)
-    print(json.dumps([time.perf_counter() - start, time.processreadable() - used]))
+    print(json.dumps([time.perf_counter() - start, time.process_time() - used]))
 
 
 def compile_times() -> list[dict[str, Any]]:
