@@ -107,6 +107,7 @@ def test_joints_are_chosen_or_locked_by_name(urdf, elastic):
         (None, {"joints": ["shoulder", "wrist"]}, ["'wrist'", "'elbow'"]),
         (None, {"joints": ["sholder"]}, ["'sholder'", "try:   'shoulder'"]),
         (None, {"joints": ["grip"], "locked": {"grip": 0.0}}, ["both chosen and locked"]),
+        (None, {"locked": {"lift": 99.0}}, ["'lift'", "outside its limits"]),
         (("<?xml", "not <<xml"), {}, ["no XML"]),
         (("<robot name", "<model name"), {}, ["no XML"]),
         (('type="revolute"', 'type="floating"'), {}, ["'shoulder'", "'floating'"]),

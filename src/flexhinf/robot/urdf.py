@@ -201,6 +201,7 @@ class _Walk:
                     "xyz='0 0 1'",
                 )
             if name in self.locked:
+                self.check_lock(name, element)
                 self.visit(child, carrier, place.then(_moved(kind, axis, float(self.locked[name]))))
                 continue
             if element.find("mimic") is not None:
@@ -213,6 +214,16 @@ class _Walk:
             self.joints.append(Joint(name, kind, axis, place, _limits(self.file, name, element), above))
             self.bodies.append([])
             self.visit(child, len(self.joints) - 1, Placement())
+
+    def check_lock(self, name: str, element: ElementTree.Element) -> None:
+        """A joint is locked inside its limits."""
+        limits, value = _limits(self.file, name, element), float(self.locked[name])
+        if limits is not None and not limits[0] <= value <= limits[1]:
+            raise InvalidInput(
+                f"{self.file.name}: the joint {name!r} is locked outside its limits.",
+                f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
+                "a position that the joint can have",
+            )
 
 
 # Elements -----------------------------------------------------------------------------------------
