@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.estimation.filter import RecursiveFilter
-from flexhinf.plant import Gaussian, Plant
+from flexhinf.plant import Gaussian
 from flexhinf.scalars import apply, cholesky, jacobian, solve_lower, solve_lower_transposed, trace
 
 __all__ = ["ExtendedKalmanFilter"]
@@ -22,18 +22,11 @@ __all__ = ["ExtendedKalmanFilter"]
 class ExtendedKalmanFilter(RecursiveFilter):
     """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""
 
-    def __init__(
-        self,
-        plant: Plant,
-        period: float,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any,
-    ) -> None:
-        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance)
-        sizes = (plant.n, len(plant.inputs), plant.parameters.size)
-        self._measured = jacobian(self.output, *sizes, name="measurement")
+    @cached_property
+    def _measured(self) -> Any:
+        """H and ∂H/∂x of (x, u, parameter vector)."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return jacobian(self.output, *sizes, name="measurement")
 
     @property
     def estimator_key(self) -> str:

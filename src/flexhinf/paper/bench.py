@@ -66,7 +66,6 @@ class PaperBench:
         self.gamma: float = settings.gamma_ratio * self.gamma_star
         if self.gamma <= self.gamma_star:
             raise InfeasibleGamma(self.gamma, self.gamma_star)
-        self._loops: dict[Any, Loop] = {}
 
     # Laws -------------------------------------------------------------------------------------------------------
     @cached_property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from flexhinf.loop import Sine, Step
 from flexhinf.paper.bench import Outcome, PaperBench
+from flexhinf.paper.growth import in_two_threads
 
 __all__ = ["Experiments", "UncertainRun"]
 
@@ -125,9 +125,7 @@ class Experiments:
             )
             return UncertainRun.of(drawn[k], outcome)
 
-        first = one(0)  # compiles what the others share
-        with ThreadPoolExecutor(2) as pool:
-            return [first, *pool.map(one, range(1, PLANTS))]
+        return in_two_threads(one, range(PLANTS))
 
     def disturbed(
         self, law: Any, signal: Any, channel: str = "link_torque", estimator: Any = "settings"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution
 from flexhinf.paper.bench import PaperBench
-from flexhinf.paper.claims.repair import DIRECTION, LARGEST, SMALLEST
+from flexhinf.paper.claims.repair import DIRECTION, LARGEST, SMALLEST, scaled_weights
 from flexhinf.paper.claims.smallest import smallest_change
 
 __all__ = ["NOT_BY_THE_PENALTY", "damped_law", "repair_by_damping"]
@@ -23,8 +23,7 @@ NOT_BY_THE_PENALTY = (
 
 def damped_law(bench: PaperBench, scale: float, degree: int | None = None) -> HJISolution:
     """NL-H∞ for the paper's weights and s (9, 30, 9) on x2, x3, x4, at the same ratio of its own γ*."""
-    weights = {"link_position": 60.0, "link_position_integral": 300.0}
-    return bench.law({**weights, **{name: scale * w for name, w in DIRECTION.items()}}, degree=degree)
+    return bench.law(scaled_weights(bench, scale), degree=degree)
 
 
 def repair_by_damping(bench: PaperBench, holds: Callable[[float], bool]) -> str:

@@ -23,7 +23,7 @@ from flexhinf.paper.claims.smallest import smallest_change
 from flexhinf.paper.tolerance_sweep import ALL_STATES, GOALS, Case, Population, ToleranceSweep, name_goal
 from flexhinf.report import Column, Table
 
-__all__ = ["Repair", "cost_table", "repaired_penalty", "smallest_repair", "study"]
+__all__ = ["Repair", "cost_table", "repaired_penalty", "scaled_weights", "smallest_repair", "study"]
 
 DIRECTION = {"link_velocity": 9.0, "motor_position": 30.0, "motor_velocity": 9.0}
 
