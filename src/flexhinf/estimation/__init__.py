@@ -1,8 +1,19 @@
 """Estimators: the states a law needs, from the signals a robot has."""
 
+from flexhinf.estimation.constant_gain import ConstantGainBelief, ConstantGainFilter
 from flexhinf.estimation.extended import ExtendedKalmanFilter
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.sigma_points import SigmaPoints
+from flexhinf.estimation.stationary import linear_model, stationary_gain
 from flexhinf.estimation.unscented import UnscentedKalmanFilter
 
-__all__ = ["ExtendedKalmanFilter", "RecursiveFilter", "SigmaPoints", "UnscentedKalmanFilter"]
+__all__ = [
+    "ConstantGainBelief",
+    "ConstantGainFilter",
+    "ExtendedKalmanFilter",
+    "RecursiveFilter",
+    "SigmaPoints",
+    "UnscentedKalmanFilter",
+    "linear_model",
+    "stationary_gain",
+]

@@ -17,12 +17,11 @@ import numpy as np
 
 from flexhinf.codegen import Kernel
 from flexhinf.errors import NumericalFailure
-from flexhinf.estimation import RecursiveFilter
+from flexhinf.estimation import ConstantGainFilter, RecursiveFilter, linear_model, stationary_gain
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.program import measure_function
 from flexhinf.loop.shared import share
 from flexhinf.paper.rows import compile_rows, one_period, slopes_in_rows
-from flexhinf.paper.steady_filter import SteadyFilter, linear_model, stationary_gain
 from flexhinf.plant import Law, Plant
 from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.scalars import trace
@@ -100,7 +99,7 @@ class RestingLoop:
         model = true_plant if filter is None else filter.plant
         self.model_rest = equilibrium(model, tracked, np.array([goal]))
         self.plant_rest = equilibrium(true_plant, tracked, np.array([goal]))
-        steady: Any = None if filter is None else SteadyFilter(filter, self.gain(filter.process_noise))
+        steady: Any = None if filter is None else ConstantGainFilter(filter, self.gain(filter.process_noise))
         self.controller = Controller(law, steady, period)
         self.sub_steps = Loop(true_plant, self.controller).sub_steps
 
