@@ -47,6 +47,10 @@ class Links(Protocol):
         """q̈1 (n,) for the torques of springs and disturbances, gravity included."""
         ...
 
+    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
+        """M(q1) q̈1 + C q̇1 + G(q1) (n,): the inverse of `accelerations`."""
+        ...
+
     def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
         """G(q1), (n,) numbers: what the springs must hold, N·m or N."""
         ...

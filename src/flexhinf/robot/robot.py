@@ -14,6 +14,7 @@ from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Links
 from flexhinf.robot.extras import checked_extras
+from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.penalised import robot_penalty
@@ -191,6 +192,52 @@ class Robot:
         packed = self.plant_parameters()
         on = checked_extras(extras, False, packed, self.name)
         return operating_point(self.links, self.drive, q, Parameters(packed), on)
+
+    def inverse_dynamics(
+        self,
+        q: Any,
+        dq: Any = None,
+        ddq: Any = None,
+        dddq: Any = None,
+        ddddq: Any = None,
+        extras: str | Sequence[str] = (),
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
+
+        Parameters
+        ----------
+        q, dq, ddq, dddq, ddddq : (n,) or (N, n)
+            Link positions (rad, m) and their first four time derivatives; zero by default.
+        extras : sequence of str
+            Dry friction of the motors, as for `plant`; the others are refused by name.
+
+        Returns
+        -------
+        x : ndarray, (4n,) or (N, 4n)
+            State of `plant`.
+        u : ndarray, (n,) or (N, n)
+            Its input, V, or N·m (N).
+
+        Raises
+        ------
+        InvalidInput
+            For shapes that do not fit, or an extra that is not modelled.
+        """
+        rows, single = motion_rows((q, dq, ddq, dddq, ddddq), self.joint_names)
+        packed = self.plant_parameters()
+        on = checked_extras(extras, False, packed, self.name)
+        x, u = state_and_input(InverseFlow(self.links, self.drive, on), packed, rows)
+        return (x[0], u[0]) if single else (x, u)
+
+    def inverse_flow(
+        self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any
+    ) -> tuple[Any, Any]:  # fmt: skip
+        """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
+        return InverseFlow(self.links, self.drive)(q, dq, ddq, dddq, ddddq, p)
+
+    def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+        """(q, q̇, q̈, q⃛) of a state of `plant`, (n,) each, on any element: the way back from `inverse_flow`."""
+        return flat_coordinates(self.links, x, p)
 
     def problem(
         self,

@@ -62,6 +62,10 @@ class Pendulum:
         inverse, weight = 1.0 / p.link_inertia, p.mass * p.gravity * p.length / p.link_inertia
         return inverse * torque - weight * np.sin(q)
 
+    def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
+        """I q̈1 + m g l sin q1, (1,) of any element."""
+        return p.link_inertia * ddq + p.mass * p.gravity * p.length * np.sin(q)
+
     def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
         """M g l sin q1, (1,), N·m."""
         return np.asarray(p.mass * p.gravity * p.length * np.sin(q), dtype=float)

@@ -1,19 +1,22 @@
-"""Elements that model code can be read on: numbers, symbols, truncated polynomials."""
+"""Elements that model code can be read on: numbers, symbols, truncated polynomials, power series in time."""
 
 from flexhinf.scalars.jet import Jet, coefficients, jets
 from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
 from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
+from flexhinf.scalars.series import Series, derivative, series
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.scalars.trace import apply, drop_empty, jacobian, pack, symbols, trace, unpack
 
 __all__ = [
     "Jet",
+    "Series",
     "Symbol",
     "absolute",
     "apply",
     "cholesky",
     "clip",
     "coefficients",
+    "derivative",
     "drop_empty",
     "gram",
     "jacobian",
@@ -21,6 +24,7 @@ __all__ = [
     "maximum",
     "minimum",
     "pack",
+    "series",
     "sign",
     "solve_lower",
     "solve_lower_transposed",
