@@ -70,7 +70,7 @@ def run_black_box(
         if not np.all(np.isfinite(y)):
             return recorded, (PLANT_FAILED, k)
         try:
-            u = controller.step(y, signals["reference"][k] if controller.tracked else None)
+            u = controller.step(y, signals["reference"][k] if controller.commanded else None)
         except NumericalFailure:
             return recorded, (CONTROL_FAILED, k)
         recorded["input"][k], recorded["estimate"][k] = u, controller.estimate

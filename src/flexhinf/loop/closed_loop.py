@@ -120,7 +120,7 @@ class Loop:
         plant, controller = self.true_plant, self.controller
         assert isinstance(plant, Plant)
         return LoopSizes(
-            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.tracked),
+            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
             d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
             estimate=len(controller.states), parameters=plant.parameters.size,
             capacity=1 << (self.sub_steps - 1).bit_length(),
@@ -149,7 +149,7 @@ class Loop:
         ----------
         reference : callable of time, number, mapping by name, or one per tracked state
             The command; `flexhinf.Step`, `Sine`, `Quintic`, `Samples`, or any function of time. By default
-            the operating point's.
+            the operating point's. Of a controller about a moving reference: one per state and input.
         disturbance : callable, number, or mapping by channel name
             For example ``{"link_torque": fh.Step(2.0, at=4.0)}``; zero by default.
         noise : float or (p,) array
@@ -204,11 +204,11 @@ class Loop:
 
     def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
-        tracked = self.controller.tracked
+        names = self.controller.commanded
         if isinstance(reference, Mapping):
-            held = dict(zip(tracked, self.controller.operating_reference.tolist()))
+            held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
-        return sample_signal(reference, times, tracked, "reference")
+        return sample_signal(reference, times, names, "reference")
 
     def _run_kernel(
         self, signals: dict[str, np.ndarray], disturbance: Any, samples: int, x: np.ndarray

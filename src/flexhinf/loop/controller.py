@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.fitting import INTEGRAL, check_kinds, check_names
 from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.layout import Layout
 from flexhinf.loop.limits import Limits, positive
+from flexhinf.loop.mode import Mode, Source
 from flexhinf.loop.shared import share
 from flexhinf.loop.step import controller_step
 from flexhinf.plant import Estimator, Law
@@ -25,7 +27,6 @@ __all__ = ["ONE_TRACE", "Controller"]
 #: Above, it is composed of pieces in loops.
 ONE_TRACE = 5_000
 
-INTEGRAL = "_integral"
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
@@ -44,6 +45,11 @@ class Controller:
     saturation : None, float, (m,) array or tuple (lower, upper)
         Limits of the input; a number or an array means ±. Integrals that would push a saturated input
         further stand still.
+    moving : bool
+        The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
+        the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
+        ė = x_i − x_di of the tracked states. Without a command the operating point and its input are it. A law
+        without integrals tracks nothing.
 
     Raises
     ------
@@ -52,59 +58,49 @@ class Controller:
     """
 
     def __init__(
-        self, solution: Law, estimator: Estimator | None, period: float = 1e-3, saturation: Any = None
+        self,
+        solution: Law,
+        estimator: Estimator | None,
+        period: float = 1e-3,
+        saturation: Any = None,
+        *,
+        moving: bool = False,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.period = positive(period, "sampling period", "1e-3 for 1 kHz")
-        _check_kinds(solution, estimator)
+        self.mode = Mode(moving)
+        check_kinds(solution, estimator)
         self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
         self.tracked = tuple(
             name[: -len(INTEGRAL)] for name in solution.state_names if name.endswith(INTEGRAL)
         )
-        self._check_names()
+        check_names(solution, estimator, self.period, self.states, self.tracked)
         self.limits = Limits.of(saturation, len(solution.input_names))
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
-        self._sources = [
-            ("output", self.measured.index(name))
-            if name in self.measured
-            else ("state", self.states.index(name))
-            for name in self.tracked
-        ]
+        self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
         self._memory = self.initial_memory()
-        self._reference = np.zeros(max(1, len(self.tracked)))
+        self._reference = np.zeros(max(1, len(self.commanded)))
         self._estimate = np.zeros(len(self.states))
         self.reset()
 
-    def _check_names(self) -> None:
-        order = (*self.states, *(name + INTEGRAL for name in self.tracked))
-        if order != tuple(self.law.state_names) or not set(self.tracked) <= set(self.states):
-            raise InvalidInput(
-                "The law's states are not the plant's states followed by integrals of some of them.",
-                f"got {list(self.law.state_names)}",
-                "name the integral of the error of NAME 'NAME_integral', last",
-            )
-        if self.estimator is None:
-            return
-        plant = self.estimator.plant
-        model = (tuple(plant.states), tuple(plant.inputs))
-        if model != (self.states, tuple(self.law.input_names)):
-            raise InvalidInput(
-                "The estimator and the law do not mean the same states and inputs.",
-                f"the law needs {list(self.states)} and {list(self.law.input_names)}, "
-                f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
-                "the same plant for both",
-            )
-        if abs(self.estimator.period - self.period) > 1e-12 * self.period:
-            raise InvalidInput(
-                "The estimator and the controller run at different periods.",
-                f"expected {self.period} s, got {self.estimator.period} s",
-                "the same period for both",
-            )
-
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
-        return Controller(self.law, self.estimator, self.period, (self.limits.lower, self.limits.upper))
+        limits = (self.limits.lower, self.limits.upper)
+        return Controller(self.law, self.estimator, self.period, limits, moving=self.mode.moving)
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """Names of the command's elements: the tracked states, or all states and inputs of a moving reference."""
+        return (*self.states, *self.law.input_names) if self.mode.moving else self.tracked
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """States that figures of merit are about: the tracked; where none is and the reference moves, the measured
+        ones, or the first."""
+        if self.tracked or not self.mode.moving:
+            return self.tracked
+        return tuple(name for name in self.measured if name in self.states) or self.states[:1]
 
     # Layout: what is data and what is remembered --------------------------------------------------
     @cached_property
@@ -115,7 +111,7 @@ class Controller:
         if self.estimator is not None:
             parts["belief"] = [np.shape(part) for part in self.estimator.initial]
         parts["u"] = (len(self.law.input_names),)
-        parts |= {"integral": (k,), "position": (k,), "reference": (k,), "started": (1,)}
+        parts |= {"integral": (k,), "position": (k,), "reference": (len(self.commanded),), "started": (1,)}
         return Layout(parts)
 
     @cached_property
@@ -151,8 +147,11 @@ class Controller:
 
     @property
     def operating_reference(self) -> np.ndarray:
-        """The command that holds the operating point, (k,)."""
-        return np.asarray(self.law.operating_point, dtype=float)[self._places]
+        """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
+        point = np.asarray(self.law.operating_point, dtype=float)
+        if self.mode.moving:
+            return np.concatenate([point[: len(self.states)], self.law.operating_input])
+        return point[self._places]
 
     def initial_memory(self, state: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
@@ -191,7 +190,12 @@ class Controller:
         if estimator is not None:
             model = (type(estimator), estimator.estimator_key, estimator.plant.code_key)
         sizes = (self.composed, self.memory.size, self.data.size)
-        return ("controller", type(law), law.law_key, names, sizes, model)
+        return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
+
+    def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
+        """`controller_step` of this controller."""
+        parts = (self.law_code, self.estimator, self._sources)
+        return controller_step(*parts, y, r, memory, data, run, self.mode)
 
     @cached_property
     def traced(self) -> Any:
@@ -199,10 +203,10 @@ class Controller:
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             named = self.memory.named(memory), self.data.named(data)
-            u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named)
+            u, estimate, after = self._stepped(y, r, *named)
             return u, estimate, self.memory.flat(after)
 
-        sizes = (len(self.measured), len(self.tracked), self.memory.size, self.data.size)
+        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
         names = ("y", "r", "memory", "data")
         return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=names))
 
@@ -229,7 +233,7 @@ class Controller:
             Block(place, (place.size if place else 0,)) for place in (places[name] for name in READ)
         )
         named = self.memory.named(memory), self.data.named(data)
-        u, estimate, after = controller_step(self.law_code, self.estimator, self._sources, y, r, *named, run)
+        u, estimate, after = self._stepped(y, r, *named, run)
         run.copy(u, Block(places["u"], u.shape))
         run.copy(estimate, Block(places["estimate"], estimate.shape))
         for part, place in self.memory.pairs(after):
@@ -243,14 +247,14 @@ class Controller:
         arrays = {"y": y, "r": self._reference, "data": self.data_vector.copy(), "memory": self._memory}
         arrays |= {"u": u, "estimate": self._estimate}
         kernel = share(("step", self.code_key), lambda: compile_program(self._program(arrays)))
-        reference = self._reference[: len(self.tracked)]
+        reference = self._reference[: len(self.commanded)]
         return kernel.bind(arrays, {}), _filler(y), _filler(reference), u
 
     def _program(self, arrays: dict[str, np.ndarray]) -> Program:
         roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
         buffers = [Buffer(name, arrays[name].size, role) for name, role in roles.items()]  # type: ignore[arg-type]
         whole = {name: Slice(name, size=array.size) for name, array in arrays.items()}
-        places: dict[str, Slice | None] = {**whole, "r": whole["r"] if self.tracked else None}
+        places: dict[str, Slice | None] = {**whole, "r": whole["r"] if self.commanded else None}
         steps, scratch = self.steps(places)
         body = (
             Guard(whole["y"], BAD_MEASUREMENT),
@@ -263,7 +267,7 @@ class Controller:
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
-        """Input u (m,) for the measurement y (p,) and the command (k,).
+        """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
         A plain number will do for one signal. Without a command the last one is kept (that of the operating
         point at first).
@@ -307,13 +311,13 @@ class Controller:
 
     def _keep_reference(self) -> None:
         """Make the command of the last good sample the one that holds."""
-        self._reference[: len(self.tracked)] = self.memory.named(self._memory).reference
+        self._reference[: len(self.commanded)] = self.memory.named(self._memory).reference
 
     def _misfit(self, y: Any, reference: Any) -> InvalidInput:
         return InvalidInput(
             "The measurement or the command does not fit.",
             f"expected one measurement for each of {list(self.measured)} and one command for each of "
-            f"{list(self.tracked)}, got y={y!r}, reference={reference!r}",
+            f"{list(self.commanded)}, got y={y!r}, reference={reference!r}",
             "arrays of these lengths, or plain numbers for one signal",
         )
 
@@ -330,29 +334,6 @@ class Controller:
             "nothing was updated.",
             f"got y={y!r}, reference={reference!r}",
             "hold the last input for this sample",
-        )
-
-
-def _check_kinds(law: Any, estimator: Any) -> None:
-    if not isinstance(law, Law):
-        raise InvalidInput(
-            "The controller needs a law.",
-            f"expected state_names, evaluate_law and so on, got {type(law).__name__}",
-            "a solution of solve_hji or linear_law",
-        )
-    if estimator is not None and not isinstance(estimator, Estimator):
-        raise InvalidInput(
-            "The controller's estimator is none.",
-            f"expected UnscentedKalmanFilter, ExtendedKalmanFilter or None, got {type(estimator).__name__}",
-            "Controller(solution, estimator, period)",
-        )
-    n, m = len(law.state_names), len(law.input_names)
-    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
-    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
-        raise InvalidInput(
-            "The law's numbers do not fit its names, or are not finite.",
-            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
-            "one value per name",
         )
 
 

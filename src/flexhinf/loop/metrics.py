@@ -94,8 +94,8 @@ def _tail(signal: np.ndarray) -> int:
 
 def loop_metrics(run: Trajectory, name: str | None = None) -> dict[str, Any]:
     """Figures of merit of a run; see `Trajectory.metrics`."""
-    tracked = run.names.get("reference", ())
-    if not tracked:
+    tracked = [name for name in run.names.get("reference", ()) if name not in run.names["input"]]
+    if not run.judged:
         raise InvalidInput(
             "Nothing is tracked in this run.", "expected a problem with integrate=(...)", "integrate a state"
         )
@@ -103,7 +103,7 @@ def loop_metrics(run: Trajectory, name: str | None = None) -> dict[str, Any]:
         raise InvalidInput(
             f"{name!r} is not tracked.", f"expected one of {list(tracked)}", "one of these names"
         )
-    name = tracked[0] if name is None else name
+    name = run.judged[0] if name is None else name
     position, reference = run.tracked(name), run.signal("reference", name)
     error = position - reference
     inputs = run.signals["input"]

@@ -21,7 +21,7 @@ def plot_trajectory(run: Trajectory) -> Figure:
 
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for k, name in enumerate(run.names["reference"] or run.names["estimate"]):
+    for k, name in enumerate(run.judged or run.names["estimate"]):
         _plot_state(above, run, name, f"C{k}")
     for k, name in enumerate(run.names["input"]):
         below.plot(run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k]))

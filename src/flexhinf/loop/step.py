@@ -14,22 +14,26 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.loop.law_code import LawCode
+from flexhinf.loop.mode import Mode, Source
 from flexhinf.loop.staged import offers
 from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
 __all__ = ["controller_step"]
 
+STANDING = Mode()
+
 
 def controller_step(
     law: LawCode,
     estimator: Estimator | None,
-    tracked: Sequence[tuple[str, int]],
+    tracked: Sequence[Source],
     y: Any,
     r: Any,
     memory: Any,
     data: Any,
     run: Any = DIRECT,
+    mode: Mode = STANDING,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
@@ -37,15 +41,14 @@ def controller_step(
     ----------
     law, estimator : LawCode, Estimator or None
         Without an estimator, y is the state of the plant that the law was designed for.
-    tracked : sequence of (str, int)
-        "state" or "output", and the place there, of what is tracked: the measurement itself where the tracked
-        state is measured, so that the integral removes the error of the measured signal, whatever the
-        estimator's model gets wrong.
+    tracked : sequence of Source
+        Where each tracked state is read.
     y, r : (p,), (k,)
-        Measurement and command.
+        Measurement and command; a moving reference is r = (x_d, u_d), (n + m,).
     memory, data : namespaces
         As `Controller.memory` and `Controller.data` lay them out.
     run : flexhinf.codegen.Direct or Composer
+    mode : Mode
 
     Returns
     -------
@@ -58,14 +61,15 @@ def controller_step(
         prior = type(estimator.initial)(*memory.belief)
         belief = _corrected(run, estimator, prior, y, memory.u, data)
         estimate = belief.mean
+    text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
     position, growth, integral, deviation = run.call(
-        partial(_deviation, tracked), y, estimate, memory.position, memory.reference, memory.integral,
-        memory.started, data.period, data.operating_point,
+        partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
+        memory.started, data.period, data.operating_point, *moving,
     )  # fmt: skip
     feedback = law.evaluate(run, deviation, data.law)
     u, integral, started = run.call(
         _input, feedback, growth, integral, memory.integral,
-        data.operating_input, data.lower, data.upper, data.integral_gain,
+        r[len(estimate) :] if mode.moving else data.operating_input, data.lower, data.upper, data.integral_gain,
     )  # fmt: skip
     after = {"u": u, "integral": integral, "position": position, "reference": r, "started": started}
     if estimator is not None:
@@ -74,7 +78,7 @@ def controller_step(
 
 
 def _deviation(
-    tracked: Sequence[tuple[str, int]],
+    tracked: Sequence[Source],
     y: Any,
     estimate: Any,
     last: Any,
@@ -86,10 +90,37 @@ def _deviation(
 ) -> tuple[Any, Any, Any, Any]:
     """Tracked positions, growth of the integrals, integrals, and the law's argument x − x*."""
     # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
-    position = np.array([(y if source == "output" else estimate)[place] for source, place in tracked])
+    position = _positions(tracked, y, estimate)
     growth = started * period * (0.5 * (last + position) - reference)
     integral = integral + growth
     return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - point
+
+
+def _error_coordinates(
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+    moving: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """As `_deviation`, with the law's argument x − x_d about the moving reference of this sample."""
+    # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
+    n, places = len(estimate), [source.state for source in tracked]
+    position = _positions(tracked, y, estimate)
+    growth = started * period * 0.5 * ((last - reference[places]) + (position - moving[places]))
+    integral = integral + growth
+    deviation = np.concatenate([np.asarray(estimate) - moving[:n], integral - point[n:]])
+    return position, growth, integral, deviation
+
+
+def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
+    """The tracked states, (k,)."""
+    return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
 
 
 def _input(

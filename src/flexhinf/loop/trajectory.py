@@ -32,6 +32,8 @@ class Trajectory:
         Of each signal's columns.
     settings : dict
         What was run.
+    judged : tuple of str
+        States that figures of merit and plots are about: the tracked ones, see `Controller.judged`.
     """
 
     time: np.ndarray
@@ -39,6 +41,7 @@ class Trajectory:
     names: dict[str, tuple[str, ...]]
     units: dict[str, tuple[str, ...]]
     settings: dict[str, Any]
+    judged: tuple[str, ...] = ()
 
     @staticmethod
     def of(
@@ -50,7 +53,7 @@ class Trajectory:
             "estimate": controller.states,
             "output": controller.measured,
             "input": tuple(controller.law.input_names),
-            "reference": controller.tracked,
+            "reference": controller.commanded,
             "disturbance": tuple(getattr(plant, "disturbances", ())),
         }
         names = {kind: names[kind] for kind in signals}
@@ -59,7 +62,7 @@ class Trajectory:
         for array in (time, *signals.values()):
             array.setflags(write=False)
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
-        return Trajectory(time, signals, names, units, settings)
+        return Trajectory(time, signals, names, units, settings, controller.judged)
 
     @property
     def data(self) -> xr.Dataset:
@@ -94,7 +97,7 @@ class Trajectory:
         return self.signal("state", name)
 
     def metrics(self, name: str | None = None) -> dict[str, Any]:
-        """Figures of merit of the first (or the named) tracked state.
+        """Figures of merit of the first (or the named) tracked state, or state of a moving reference.
 
         overshoot_percent, settling_time_s (None if never settled), steady_state_error, peak_input,
         tracking_rmse, estimation_rmse (one per estimated state; empty where the true state is not known).
