@@ -15,7 +15,19 @@ _PUBLIC = {
     "plant": ("GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant"),
     "hinf": ("HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji"),
     "estimation": ("ExtendedKalmanFilter", "UnscentedKalmanFilter"),
-    "loop": ("Constant", "Controller", "Loop", "Quintic", "Samples", "Sine", "Step", "Trajectory"),
+    "loop": (
+        "Constant",
+        "Controller",
+        "JerkLimited",
+        "Loop",
+        "Moving",
+        "Quintic",
+        "Samples",
+        "Sine",
+        "Spline",
+        "Step",
+        "Trajectory",
+    ),
     "errors": ("FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure"),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
@@ -25,7 +37,8 @@ __all__ = [  # noqa: RUF022 (grouped by room, as above)
     "GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant",
     "HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji",
     "ExtendedKalmanFilter", "UnscentedKalmanFilter",
-    "Constant", "Controller", "Loop", "Quintic", "Samples", "Sine", "Step", "Trajectory",
+    "Constant", "Controller", "JerkLimited", "Loop", "Moving", "Quintic",
+    "Samples", "Sine", "Spline", "Step", "Trajectory",
     "FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure",
 ]  # fmt: skip
 
@@ -33,7 +46,19 @@ if TYPE_CHECKING:
     from flexhinf.errors import FlexhinfError, InfeasibleGamma, InvalidInput, NumericalFailure
     from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
     from flexhinf.hinf import HJISolution, linear_law, load_solution, smallest_gamma, solve_hji
-    from flexhinf.loop import Constant, Controller, Loop, Quintic, Samples, Sine, Step, Trajectory
+    from flexhinf.loop import (
+        Constant,
+        Controller,
+        JerkLimited,
+        Loop,
+        Moving,
+        Quintic,
+        Samples,
+        Sine,
+        Spline,
+        Step,
+        Trajectory,
+    )
     from flexhinf.plant import GeneralisedPlant, Penalty, Plant, PolynomialPlant
     from flexhinf.robot import Parameter, Robot, catalogue, load_robot, paper_arm
 

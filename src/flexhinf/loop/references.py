@@ -1,12 +1,16 @@
-"""Commands and disturbances: functions of time that carry a name.
+"""Commands and disturbances: functions of time that carry a name, and their derivatives.
 
 All take a time (s) or an array of times and return a value for each; `Samples` of several channels return one
 more axis. All but `Samples` are NumPy code with `flexhinf.scalars` pieces, so they can be traced too.
+
+`derivatives` are what a feedforward asks for. They are exact, and those from the right where a signal jumps or
+has a kink: a `Step` has none, a `Sine` starts with its speed, a `Quintic` with its jerk.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,7 +19,17 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip, where
 
-__all__ = ["Constant", "Quintic", "Samples", "Signal", "Sine", "Step"]
+__all__ = [
+    "Constant",
+    "Quintic",
+    "Samples",
+    "Signal",
+    "Sine",
+    "Step",
+    "checked_order",
+    "checked_samples",
+    "signal_name",
+]
 
 
 class Signal(Protocol):
@@ -30,6 +44,42 @@ class Signal(Protocol):
         """The value at a time, or at each of an array of times, s."""
         ...
 
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives up to an order, (order + 1, …)."""
+        ...
+
+
+def signal_name(signal: Any) -> str:
+    """A short description of a command or disturbance."""
+    if signal is None:
+        return "none"
+    if isinstance(signal, Mapping):
+        return "; ".join(f"{name}: {signal_name(part)}" for name, part in signal.items())
+    if isinstance(signal, (list, tuple)):
+        return "; ".join(signal_name(part) for part in signal)
+    if callable(signal):
+        return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
+    return f"constant {signal}"
+
+
+def checked_order(order: Any, what: str, highest: int | None = None, advice: str = "") -> int:
+    """The highest derivative that is asked for.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no integer >= 0, or higher than the signal's highest finite derivative.
+    """
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
+        raise InvalidInput("The order of a derivative is a number.", f"expected >= 0, got {order!r}", "4")
+    if highest is not None and order > highest:
+        raise InvalidInput(
+            f"A {what} has no derivative of order {order}: that of order {highest} jumps.",
+            f"expected an order of at most {highest}, got {order}",
+            advice,
+        )
+    return int(order)
+
 
 def _finite(name: str, **numbers: Any) -> None:
     for key, value in numbers.items():
@@ -43,6 +93,36 @@ def _finite(name: str, **numbers: Any) -> None:
                 f"got {key}={value!r}",
                 "one number; for several channels a mapping of names to signals",
             )
+
+
+def checked_samples(times: Any, values: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Copies of times (N,) and values (N,) or (N, k), read only.
+
+    Raises
+    ------
+    InvalidInput
+        If they are not a function of time.
+    """
+    try:
+        times, values = np.array(times, dtype=float), np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        times = values = np.array(np.nan)
+    finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
+    shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
+    if not (finite and shaped and np.all(np.diff(times) > 0.0)):
+        raise InvalidInput(
+            "The samples do not describe a function of time.",
+            "expected finite increasing times with one value (or row) each, got "
+            f"times {times.shape} and values {values.shape}",
+            "sort the samples and drop repeated times",
+        )
+    for array in (times, values):
+        array.setflags(write=False)
+    return times, values
+
+
+def _stacked(*rows: Any) -> Any:
+    return np.stack([np.asarray(row) for row in rows])
 
 
 @dataclass(frozen=True)
@@ -62,6 +142,10 @@ class Constant:
     def __call__(self, t: Any) -> Any:
         """The value."""
         return self.value + 0.0 * t
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and zeros, (order + 1, …)."""
+        return _stacked(self(t), *[0.0 * t] * checked_order(order, "constant"))
 
 
 @dataclass(frozen=True)
@@ -83,6 +167,10 @@ class Step:
     def __call__(self, t: Any) -> Any:
         """The value from `at` on, else `initial`."""
         return where(t >= self.at, self.value, self.initial)
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and zeros, (order + 1, …): at rest on both sides; the jump itself has no derivative."""
+        return _stacked(self(t), *[0.0 * t] * checked_order(order, "step"))
 
 
 @dataclass(frozen=True)
@@ -126,6 +214,17 @@ class Sine:
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.at) + self.phase)
         return self.offset + where(t >= self.at, wave, 0.0)
 
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …); zero before `at`."""
+        pulsation = 2.0 * math.pi * self.frequency
+        angle = pulsation * (t - self.at) + self.phase
+        sine, cosine = np.sin(angle), np.cos(angle)
+        turned = (sine, cosine, -sine, -cosine)
+        waves = [
+            self.amplitude * pulsation**k * turned[k % 4] for k in range(checked_order(order, "sine") + 1)
+        ]
+        return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves[1:]))
+
 
 @dataclass(frozen=True)
 class Quintic:
@@ -153,6 +252,24 @@ class Quintic:
         s = clip((t - self.at) / self.duration, 0.0, 1.0)
         return self.start + (self.goal - self.start) * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …); zero before and after the motion.
+
+        The jerk jumps at both ends; a feedforward needs a pulse there that this does not show. `JerkLimited`
+        with smoothing, or a `Spline`, needs none.
+        """
+        s = clip((t - self.at) / self.duration, 0.0, 1.0)
+        rows, polynomial = [], [0.0, 0.0, 0.0, 10.0, -15.0, 6.0]
+        for k in range(1, checked_order(order, "quintic") + 1):
+            polynomial = [j * c for j, c in enumerate(polynomial)][1:]
+            value = 0.0 * s
+            for c in reversed(polynomial):
+                value = value * s + c
+            value = (self.goal - self.start) / self.duration**k * value
+            inside = where(t < self.at + self.duration, value, 0.0)
+            rows.append(where(t >= self.at, inside, 0.0))
+        return _stacked(self(t), *rows)
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -169,21 +286,7 @@ class Samples:
     values: Any
 
     def __post_init__(self) -> None:
-        try:
-            times, values = np.array(self.times, dtype=float), np.array(self.values, dtype=float)
-        except (TypeError, ValueError):
-            times = values = np.array(np.nan)
-        finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
-        shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
-        if not (finite and shaped and np.all(np.diff(times) > 0.0)):
-            raise InvalidInput(
-                "The samples do not describe a function of time.",
-                "expected finite increasing times with one value (or row) each, got "
-                f"times {times.shape} and values {values.shape}",
-                "sort the samples and drop repeated times",
-            )
-        for name, array in (("times", times), ("values", values)):
-            array.setflags(write=False)
+        for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
             object.__setattr__(self, name, array)
 
     @property
@@ -197,3 +300,14 @@ class Samples:
             return np.interp(t, self.times, self.values)
         channels = [np.interp(t, self.times, column) for column in self.values.T]
         return np.stack(channels, axis=-1)
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """Not defined: the speed of a linear interpolation jumps at every sample.
+
+        Raises
+        ------
+        InvalidInput
+            Except for the value alone (order 0).
+        """
+        checked_order(order, "linear interpolation of samples", 0, "fh.Spline(times, values)")
+        return _stacked(self(t))

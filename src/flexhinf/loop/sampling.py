@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.jerk_limited import JerkLimited
+from flexhinf.loop.moving import Moving
 from flexhinf.loop.noise import standard_normal
-from flexhinf.loop.references import Constant, Quintic, Samples, Sine, Step
+from flexhinf.loop.references import Constant, Quintic, Samples, Sine, Step, signal_name
+from flexhinf.loop.spline import Spline
 
 __all__ = ["by_name", "sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
 
-VECTORISED = (Constant, Quintic, Samples, Sine, Step)
+VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
 
 #: Stage times are this far (in sub-steps) inside their sub-step, so that a jump at a sample acts from it on.
 INSIDE = 1e-6
@@ -165,16 +168,3 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
             "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
     return deviation * standard_normal(int(seed), samples, len(channels), sample)
-
-
-def signal_name(signal: Any) -> str:
-    """A short description of a command or disturbance."""
-    if signal is None:
-        return "none"
-    if isinstance(signal, Mapping):
-        return "; ".join(f"{name}: {signal_name(part)}" for name, part in signal.items())
-    if isinstance(signal, (list, tuple)):
-        return "; ".join(signal_name(part) for part in signal)
-    if callable(signal):
-        return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
-    return f"constant {signal}"

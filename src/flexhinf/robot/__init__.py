@@ -17,6 +17,8 @@ _HOME = {
     "SingleLink": "parts",
     "assembled": "assembly",
     "catalogue": "shipped",
+    "check_holding": "limits",
+    "check_reference": "limits",
     "load_robot": "robot_file",
     "paper_arm": "paper",
     "single_link_robot": "assembly",
@@ -24,13 +26,15 @@ _HOME = {
 
 __all__ = [
     "ElasticJoint", "Joint", "Link", "MuJoCoPlant", "Parameter", "Placement", "Robot", "RobotFileWarning",
-    "SingleLink", "assembled", "catalogue", "load_robot", "paper_arm", "single_link_robot",
+    "SingleLink", "assembled", "catalogue", "check_holding", "check_reference", "load_robot",
+    "paper_arm", "single_link_robot",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from flexhinf.robot.assembly import assembled, single_link_robot
     from flexhinf.robot.dynamics import Joint, Placement
     from flexhinf.robot.file_errors import RobotFileWarning
+    from flexhinf.robot.limits import check_holding, check_reference
     from flexhinf.robot.mujoco_plant import MuJoCoPlant
     from flexhinf.robot.paper import paper_arm
     from flexhinf.robot.parameter import Parameter

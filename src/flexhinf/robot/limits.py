@@ -1,0 +1,148 @@
+"""Whether a robot can do what is asked of it: positions within the joints' limits, inputs within their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.motion import motion_of
+from flexhinf.robot.drive import DRIVES
+from flexhinf.robot.robot import Robot
+from flexhinf.robot.signals import UNITS, signal_names
+
+__all__ = ["check_holding", "check_reference"]
+
+
+def check_reference(
+    robot: Robot, signals: Any, duration: float, effort: Any = None, period: float = 1e-3
+) -> float:
+    """Refuse a reference that leaves the limits of a joint, or asks for more input than there is.
+
+    Parameters
+    ----------
+    robot : Robot
+    signals : sequence, mapping by joint or link position, or one signal with a column per joint
+        Commands with ``derivatives`` (`flexhinf.loop.references`), or numbers.
+    duration : float
+        s; looked at every `period` seconds, both ends included.
+    effort : number, (n,) or mapping by joint, optional
+        Largest absolute input of each motor, V, or N·m (N): the feedforward along the reference must stay
+        below it. Needs signals with four derivatives.
+    period : float
+        s.
+
+    Returns
+    -------
+    float
+        The largest share of the effort that the feedforward uses; 0 without `effort`.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the joint, the time, the value and the limit.
+    """
+    for name, value in (("duration", duration), ("period", period)):
+        if not np.isfinite(value) or value <= 0.0:
+            raise InvalidInput(f"The {name} is not usable.", f"expected > 0 s, got {value!r}", "seconds")
+    times = np.append(np.arange(0.0, duration, period), duration)
+    names = signal_names("link_position", robot.joint_names)
+    if isinstance(signals, Mapping):
+        full = dict(zip(robot.joint_names, names))
+        signals = {full.get(name, name): signal for name, signal in signals.items()}
+    motion = motion_of(signals, times, 0 if effort is None else 4, names)
+    _within_positions(robot, motion[0], times)
+    if effort is None:
+        return 0.0
+    limit = _efforts(robot, effort)
+    _, inputs = robot.inverse_dynamics(*motion)
+    share = np.abs(inputs) / limit
+    row, joint = divmod(int(np.argmax(share)), share.shape[1])
+    if share[row, joint] > 1.0:
+        raise InvalidInput(
+            f"The reference asks more of joint {robot.joint_names[joint]!r} than its motor gives.",
+            f"expected at most {limit[joint]:g} {_unit(robot, joint)}, got a feedforward of "
+            f"{inputs[row, joint]:.4g} {_unit(robot, joint)} at t = {times[row]:g} s",
+            "a slower reference (JerkLimited with lower limits, a longer Quintic), or a larger effort",
+        )
+    return float(share[row, joint])
+
+
+def check_holding(robot: Robot, pose: Any, limit: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Refuse a pose that the motors cannot hold.
+
+    Parameters
+    ----------
+    robot : Robot
+    pose : sequence, mapping by joint name, or number for one joint
+        As for `Robot.operating_point`.
+    limit : number, (n,) or mapping by joint
+        Largest absolute input, V, or N·m (N).
+
+    Returns
+    -------
+    x, u : ndarray
+        The operating point.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the joint, the input that holds it and the limit; or for a pose outside the joints' limits.
+    """
+    x, u = robot.operating_point(pose)
+    limits = _efforts(robot, limit)
+    worst = int(np.argmax(np.abs(u) / limits))
+    if abs(u[worst]) > limits[worst]:
+        unit = _unit(robot, worst)
+        raise InvalidInput(
+            f"The motor of joint {robot.joint_names[worst]!r} cannot hold this pose.",
+            f"expected a holding input of at most {limits[worst]:g} {unit}, got {u[worst]:.4g} {unit} at the pose "
+            f"{[float(f'{q:.4g}') for q in x[: len(u)]]}",
+            "a pose nearer to where the arm hangs, a lighter load, or a larger effort",
+        )
+    return x, u
+
+
+def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) -> None:
+    """The first time at which any joint is outside."""
+    bounds = np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits])
+    outside = (positions < bounds[:, 0]) | (positions > bounds[:, 1]) | ~np.isfinite(positions)
+    if not np.any(outside):
+        return
+    row = int(np.argmax(np.any(outside, axis=1)))
+    joint = int(np.argmax(outside[row]))
+    slides = robot.links.slides[joint]
+    raise InvalidInput(
+        f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
+        f"expected {bounds[joint, 0]:g} to {bounds[joint, 1]:g} {'m' if slides else 'rad'}, got "
+        f"{positions[row, joint]:.6g} at t = {times[row]:g} s",
+        "a reference within the limits; angles are in rad",
+    )
+
+
+def _efforts(robot: Robot, effort: Any) -> np.ndarray:
+    """One positive limit per joint (n,)."""
+    joints = robot.joint_names
+    asked = effort
+    if isinstance(effort, Mapping):
+        inputs = dict(zip(signal_names(DRIVES[robot.drive], joints), joints))
+        named = {inputs.get(name, name): value for name, value in effort.items()}
+        asked = [named.pop(joint, np.nan) for joint in joints]
+        asked = [np.nan] if named else asked
+    try:
+        limits = np.broadcast_to(np.asarray(asked, dtype=float), (len(joints),))
+    except (TypeError, ValueError):
+        limits = np.array([np.nan])
+    if not np.all(limits > 0.0):
+        raise InvalidInput(
+            "The limit of the effort does not fit the motors.",
+            f"expected one positive number, or one for each of {list(joints)}, got {effort!r}",
+            "effort=60.0",
+        )
+    return limits
+
+
+def _unit(robot: Robot, joint: int) -> str:
+    return UNITS[DRIVES[robot.drive]][robot.links.slides[joint]]
