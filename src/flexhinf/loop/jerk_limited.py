@@ -115,9 +115,11 @@ class JerkLimited:
         InvalidInput
             For an order above 3, or 4 with smoothing: the next derivative is not finite.
         """
-        highest = 4 if self.smoothing else 3
-        advice = "an order of at most 4" if self.smoothing else "JerkLimited(..., smoothing=0.05)"
-        order = checked_order(order, "jerk-limited motion", highest, advice)
+        if self.smoothing:
+            bound = (4, "its snap jumps", "an order of at most 4")
+        else:
+            bound = (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
+        order = checked_order(order, "jerk-limited motion", *bound)
         return np.stack([self._derivative(t, k) for k in range(order + 1)])
 
     def _derivative(self, t: Any, order: int) -> Any:

@@ -62,8 +62,8 @@ def signal_name(signal: Any) -> str:
     return f"constant {signal}"
 
 
-def checked_order(order: Any, what: str, highest: int | None = None, advice: str = "") -> int:
-    """The highest derivative that is asked for.
+def checked_order(order: Any, what: str, highest: int | None = None, why: str = "", advice: str = "") -> int:
+    """The highest derivative that is asked for; `why` says what is wrong with one above `highest`.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def checked_order(order: Any, what: str, highest: int | None = None, advice: str
         raise InvalidInput("The order of a derivative is a number.", f"expected >= 0, got {order!r}", "4")
     if highest is not None and order > highest:
         raise InvalidInput(
-            f"A {what} has no derivative of order {order}: that of order {highest} jumps.",
+            f"A {what} has no derivative of order {order}: {why}.",
             f"expected an order of at most {highest}, got {order}",
             advice,
         )
@@ -309,5 +309,7 @@ class Samples:
         InvalidInput
             Except for the value alone (order 0).
         """
-        checked_order(order, "linear interpolation of samples", 0, "fh.Spline(times, values)")
+        checked_order(
+            order, "linear interpolation", 0, "its speed jumps at every sample", "fh.Spline(times, values)"
+        )
         return _stacked(self(t))

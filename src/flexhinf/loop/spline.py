@@ -72,7 +72,7 @@ class Spline:
         InvalidInput
             For an order above 4, which jumps at the ends.
         """
-        order = checked_order(order, "spline", 4, "an order of at most 4")
+        order = checked_order(order, "spline", 4, "the fifth jumps at its ends", "an order of at most 4")
         return np.stack([self._derivative(np.asarray(t, dtype=float), k) for k in range(order + 1)])
 
     def _derivative(self, t: np.ndarray, order: int) -> np.ndarray:
