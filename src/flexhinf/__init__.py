@@ -14,7 +14,7 @@ _PUBLIC = {
     "robot": ("Parameter", "Robot", "catalogue", "load_robot", "paper_arm"),
     "plant": ("GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant"),
     "hinf": ("HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji"),
-    "estimation": ("ExtendedKalmanFilter", "UnscentedKalmanFilter"),
+    "estimation": ("ExtendedKalmanFilter", "OutputInjectionObserver", "UnscentedKalmanFilter"),
     "loop": (
         "Constant",
         "Controller",
@@ -36,7 +36,7 @@ __all__ = [  # noqa: RUF022 (grouped by room, as above)
     "Parameter", "Robot", "catalogue", "load_robot", "paper_arm",
     "GeneralisedPlant", "Penalty", "Plant", "PolynomialPlant",
     "HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji",
-    "ExtendedKalmanFilter", "UnscentedKalmanFilter",
+    "ExtendedKalmanFilter", "OutputInjectionObserver", "UnscentedKalmanFilter",
     "Constant", "Controller", "JerkLimited", "Loop", "Moving", "Quintic",
     "Samples", "Sine", "Spline", "Step", "Trajectory",
     "FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure",
@@ -44,7 +44,7 @@ __all__ = [  # noqa: RUF022 (grouped by room, as above)
 
 if TYPE_CHECKING:
     from flexhinf.errors import FlexhinfError, InfeasibleGamma, InvalidInput, NumericalFailure
-    from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+    from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
     from flexhinf.hinf import HJISolution, linear_law, load_solution, smallest_gamma, solve_hji
     from flexhinf.loop import (
         Constant,

@@ -3,6 +3,7 @@
 from flexhinf.estimation.constant_gain import ConstantGainBelief, ConstantGainFilter
 from flexhinf.estimation.extended import ExtendedKalmanFilter
 from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.output_injection import OutputInjectionObserver
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.estimation.stationary import linear_model, stationary_gain
 from flexhinf.estimation.unscented import UnscentedKalmanFilter
@@ -11,6 +12,7 @@ __all__ = [
     "ConstantGainBelief",
     "ConstantGainFilter",
     "ExtendedKalmanFilter",
+    "OutputInjectionObserver",
     "RecursiveFilter",
     "SigmaPoints",
     "UnscentedKalmanFilter",

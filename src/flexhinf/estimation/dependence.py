@@ -1,0 +1,99 @@
+"""What expressions of symbols depend on: which entries are constant, and where code switches.
+
+An entry that no symbol reaches is constant: that is proved from its graph. A difference of equal terms,
+cos(x1 + x2) − cos(x2 + x1), is reached all the same; such an entry counts as constant if it is the same to rounding
+at points drawn at random, provided that it has no comparison in it: then it is analytic, and an analytic function
+that is not constant differs at random points with probability one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+__all__ = ["nonzero", "switches", "varying"]
+
+#: Points per radius, and the radii about the origin, at which entries are compared.
+POINTS, RADII = 8, (0.3, 1.0, 3.0)
+
+#: Differences this small relative to the terms they are made of are rounding.
+ROUNDING = 1e-13
+
+#: Operations that are not smooth: of the difference of their operands, of the first one, or of both.
+COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
+STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT}
+PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
+
+
+def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
+    """What decides, in operations that are not smooth, (s, 1): where one of these is zero, code may switch.
+
+    Parameters
+    ----------
+    expressions : casadi.SX
+    z : casadi.SX, (k, 1)
+        All symbols of the expressions.
+    """
+    function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
+    work: dict[int, ca.SX] = {}
+    found: list[ca.SX] = []
+    for k in range(function.n_instructions()):
+        operation, read = function.instruction_id(k), function.instruction_input(k)
+        if operation == ca.OP_OUTPUT:
+            continue
+        if operation == ca.OP_INPUT:
+            value = z[read[1]]
+        elif operation == ca.OP_CONST:
+            value = ca.SX(function.instruction_constant(k))
+        else:
+            operands = [work[place] for place in read]
+            if operation in COMPARISONS:
+                found.append(operands[0] - operands[1])
+            elif operation in STEPS or operation in PAIRS:
+                found.extend(operands[: 2 if operation in PAIRS else 1])
+            value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
+        work[function.instruction_output(k)[0]] = value
+    return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+
+
+def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
+    """Which entries (r, c) are not constant in z, as booleans.
+
+    Parameters
+    ----------
+    entries : casadi.SX, (r, c)
+    z : casadi.SX, (k, 1)
+    scale : casadi.SX, (r, c)
+        Size of the terms that each entry is made of: what rounding is compared with.
+    """
+    flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
+    if not flat.numel():
+        return np.zeros(entries.shape, dtype=bool)
+    reached: Any = np.asarray(ca.DM(ca.jacobian_sparsity(flat, z), 1.0)).astype(bool).any(axis=1)
+    places = np.flatnonzero(reached)
+    values, terms = _at_points(flat[places.tolist()], sizes[places.tolist()], z)
+    differs = reached.copy()
+    for place, value, term in zip(places, values, terms):
+        fine = np.isfinite(value) & np.isfinite(term)
+        same = fine.sum() >= POINTS and np.ptp(value[fine]) <= ROUNDING * term[fine].max()
+        differs[place] = not (same and not switches(flat[int(place)], z).numel())
+    return differs.reshape(entries.shape, order="F")
+
+
+def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
+    """Which entries (r, c) are not zero everywhere, as booleans; arguments as in `varying`."""
+    differs = varying(entries, z, scale)
+    flat, sizes = ca.densify(ca.vec(entries)), ca.densify(ca.vec(scale))
+    values, terms = _at_points(flat, sizes, z)
+    large = np.array([bool(np.any(~(np.abs(v) <= ROUNDING * t))) for v, t in zip(values, terms)], dtype=bool)
+    return differs | large.reshape(entries.shape, order="F")
+
+
+def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+    """Values and sizes of terms, both (k, N), at the points."""
+    rng = np.random.default_rng(1)
+    points = np.hstack([radius * rng.normal(size=(z.numel(), POINTS)) for radius in RADII])
+    values = ca.Function("values", [z], [flat, sizes])
+    return tuple(np.asarray(v, dtype=float).reshape(flat.numel(), points.shape[1]) for v in values(points))  # type: ignore[return-value]

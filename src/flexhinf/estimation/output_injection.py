@@ -1,0 +1,328 @@
+"""The output-injection observer: linear error dynamics, whatever the plant does.
+
+Where the nonlinearity of a plant is a function of what is measured, ẋ = A x + φ(y, u) and y = H x + η(u)
+(`flexhinf.estimation.output_form`), an observer can take φ from the measurement instead of from its estimate: φ then
+cancels in the error [krener1983]. Sampled with the input held, and with φ a straight line between its values at
+the two samples, both known when the second one is measured,
+
+    x̂(k+1|k)   = Φ x̂(k|k) + Γ φ(y_k, u_k) + Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)),
+    x̂(k+1|k+1) = x̂(k+1|k) + L (y_{k+1} − H x̂(k+1|k) − η(u_k)),
+
+with the exact Φ, Γ, Γ₁ of `flexhinf.estimation.sampled_injection`. The plant itself obeys the first line up to
+
+    δ_k = ∫₀ᵀ exp(A (T − s)) (straight line − φ)(s) ds,        |δ_k| ≤ T³/12 max|φ̈| to leading order in T,
+
+which depends on the plant's trajectory and not on the estimate. So the error e = x̂(k|k) − x obeys
+
+    e_{k+1} = (1 − L H) (Φ e_k + δ_k),
+
+exactly: two observers of the same plant differ by ((1 − L H) Φ)^k times their first difference, to rounding, and
+started at the true state an observer is off by a term of order T². (Noise of the measurement adds L n and, through
+φ, Γ ∂φ/∂y n: small where φ is flat, see `about`.)
+
+A controller measures before it predicts, so the line is drawn in two steps: the time update goes along φ(y_k, u_k),
+and the next measurement update first adds Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)), then corrects. A sample without a
+measurement is bridged with H x̂ for y; only then does φ depend on the estimate.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+from flexhinf.estimation.filter import RecursiveFilter, covariance_matrix
+from flexhinf.estimation.output_form import output_form
+from flexhinf.estimation.placed_gain import check_decay, check_detectable, placed_gain
+from flexhinf.estimation.sampled_injection import first_order_hold
+from flexhinf.estimation.stationary import stationary_gain
+from flexhinf.plant import Plant
+from flexhinf.scalars import Symbol, apply, jacobian
+
+__all__ = ["InjectedGaussian", "OutputInjectionObserver"]
+
+
+#: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
+DOUBLINGS = 64
+
+
+class InjectedGaussian(NamedTuple):
+    """A belief with what the injection needs; numbers of the observer are data, so that kernels are shared.
+
+    Attributes
+    ----------
+    mean, covariance : (n,) and (n, n)
+    measured : (n,)
+        The smallest state with the last output, of those that have it.
+    injection : (n,)
+        φ at the beginning of the period.
+    moved : (1,)
+        1 after a time update, 0 before the first one and after a measurement update.
+    drift, transition, hold, ramp : (n, n)
+        A, Φ, Γ, Γ₁.
+    gain, lift : (n, p)
+        L, and what makes `measured` of an output.
+    """
+
+    mean: Any
+    covariance: Any
+    measured: Any
+    injection: Any
+    moved: Any
+    drift: Any
+    transition: Any
+    hold: Any
+    ramp: Any
+    gain: Any
+    lift: Any
+
+
+class OutputInjectionObserver(RecursiveFilter):
+    """Observer with e_{k+1} = (1 − L H) Φ e_k for plants ẋ = A x + φ(y, u), y = H x + η(u).
+
+    Parameters
+    ----------
+    plant : Plant
+        Its nonlinearity must be a function of measured signals and inputs; that is found out from its code.
+    period : float
+        Sampling period T, s.
+    process_noise, measurement_noise : float, vector or matrix
+        R^v per sample (n, n), and R^n (p, p). Without `poles` they decide the gain.
+    mean : (n,) array
+        Belief before the first measurement, x(0|−1).
+    covariance : float, (n,) or (n, n) array, optional
+        Its covariance. By default the one that a prediction has after very many samples.
+    poles : (n,) complex array, optional
+        Wanted poles s of the error, 1/s: (1 − L H) Φ then has the eigenvalues exp(s T). By default L is the
+        stationary Kalman gain of (Φ, H) for R^v and R^n.
+    about : (n,) array, optional
+        State at which φ(·, 0) has no slope: the default gain is that of an extended Kalman filter at rest there. The
+        origin by default. On a linear plant it makes no difference.
+
+    Raises
+    ------
+    InvalidInput
+        As the base class; if the plant does not have the form (with the states that enter nonlinearly and what to
+        measure in addition); for poles that are not those of a decaying error, or process noise that leaves an
+        error as it is.
+    NotDetectable
+        If the gain cannot be had because a mode is not measured.
+    NumericalFailure
+        If the poles cannot be reached in these numbers.
+
+    Notes
+    -----
+    `covariance` is propagated exactly for the linear error dynamics and whatever gain there is,
+    P⁻ = Φ P Φᵀ + R^v and P = (1 − L H) P⁻ (1 − L H)ᵀ + L R^n Lᵀ. It is information, no part of the gain.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        period: float,
+        process_noise: Any,
+        measurement_noise: Any,
+        mean: Any,
+        covariance: Any = None,
+        poles: Any = None,
+        *,
+        about: Any = None,
+    ) -> None:
+        start = 0.0 if covariance is None else covariance
+        super().__init__(plant, period, process_noise, measurement_noise, mean, start)
+        point = None if about is None else self._vector(about, plant.states, "point about which it is split")
+        form = output_form(plant, point)
+        self._drift, self._sensors = form.drift, form.measured
+        self._held = first_order_hold(self._drift, self.period)
+        self._gain = self._kalman_gain() if poles is None else self._placed_gain(poles)
+        check_decay(self.error_matrix)
+        if covariance is None:
+            self._start = self._stationary_covariance()
+        self.initial = self._belief = self.initial_at(self.initial.mean)
+
+    def _kalman_gain(self) -> np.ndarray:
+        check_detectable(self._drift, self._sensors, self.period, self.plant.states)
+        model = (self._held.transition, self._sensors)
+        return stationary_gain(model, self.process_noise, self.measurement_noise)
+
+    def _placed_gain(self, poles: Any) -> np.ndarray:
+        model = (self._drift, self._sensors, self._held.transition)
+        return placed_gain(*model, self.period, poles, self.plant.states)
+
+    # What it is ------------------------------------------------------------------------------------
+    @property
+    def gain(self) -> np.ndarray:
+        """L, (n, p): what an innovation adds to the estimate."""
+        return self._gain.copy()
+
+    @property
+    def _rest(self) -> np.ndarray:
+        """1 − L H: what a correction leaves of an error."""
+        return np.eye(self.plant.n) - self._gain @ self._sensors
+
+    @property
+    def error_matrix(self) -> np.ndarray:
+        """(1 − L H) Φ, (n, n): takes the error of x̂(k|k) to that of x̂(k+1|k+1)."""
+        return self._rest @ self._held.transition
+
+    @property
+    def error_poles(self) -> np.ndarray:
+        """s of the eigenvalues exp(s T) of `error_matrix`, (n,) complex, 1/s; the slowest first.
+
+        Errors that are gone after one sample have the pole −∞.
+        """
+        with np.errstate(divide="ignore"):
+            poles = np.log(np.linalg.eigvals(self.error_matrix).astype(complex)) / self.period
+        return poles[np.lexsort((poles.imag, -poles.real))]
+
+    def error_energy(self, weight: Any) -> np.ndarray:
+        """X, (n, n), with T Σ_{k≥0} e_kᵀ W e_k = e_0ᵀ X e_0, by the discrete Lyapunov equation X = Mᵀ X M + T W.
+
+        M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. What the
+        straight line between samples leaves, δ_k, is not in it.
+
+        Parameters
+        ----------
+        weight : float, (n,) or (n, n) array
+            W, symmetric positive semidefinite.
+
+        Raises
+        ------
+        InvalidInput
+            If W is not.
+        """
+        w = self.period * covariance_matrix(weight, self.plant.n, "weight of the error")
+        return _stein(self.error_matrix.T, w)
+
+    def _stationary_covariance(self) -> np.ndarray:
+        """P⁻ of a prediction after very many samples."""
+        rest, gain, noise = self._rest, self._gain, self.process_noise
+        added = rest @ noise @ rest.T + gain @ self.measurement_noise @ gain.T
+        corrected, transition = _stein(self.error_matrix, (added + added.T) / 2.0), self._held.transition
+        predicted = transition @ corrected @ transition.T + noise
+        return (predicted + predicted.T) / 2.0
+
+    @property
+    def estimator_key(self) -> str:
+        """The method: every number, the period too, is in the belief."""
+        return "output injection"
+
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace: φ twice, and the covariance."""
+        return 2 * self.plant.traced_flow.n_instructions() + 8 * self.plant.n**3
+
+    def initial_at(self, mean: Any) -> Any:
+        """The initial belief with another mean (n,)."""
+        belief = super().initial_at(mean)
+        still = np.zeros(self.plant.n)
+        u, p = np.zeros(len(self.plant.inputs)), self.plant.parameters.vector()
+        measured = self._lifted(self.output(belief.mean, u, p), u, p, self._lift)
+        state = (belief.mean, belief.covariance, measured, still, np.zeros(1))
+        return InjectedGaussian._make((*state, self._drift, *self._held, self._gain, self._lift))
+
+    @property
+    def _lift(self) -> np.ndarray:
+        """(n, p): the smallest state with an output; of sensors that say the same, the better one says more."""
+        weight = np.linalg.inv(np.linalg.cholesky(self.measurement_noise))
+        return np.linalg.pinv(weight @ self._sensors) @ weight
+
+    # The updates -----------------------------------------------------------------------------------
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x(k|k) → x(k+1|k), along φ as it is at the beginning of the period."""
+        injection = run.call(self._injected, belief.measured, u, p, belief.drift)
+        mean = run.call(_driven, belief.mean, injection, belief.transition, belief.hold)
+        measured, moved = run.call(self._expected, mean, u, p, belief.lift)
+        spread = run.columns(_applied, run.cholesky(belief.covariance), belief.transition)
+        covariance = run.gram(spread, np.ones(self.plant.n), process_noise)
+        return belief._replace(
+            mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
+        )
+
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance): first along the slope of φ, then the correction."""
+        measured = run.call(self._lifted, y, u, p, belief.lift)
+        injection = run.call(self._injected, measured, u, p, belief.drift)
+        mean = run.call(_sloped, belief.mean, belief.injection, injection, belief.moved, belief.ramp)
+        expected, sensors = run.call(self._measured, mean, u, p)
+        mean, innovation, moved = run.call(_corrected, mean, y, expected, belief.gain)
+        root = run.cholesky(belief.covariance)
+        shown = run.columns(_applied, root, sensors)
+        spread = run.gram(shown, np.ones(self.plant.n), measurement_noise)
+        noise = run.columns(_applied, run.cholesky(measurement_noise), belief.gain)
+        added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
+        left = run.columns(_left, (root, shown), belief.gain)
+        covariance = run.gram(left, np.ones(self.plant.n), added)
+        corrected = belief._replace(
+            mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
+        )
+        return corrected, innovation, spread
+
+    @cached_property
+    def _measured(self) -> Any:
+        """Output and H of (x, u, parameter vector)."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return jacobian(self.output, *sizes, name="measurement")
+
+    def _lifted(self, y: Any, u: Any, p: Any, lift: Any) -> Any:
+        """The smallest state with the output y."""
+        return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
+
+    def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
+        """The smallest state with the output of the estimate, and that there was a time update."""
+        return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)
+
+    def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
+        """φ(y, u) = f(x, u) − A x at any x with the output y."""
+        still = np.zeros(len(self.plant.disturbances))
+        if any(
+            isinstance(element, Symbol) for element in measured
+        ):  # traced before: not walked through again
+            flow = apply(self.plant.traced_flow, measured, u, still, p)[0]
+        else:
+            flow = self.plant.flow(measured, u, still, self.plant.parameters.named(p))
+        return flow - drift @ measured
+
+
+def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
+    """Φ x̂ + Γ φ."""
+    return transition @ mean + hold @ injection
+
+
+def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
+    """The rest of the straight line: Γ₁ (φ(T) − φ(0)) after a time update."""
+    return mean + moved * (ramp @ (after - before))
+
+
+def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
+    """The corrected mean, the innovation, and that there was no time update since."""
+    innovation = y - expected
+    return mean + gain @ innovation, innovation, np.zeros(1)
+
+
+def _applied(vector: Any, matrix: Any) -> Any:
+    return matrix @ vector
+
+
+def _left(root: Any, shown: Any, gain: Any) -> Any:
+    """(1 − L H) of a column of a root of P⁻."""
+    return root - gain @ shown
+
+
+def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """X = M X Mᵀ + W for |eigenvalues| of M below one: Σ Mᵏ W (Mᵏ)ᵀ, doubled [anderson1979]."""
+    total, power = added, matrix
+    for _ in range(DOUBLINGS):
+        growth = power @ total @ power.T
+        total, power = total + (growth + growth.T) / 2.0, power @ power
+        if np.abs(growth).max() <= np.finfo(float).eps * np.abs(total).max():
+            return total
+    raise NumericalFailure(
+        "The sum over all samples does not converge.",
+        f"got terms of {np.abs(growth).max():.3g} after 2^{DOUBLINGS} samples",
+        "a gain with faster errors: more process noise, or poles=",
+    )

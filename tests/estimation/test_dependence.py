@@ -1,0 +1,58 @@
+import casadi as ca
+import pytest
+
+from flexhinf.estimation.dependence import nonzero, switches, varying
+
+Z = ca.SX.sym("z", 2)
+A, B = Z[0], Z[1]
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        (ca.SX(3.0), False),
+        (A, True),
+        (ca.sin(A) ** 2 + ca.cos(A) ** 2, False),
+        ((A + B) ** 2 - A**2 - 2.0 * A * B - B**2, False),
+        (1e-9 * ca.sin(A), True),
+        (1.0 + 1e-9 * A, True),
+        (ca.if_else(A > 1e3, 1.0, 0.0), True),  # no point is there
+        (ca.log(A - 1e3), True),  # nor where this is a number
+        (ca.fmax(A, B) + ca.fmin(A, B) - A - B, True),  # constant, but with a switch: not trusted
+        (ca.sqrt(A**2) / A, True),
+    ],
+)
+def test_varying(entry, expected):
+    assert varying(ca.SX(entry), Z, ca.SX(10.0)).item() is expected
+
+
+def test_rounding_is_judged_by_the_size_of_the_terms():
+    entry = 3.0 * (ca.sin(A) + 1e8) - 3e8 - 3.0 * ca.sin(A)  # rounding of 1e8
+    assert varying(entry, Z, ca.SX(1e8)).item() is False
+    assert varying(entry, Z, ca.SX(1.0)).item() is True
+
+
+def test_entries_keep_their_places():
+    entries = ca.vertcat(ca.horzcat(A, 1.0, 2.0), ca.horzcat(3.0, 4.0, B))
+    assert varying(entries, Z, ca.SX.ones(2, 3)).tolist() == [[True, False, False], [False, False, True]]
+    entries = ca.vertcat(ca.horzcat(0.0, 1.0), ca.horzcat(A - A * 1.0, B))
+    assert nonzero(entries, Z, ca.SX.ones(2, 2)).tolist() == [[False, True], [False, True]]
+    assert varying(ca.SX.zeros(0, 3), Z, ca.SX.zeros(0, 3)).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("expression", "zero_at"),
+    [
+        (ca.fabs(A - 2.0), [2.0, 0.0]),
+        (ca.fmin(A, 3.0 * B), [3.0, 1.0]),
+        (ca.if_else(A * B > 4.0, A, B), [2.0, 2.0]),
+        (ca.sign(ca.sin(A)), [0.0, 1.0]),
+    ],
+)
+def test_switches_are_zero_where_the_code_switches(expression, zero_at):
+    found = ca.Function("found", [Z], [switches(expression, Z)])
+    assert min(abs(float(v)) for v in found(zero_at).elements()) == 0.0
+
+
+def test_smooth_code_has_no_switches():
+    assert switches(ca.exp(A) / ca.tanh(B) + ca.atan2(A, B) ** 2, Z).numel() == 0
