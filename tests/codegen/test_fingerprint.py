@@ -6,7 +6,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice
+from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice, When
 from flexhinf.codegen.fingerprint import emitter_digest, fingerprint
 
 X = casadi.SX.sym("x", 2)
@@ -20,13 +20,14 @@ def function(constant: float = 3.0, flip: bool = False) -> casadi.Function:
     return casadi.Function("f", [X], [value[::-1] if flip else value])
 
 
-def program(traced=None, count=4, times=1, code=1, weights=WEIGHTS, order="C", turns="n") -> Program:
+def program(traced=None, count=4, times=1, code=1, weights=WEIGHTS, order="C", turns="n", flag=0) -> Program:
     traced = traced or function()
     pieces = Columns(Slice("a", 0, 8), 4, order)
     body = (
         Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),
         Map(traced, (pieces,), (pieces,), times),
         OuterSum(Slice("a", 0, 4), Slice("a", 4, 4), Slice("b", 0, 1), count, weights),
+        When(Slice("a", flag, 1), (Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),)),
         Repeat(turns, (Guard(Slice("b"), code),)),
     )
     return Program("p", (Buffer("a", 8, "state"), Buffer("b", 1, "out")), body, ("n", "m"))
@@ -40,6 +41,7 @@ CHANGES = {
     "weights": {"weights": None},
     "the order of a matrix": {"order": "F"},
     "a count": {"turns": "m"},
+    "a flag": {"flag": 1},
 }
 
 

@@ -3,7 +3,7 @@
 import casadi
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice
+from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice, When
 from flexhinf.codegen.steps import slices
 from flexhinf.errors import InvalidInput
 
@@ -49,6 +49,12 @@ REFUSED = {
     "write to an input": lambda: program(Copy(Slice("b", 0, 3), Slice("a", 0, 3))),
     "outside of a buffer": lambda: program(Guard(Slice("b", 4, 3), 1)),
     "strides without a loop": lambda: program(Guard(Slice("b", 0, 3, (1,)), 1)),
+    "a flag of two numbers": lambda: When(Slice("a", 0, 2), ()),
+    "a guard under a condition": lambda: When(Slice("a", 0, 1), (Guard(Slice("a", 0, 1), 1),)),
+    "unknown buffer of a flag": lambda: program(When(Slice("z", 0, 1), ())),
+    "unknown buffer under a condition": lambda: program(
+        When(Slice("a", 0, 1), (Copy(Slice("z", 0, 1), Slice("b", 0, 1)),))
+    ),
     "too few strides": lambda: program(Repeat("n", (Repeat("n", (Guard(Slice("b", 0, 3, (1,)), 1),)),))),
     "no step": lambda: program("double"),
     "argument size": lambda: Call(DOUBLE, (Slice("b", 0, 6),), (Slice("b", 0, 3),)),

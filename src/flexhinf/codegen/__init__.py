@@ -8,7 +8,7 @@ from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.memory import Buffer, Columns, Slice
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, When
 
 __all__ = [
     "DIRECT",
@@ -29,6 +29,7 @@ __all__ = [
     "Repeat",
     "Slice",
     "Status",
+    "When",
     "compile_program",
     "interpret",
 ]

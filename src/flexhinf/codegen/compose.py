@@ -9,7 +9,8 @@ trace, is some thousand operations in loops over its sigma points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.memory import Buffer, Columns, Order, Slice
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Step
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Step, When
 from flexhinf.errors import InvalidInput
 
 __all__ = ["DIRECT", "Block", "Composer", "Direct"]
@@ -90,6 +91,10 @@ class Direct:
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """``function(*arrays)``, for what is small."""
         return function(*arrays)
+
+    def when(self, flag: Any) -> Any:
+        """A context for what only matters where the flag (1,) is not zero; whoever uses it chooses by the flag."""
+        return nullcontext(flag)
 
     def columns(self, function: Callable[..., Any], moving: Any, *held: Any, times: int = 1) -> Any:
         """``function(column, *held)`` for every column.
@@ -193,6 +198,16 @@ class Composer:
         if filled:
             self.body.append(Call(traced, tuple(inputs), tuple(filled)))
         return tuple(results) if several else results[0]
+
+    @contextmanager
+    def when(self, flag: Block) -> Iterator[None]:
+        """As `Direct.when`: steps that are left out where the flag is zero."""
+        outside, self.body = self.body, []
+        try:
+            yield
+        finally:
+            inside, self.body = self.body, outside
+        self.body.append(When(flag.place, tuple(inside)))
 
     def columns(
         self,

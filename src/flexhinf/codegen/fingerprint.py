@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Map, Repeat, Step
+from flexhinf.codegen.steps import Call, Map, Repeat, Step, When
 
 __all__ = ["emitter_digest", "fingerprint"]
 
@@ -23,6 +23,8 @@ def fingerprint(program: Program) -> str:
     def line(step: Step) -> str:
         if isinstance(step, Repeat):
             return f"Repeat({step.count}: {'; '.join(map(line, step.body))})"
+        if isinstance(step, When):
+            return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
         if not isinstance(step, Call | Map):
             return repr(step)
         key = step.function.__hash__()

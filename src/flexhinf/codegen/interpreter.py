@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.codegen.kernel import Kernel, Status
 from flexhinf.codegen.memory import Columns, Slice, whole
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Step
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Step, When
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -127,6 +127,15 @@ class BoundWalk:
                     raise _Stop(code, turns[0] if turns else 0)
 
             return guard
+        if isinstance(step, When):
+            flag, body = self._view(step.flag), [self._walk(part) for part in step.body]
+
+            def when(turns: tuple[int, ...]) -> None:
+                if flag(turns)[0] != 0.0:
+                    for walk in body:
+                        walk(turns)
+
+            return when
         inner, count = [self._walk(step) for step in step.body], self._counts[step.count]
 
         def repeat(turns: tuple[int, ...]) -> None:

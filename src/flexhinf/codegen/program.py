@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexhinf.codegen.memory import Buffer, Slice, check_identifier
-from flexhinf.codegen.steps import Repeat, Simple, Step, slices
+from flexhinf.codegen.steps import Repeat, Simple, Step, When, slices
 from flexhinf.errors import InvalidInput
 
 __all__ = ["ENTRY", "PREFIX", "Program"]
@@ -29,7 +29,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard or Repeat
+    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When
     counts : tuple of str
         Names of the run-time integers that `Repeat` uses.
 
@@ -70,13 +70,15 @@ class Program:
         raise KeyError(name)
 
     def steps(self) -> Iterator[tuple[Step, tuple[str, ...]]]:
-        """Every step with the counts of its enclosing loops, outermost first; a `Repeat` before its body."""
+        """Every step with the counts of its enclosing loops, outermost first; what has a body before it."""
         stack: list[tuple[Step, tuple[str, ...]]] = [(step, ()) for step in reversed(self.body)]
         while stack:
             step, loops = stack.pop()
             yield step, loops
             if isinstance(step, Repeat):
                 stack.extend((inner, (*loops, step.count)) for inner in reversed(step.body))
+            elif isinstance(step, When):
+                stack.extend((inner, loops) for inner in reversed(step.body))
 
     def _check_step(self, step: Step, depth: int) -> None:
         if isinstance(step, Repeat):
@@ -87,10 +89,10 @@ class Program:
                     f"add {step.count!r} to counts",
                 )
             return
-        if not isinstance(step, Simple):
+        if not isinstance(step, Simple | When):
             raise InvalidInput(
                 f"Program '{self.name}' holds something that is no step.",
-                f"expected Call, Map, OuterSum, Cholesky, Copy, Guard or Repeat, got {type(step).__name__}",
+                f"expected Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When, got {type(step).__name__}",
                 "wrap a casadi.Function in Call",
             )
         read, written = slices(step)

@@ -13,7 +13,19 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     import casadi
 
-__all__ = ["Call", "Cholesky", "Copy", "Guard", "Map", "OuterSum", "Repeat", "Simple", "Step", "slices"]
+__all__ = [
+    "Call",
+    "Cholesky",
+    "Copy",
+    "Guard",
+    "Map",
+    "OuterSum",
+    "Repeat",
+    "Simple",
+    "Step",
+    "When",
+    "slices",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,11 +262,43 @@ class Repeat:
         object.__setattr__(self, "body", tuple(self.body))
 
 
+@dataclass(frozen=True, eq=False)
+class When:
+    """`body`, which may be left out where a flag is zero, and is, where it is zero in every lane.
+
+    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not
+    matter then. Who reads it chooses by the flag.
+
+    Parameters
+    ----------
+    flag : Slice
+        One number.
+    body : tuple of steps
+
+    Raises
+    ------
+    InvalidInput
+        If the flag is not one number, or there is a guard in the body, which would stop lanes in vain.
+    """
+
+    flag: Slice
+    body: tuple[Step, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body", tuple(self.body))
+        if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
+            raise InvalidInput(
+                "A condition is not one number, or has a guard inside.",
+                f"expected a slice of size 1 and no Guard, got {self.flag} and {len(self.body)} steps",
+                "one flag; the guard after it",
+            )
+
+
 Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Guard
-Step: TypeAlias = Simple | Repeat
+Step: TypeAlias = Simple | Repeat | When
 
 
-def slices(step: Simple) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     """The slices that a step reads, and those that it writes."""
     if isinstance(step, Call | Map):
         return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
@@ -263,7 +307,7 @@ def slices(step: Simple) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
         return tuple(piece for piece in read if piece is not None), (step.target,)
     if isinstance(step, Copy | Cholesky):
         return (step.source,), (step.target,)
-    return (step.source,), ()
+    return (step.flag if isinstance(step, When) else step.source,), ()
 
 
 def _check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:

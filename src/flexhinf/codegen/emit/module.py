@@ -26,7 +26,7 @@ from flexhinf.codegen.emit.function import emit_function, load, store
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import Columns, Slice, whole
 from flexhinf.codegen.program import ENTRY, PREFIX, Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, When
 
 if TYPE_CHECKING:
     import casadi
@@ -135,6 +135,8 @@ class _Emitter:
                 self._loop(
                     "0", self.turns[step.count], lambda turn, step=step: self._body(step.body, (*turns, turn))
                 )
+            elif isinstance(step, When):
+                self._when(step, turns)
             elif isinstance(step, Call):
                 self._call(step, turns)
             elif isinstance(step, Map):
@@ -165,6 +167,18 @@ class _Emitter:
         body(turn)
         writer.do(f"store i64 {writer.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
         writer.do(f"br label %{head}")
+        writer.place(after)
+
+    def _when(self, step: When, turns: tuple[str, ...]) -> None:
+        """Around the body unless a lane's flag is set; NaN sets it."""
+        writer, lanes = self.writer, self.lanes
+        flag = load(writer, self._address(step.flag, turns), "0", self._shared(step.flag))
+        wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
+        inside, after = writer.label("when"), writer.label("after")
+        writer.do(f"br i1 {wanted}, label %{inside}, label %{after}")
+        writer.place(inside)
+        self._body(step.body, turns)
+        writer.do(f"br label %{after}")
         writer.place(after)
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
