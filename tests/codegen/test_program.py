@@ -49,6 +49,8 @@ REFUSED = {
     "write to an input": lambda: program(Copy(Slice("b", 0, 3), Slice("a", 0, 3))),
     "outside of a buffer": lambda: program(Guard(Slice("b", 4, 3), 1)),
     "strides without a loop": lambda: program(Guard(Slice("b", 0, 3, (1,)), 1)),
+    "a loop of no turns": lambda: Repeat(0, ()),
+    "a loop of half a turn": lambda: Repeat(0.5, ()),
     "a flag of two numbers": lambda: When(Slice("a", 0, 2), ()),
     "a guard under a condition": lambda: When(Slice("a", 0, 1), (Guard(Slice("a", 0, 1), 1),)),
     "unknown buffer of a flag": lambda: program(When(Slice("z", 0, 1), ())),

@@ -1,4 +1,4 @@
-"""Steps that are left out where a flag is zero: compiled and interpreted, in any lanes and inside loops."""
+"""Steps that are left out where a flag is zero, and loops of a fixed count: compiled, interpreted, composed."""
 
 import casadi
 import numpy as np
@@ -83,3 +83,27 @@ def test_composed_equals_direct(make, lanes):
         for lane in range(lanes):
             expected = chosen(DIRECT, values[:, lane], flags[lane : lane + 1])
             np.testing.assert_allclose(arrays["y"][:, lane], expected, rtol=1e-15)
+
+
+def powered(run, x, y):
+    """(x + y, x · y) again and again, of what was before."""
+    return run.repeat(
+        5, lambda x, y: (run.call(lambda x, y: x + y, x, y), run.call(lambda x, y: x * y, x, y)), x, y
+    )
+
+
+@pytest.mark.oracle
+@MAKERS
+def test_a_loop_of_a_fixed_count_inside_of_one_that_moves(make):
+    run = Composer()
+    x, y = (Block(Slice("z", 2 * k, 2), (2,)) for k in range(2))
+    for k, result in enumerate(powered(run, x, y)):
+        run.copy(result, Block(Slice("out", 2 * k, 2, (4,)), (2,)))
+    assert [type(step).__name__ for step in run.body] == ["Copy", "Copy", "Repeat", "Copy", "Copy"]
+    buffers = (Buffer("z", 4, "in"), Buffer("out", None, "out"), *run.buffers)
+    arrays = {"z": np.array([0.3, -1.1, 0.7, 0.4]), "out": np.zeros(8)}
+    assert (
+        make(Program("powered", buffers, (Repeat("n", tuple(run.body)),), ("n",))).run(arrays, {"n": 2}).fine
+    )
+    expected = np.concatenate(powered(DIRECT, arrays["z"][:2], arrays["z"][2:]))
+    np.testing.assert_allclose(arrays["out"], np.tile(expected, 2), rtol=1e-14)

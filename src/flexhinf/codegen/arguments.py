@@ -98,7 +98,7 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
         A slice would leave its buffer; the message says by how much.
     """
     for step, loops in program.steps():
-        turns = [counts[name] for name in loops]
+        turns = [counts[count] if isinstance(count, str) else count for count in loops]
         if isinstance(step, Repeat) or 0 in turns:
             continue
         read, written = slices(step)

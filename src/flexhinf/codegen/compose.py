@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.memory import Buffer, Columns, Order, Slice
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Step, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Repeat, Step, When
 from flexhinf.errors import InvalidInput
 
 __all__ = ["DIRECT", "Block", "Composer", "Direct"]
@@ -95,6 +95,12 @@ class Direct:
     def when(self, flag: Any) -> Any:
         """A context for what only matters where the flag (1,) is not zero; whoever uses it chooses by the flag."""
         return nullcontext(flag)
+
+    def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
+        """``arrays = function(*arrays)``, again and again; the function calls the run by itself."""
+        for _ in range(times):
+            arrays = function(*arrays)
+        return arrays
 
     def columns(self, function: Callable[..., Any], moving: Any, *held: Any, times: int = 1) -> Any:
         """``function(column, *held)`` for every column.
@@ -208,6 +214,22 @@ class Composer:
         finally:
             inside, self.body = self.body, outside
         self.body.append(When(flag.place, tuple(inside)))
+
+    def repeat(
+        self, times: int, function: Callable[..., tuple[Block, ...]], *arrays: Block
+    ) -> tuple[Block, ...]:
+        """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
+        held = tuple(self.work(array.shape) for array in arrays)
+        for array, place in zip(arrays, held, strict=True):
+            self.copy(array, place)
+        outside, self.body = self.body, []
+        try:
+            for result, place in zip(function(*held), held, strict=True):
+                self.copy(result, place)
+        finally:
+            inside, self.body = self.body, outside
+        self.body.append(Repeat(times, tuple(inside)))
+        return held
 
     def columns(
         self,

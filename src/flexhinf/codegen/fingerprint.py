@@ -22,7 +22,7 @@ def fingerprint(program: Program) -> str:
 
     def line(step: Step) -> str:
         if isinstance(step, Repeat):
-            return f"Repeat({step.count}: {'; '.join(map(line, step.body))})"
+            return f"Repeat({step.count!r}: {'; '.join(map(line, step.body))})"
         if isinstance(step, When):
             return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
         if not isinstance(step, Call | Map):

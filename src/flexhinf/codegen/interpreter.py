@@ -136,7 +136,7 @@ class BoundWalk:
                         walk(turns)
 
             return when
-        inner, count = [self._walk(step) for step in step.body], self._counts[step.count]
+        inner, count = [self._walk(step) for step in step.body], step.turns(self._counts)
 
         def repeat(turns: tuple[int, ...]) -> None:
             for turn in range(count):

@@ -69,9 +69,9 @@ class Program:
                 return buffer
         raise KeyError(name)
 
-    def steps(self) -> Iterator[tuple[Step, tuple[str, ...]]]:
+    def steps(self) -> Iterator[tuple[Step, tuple[str | int, ...]]]:
         """Every step with the counts of its enclosing loops, outermost first; what has a body before it."""
-        stack: list[tuple[Step, tuple[str, ...]]] = [(step, ()) for step in reversed(self.body)]
+        stack: list[tuple[Step, tuple[str | int, ...]]] = [(step, ()) for step in reversed(self.body)]
         while stack:
             step, loops = stack.pop()
             yield step, loops
@@ -82,7 +82,7 @@ class Program:
 
     def _check_step(self, step: Step, depth: int) -> None:
         if isinstance(step, Repeat):
-            if step.count not in self.counts:
+            if isinstance(step.count, str) and step.count not in self.counts:
                 raise InvalidInput(
                     f"Program '{self.name}' repeats by an unknown count.",
                     f"expected one of {list(self.counts)}, got {step.count!r}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -246,20 +246,35 @@ class Guard:
 
 @dataclass(frozen=True, eq=False)
 class Repeat:
-    """Run `body` as many times as the run-time count says.
+    """Run `body` as many times as the count says.
 
     Parameters
     ----------
-    count : str
-        Name of a count of the program.
+    count : str or int
+        Name of a count of the program, given when it runs; or a fixed number.
     body : tuple of steps
+
+    Raises
+    ------
+    InvalidInput
+        A fixed number below 1.
     """
 
-    count: str
+    count: str | int
     body: tuple[Step, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
+        if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
+            raise InvalidInput(
+                "A loop has no usable count.",
+                f"expected the name of a count, or an integer >= 1, got {self.count!r}",
+                "a count of the program",
+            )
+
+    def turns(self, counts: Mapping[str, Any]) -> Any:
+        """How often, by the counts of the program or what stands for them."""
+        return counts[self.count] if isinstance(self.count, str) else self.count
 
 
 @dataclass(frozen=True, eq=False)

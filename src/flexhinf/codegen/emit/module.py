@@ -133,7 +133,9 @@ class _Emitter:
         for step in body:
             if isinstance(step, Repeat):
                 self._loop(
-                    "0", self.turns[step.count], lambda turn, step=step: self._body(step.body, (*turns, turn))
+                    "0",
+                    str(step.turns(self.turns)),
+                    lambda turn, step=step: self._body(step.body, (*turns, turn)),
                 )
             elif isinstance(step, When):
                 self._when(step, turns)
