@@ -23,6 +23,7 @@ _PUBLIC = {
         "Moving",
         "Quintic",
         "Samples",
+        "Schedule",
         "Sine",
         "Spline",
         "Step",
@@ -38,7 +39,7 @@ __all__ = [  # noqa: RUF022 (grouped by room, as above)
     "HJISolution", "linear_law", "load_solution", "smallest_gamma", "solve_hji",
     "ExtendedKalmanFilter", "OutputInjectionObserver", "UnscentedKalmanFilter",
     "Constant", "Controller", "JerkLimited", "Loop", "Moving", "Quintic",
-    "Samples", "Sine", "Spline", "Step", "Trajectory",
+    "Samples", "Schedule", "Sine", "Spline", "Step", "Trajectory",
     "FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure",
 ]  # fmt: skip
 
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
         Moving,
         Quintic,
         Samples,
+        Schedule,
         Sine,
         Spline,
         Step,

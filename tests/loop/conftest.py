@@ -5,8 +5,12 @@ import pytest
 from scipy.linalg import solve_continuous_are
 
 from flexhinf.estimation import UnscentedKalmanFilter
+from flexhinf.hinf import solve_hji
 from flexhinf.plant import Plant
-from flexhinf.robot import paper_arm
+from flexhinf.robot import load_robot, paper_arm
+
+#: Sampling period of `plain_loop`, s.
+H = 1e-2
 
 
 class LinearLaw:
@@ -56,9 +60,87 @@ def two_inputs():
     return plant, LinearLaw(("a", "da", "b", "db", "a_integral"), plant.inputs, gain)
 
 
+def exact_step(x, u, push):
+    """`two_inputs` between two samples: constant accelerations."""
+    rate = np.array([u[0] + push, 2.0 * u[1]])
+    x = x + H * np.array([x[1], rate[0], x[3], rate[1]])
+    return x + 0.5 * H**2 * np.array([rate[0], 0.0, rate[1], 0.0])
+
+
+def plain_loop(
+    laws,
+    commands,
+    x,
+    *,
+    moving=False,
+    limit=np.inf,
+    bumpless=False,
+    last=None,
+    fade=0.5,
+    hysteresis=0.1,
+    push=0.0,
+):
+    """The sampled loop of `two_inputs` in plain NumPy: states, inputs and active laws.
+
+    `laws` are `LinearLaw` with one integral, of the first state. At a take-over the integral is the least-squares
+    solution of u* + K (x − x*, e) = u_last, and the rest of the misfit is a bias that fades.
+    """
+    last = np.array(laws[0].operating_input if last is None else last, dtype=float)
+    integral, bias, active, before = 0.0, np.zeros(2), None, None
+    states, inputs, actives = [], [], []
+    for r in commands:
+        goal = r[0]
+        apart = np.array([abs(law.operating_point[0] - goal) for law in laws])
+        nearest, taken = int(np.argmin(apart)), False
+        if active is None:
+            active, taken = nearest, bumpless
+        elif apart[nearest] < (1.0 - hysteresis) * apart[active]:
+            active, taken = nearest, nearest != active
+        law = laws[active]
+        point = np.append(r[:4], law.operating_point[4]) if moving else law.operating_point
+        rest = r[4:] if moving else law.operating_input
+        growth = 0.0
+        if before is not None:
+            growth = H * (0.5 * (before[0] + x[0]) - (0.5 * (before[1] + goal) if moving else before[1]))
+        bias = bias * np.exp(-H / fade)
+        if taken:
+            misfit = last - rest - law.gain[:, :4] @ (x - point[:4])
+            error = np.linalg.lstsq(law.gain[:, 4:], misfit, rcond=None)[0][0]
+            bias = misfit - law.gain[:, 4] * error
+            integral, growth = error + point[4], 0.0
+        wanted = rest + law.gain @ (np.append(x, integral + growth) - point) + bias
+        u = np.clip(wanted, -limit, limit)
+        if growth * ((wanted - u) @ law.gain[:, 4]) <= 0.0:
+            integral += growth
+        states.append(x)
+        inputs.append(u)
+        actives.append(active)
+        before, last = (x[0], goal), u
+        x = exact_step(x, u, push)
+    return np.array(states), np.array(inputs), np.array(actives)
+
+
 @pytest.fixture(scope="session")
 def made():
     """What the tests of closed loops are made of."""
     return SimpleNamespace(
-        LinearLaw=LinearLaw, law=arm_law(), law_about=arm_law, ukf=arm_ukf, two_inputs=two_inputs
+        LinearLaw=LinearLaw,
+        law=arm_law(),
+        law_about=arm_law,
+        ukf=arm_ukf,
+        two_inputs=two_inputs,
+        plain_loop=plain_loop,
     )
+
+
+@pytest.fixture(scope="session")
+def seven():
+    """The catalogue's arm, its law of degree 3 in 35 states, and a filter that needs one sub-step."""
+    robot = load_robot("seven-link")
+    plant, (point, rest) = robot.plant(), robot.operating_point()
+    solution = solve_hji(robot.problem(), gamma=700.0, degree=4)
+
+    def estimator(kind=UnscentedKalmanFilter, period=2e-4):
+        return kind(plant, period, 1e-9, 1e-7, point, 1e-6)
+
+    return solution, estimator, point, rest

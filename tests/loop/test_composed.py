@@ -5,13 +5,12 @@ import pytest
 
 from flexhinf.codegen import Program, compile_program, interpret
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
-from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Step, controller, law_code
 from flexhinf.loop.step import controller_step
 from flexhinf.plant import Plant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
-from flexhinf.robot import load_robot, paper_arm
+from flexhinf.robot import paper_arm
 
 SETTINGS = {"process_noise": 1e-8, "measurement_noise": 1e-6, "covariance": 1e-4}
 
@@ -214,19 +213,6 @@ def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
 
 
 # Seven links ----------------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def seven():
-    """The catalogue's arm, its law of degree 3 in 35 states, and a filter that needs one sub-step."""
-    robot = load_robot("seven-link")
-    plant, (point, rest) = robot.plant(), robot.operating_point()
-    solution = solve_hji(robot.problem(), gamma=700.0, degree=4)
-
-    def estimator(kind=UnscentedKalmanFilter, period=2e-4):
-        return kind(plant, period, 1e-9, 1e-7, point, 1e-6)
-
-    return solution, estimator, point, rest
-
-
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "kind", [UnscentedKalmanFilter, pytest.param(ExtendedKalmanFilter, marks=pytest.mark.slow)]

@@ -6,6 +6,7 @@ from flexhinf.loop.controller import Controller
 from flexhinf.loop.jerk_limited import JerkLimited
 from flexhinf.loop.moving import Moving
 from flexhinf.loop.references import Constant, Quintic, Samples, Signal, Sine, Step
+from flexhinf.loop.schedule import Schedule
 from flexhinf.loop.spline import Spline
 from flexhinf.loop.trajectory import Trajectory
 
@@ -18,6 +19,7 @@ __all__ = [
     "Moving",
     "Quintic",
     "Samples",
+    "Schedule",
     "Signal",
     "Sine",
     "Spline",

@@ -44,6 +44,7 @@ def run_black_box(
     disturbance: Any,
     times: np.ndarray,
     start: Any,
+    initial_input: Any,
 ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
     """Recorded signals, and (code, last step): what the compiled run returns too.
 
@@ -53,9 +54,10 @@ def run_black_box(
         If the initial state, the disturbance or the output do not fit.
     """
     controller = controller.fresh()
+    controller.reset(input=initial_input)
     channels = tuple(getattr(box, "disturbances", ()))
     d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
-    queue = np.tile(np.asarray(controller.law.operating_input, dtype=float), channel.delay)
+    queue = np.tile(controller.input_before(initial_input), channel.delay)
     has_state = hasattr(box, "state") and hasattr(box, "states")
     width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})

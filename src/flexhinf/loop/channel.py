@@ -24,7 +24,7 @@ class Channel:
     quanta : tuple of float
         Step of each measurement, in its unit; 0 for one that is not quantised.
     delay : int
-        Samples between an input and its effect. Until the first one acts the operating point's input does.
+        Samples between an input and its effect. Until the first one acts the input before the first sample does.
     """
 
     quanta: tuple[float, ...]

@@ -142,6 +142,7 @@ class Loop:
         duration: float = 8.0,
         initial_state: Any = None,
         seed: int = 0,
+        initial_input: Any = None,
     ) -> Trajectory:
         """Simulate from a fresh controller.
 
@@ -160,6 +161,9 @@ class Loop:
             Of the true plant; the law's operating point by default.
         seed : int
             Of the noise.
+        initial_input : (m,) array, optional
+            That acts before the first sample, and in the estimator's first step; the operating input by default.
+            A controller with ``start="bumpless"`` continues from it.
 
         Raises
         ------
@@ -184,10 +188,17 @@ class Loop:
         }
         if isinstance(self.true_plant, Plant):
             start = starting_state(initial_state, self.true_plant.states, self.controller)
-            recorded, status = self._run_kernel(signals, disturbance, samples, start)
+            recorded, status = self._run_kernel(signals, disturbance, samples, start, initial_input)
         else:
             recorded, status = run_black_box(
-                self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state
+                self.true_plant,
+                self.controller,
+                self.channel,
+                signals,
+                disturbance,
+                times,
+                initial_state,
+                initial_input,
             )
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
@@ -211,16 +222,22 @@ class Loop:
         return sample_signal(reference, times, names, "reference")
 
     def _run_kernel(
-        self, signals: dict[str, np.ndarray], disturbance: Any, samples: int, x: np.ndarray
+        self,
+        signals: dict[str, np.ndarray],
+        disturbance: Any,
+        samples: int,
+        x: np.ndarray,
+        initial_input: Any,
     ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
         plant, sizes, controller = self.true_plant, self._sizes, self.controller
         assert isinstance(plant, Plant)
         period, channels = controller.period, plant.disturbances
+        before = controller.input_before(initial_input)
         parts = self.sub_steps
         d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, channels)
         arrays = {
-            "x": x, "u": np.zeros(sizes.u),
-            "memory": controller.initial_memory(), "data": controller.data_vector,
+            "x": x, "u": before.copy(),
+            "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(),
             "states": np.zeros(samples * sizes.x), "outputs": np.zeros(samples * sizes.y),
@@ -231,8 +248,7 @@ class Loop:
         if sizes.d:
             arrays["disturbance"] = _roomy(d, samples, parts, sizes.capacity)
         if self.channel.delay:
-            held = np.array(controller.law.operating_input, dtype=float)
-            arrays |= {"held": held, "queue": np.tile(held, self.channel.delay)}
+            arrays |= {"held": before.copy(), "queue": np.tile(before, self.channel.delay)}
         status = self.kernel.run(arrays, {"steps": samples, "parts": parts})
         recorded = {
             "state": arrays["states"].reshape(samples, -1),

@@ -16,8 +16,11 @@ from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.layout import Layout
 from flexhinf.loop.limits import Limits, positive
 from flexhinf.loop.mode import Mode, Source
+from flexhinf.loop.numbers import data_layout, data_values, input_before, memory_layout
+from flexhinf.loop.schedule import Schedule
 from flexhinf.loop.shared import share
 from flexhinf.loop.step import controller_step
+from flexhinf.loop.take_over import STEPS, fade_time
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 
@@ -36,8 +39,8 @@ class Controller:
 
     Parameters
     ----------
-    solution : Law
-        A solution of `solve_hji` or any other law.
+    solution : Law or Schedule
+        A solution of `solve_hji` or any other law; or several, see `Schedule`.
     estimator : Estimator or None
         None feeds back the true state: `step` then takes the state of the plant that the law was made for.
     period : float
@@ -50,6 +53,11 @@ class Controller:
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
         ė = x_i − x_di of the tracked states. Without a command the operating point and its input are it. A law
         without integrals tracks nothing.
+    start : {"zero", "bumpless"}
+        The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
+        and `flexhinf.loop.take_over`.
+    fade : float, optional
+        Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
 
     Raises
     ------
@@ -65,11 +73,15 @@ class Controller:
         saturation: Any = None,
         *,
         moving: bool = False,
+        start: str = "zero",
+        fade: float | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.period = positive(period, "sampling period", "1e-3 for 1 kHz")
-        self.mode = Mode(moving)
         check_kinds(solution, estimator)
+        self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
+        self.mode = Mode(moving, start, len(self.laws))
+        self._fade, self.fade = fade, fade_time(fade, self.mode)
         self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
         self.tracked = tuple(
             name[: -len(INTEGRAL)] for name in solution.state_names if name.endswith(INTEGRAL)
@@ -87,7 +99,8 @@ class Controller:
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
         limits = (self.limits.lower, self.limits.upper)
-        return Controller(self.law, self.estimator, self.period, limits, moving=self.mode.moving)
+        ways: Any = {"moving": self.mode.moving, "start": self.mode.start, "fade": self._fade}
+        return Controller(self.law, self.estimator, self.period, limits, **ways)
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -106,42 +119,25 @@ class Controller:
     @cached_property
     def memory(self) -> Layout:
         """What is remembered from one step to the next."""
-        k = len(self.tracked)
-        parts: dict[str, Any] = {}
-        if self.estimator is not None:
-            parts["belief"] = [np.shape(part) for part in self.estimator.initial]
-        parts["u"] = (len(self.law.input_names),)
-        parts |= {"integral": (k,), "position": (k,), "reference": (len(self.commanded),), "started": (1,)}
-        return Layout(parts)
+        sizes = (len(self.law.input_names), len(self.tracked), len(self.commanded))
+        return memory_layout(self.estimator, self.mode, *sizes)
 
     @cached_property
     def data(self) -> Layout:
         """Numbers the step is made of: changing them compiles nothing."""
-        n, m, k = len(self.law.state_names), len(self.law.input_names), len(self.tracked)
-        parts: dict[str, Any] = {"period": (1,), "law": (self.law_code.data.size,)}
-        parts |= {"operating_point": (n,), "operating_input": (m,)}
-        parts |= {"lower": (m,), "upper": (m,), "integral_gain": (m, k)}
-        if self.estimator is not None:
-            size, p = self.estimator.plant.n, len(self.measured)
-            parts |= {"parameters": (self.estimator.plant.parameters.size,)}
-            parts |= {"process_noise": (size, size), "measurement_noise": (p, p)}
-        return Layout(parts)
+        return data_layout(self.law_code, self.estimator, self.mode, len(self.tracked))
 
     @cached_property
     def data_vector(self) -> np.ndarray:
         """The numbers themselves, flat."""
-        n = len(self.law.state_names)
-        values: dict[str, Any] = {
-            "period": self.period, "law": self.law_code.data,
-            "operating_point": self.law.operating_point, "operating_input": self.law.operating_input,
-            "lower": self.limits.lower, "upper": self.limits.upper,
-            "integral_gain": self.law_code.slope[:, n - len(self.tracked) :],
-        }  # fmt: skip
-        if self.estimator is not None:
-            values["parameters"] = self.estimator.plant.parameters.vector()
-            values["process_noise"] = self.estimator.process_noise
-            values["measurement_noise"] = self.estimator.measurement_noise
-        vector = self.data.flat(values)
+        codes = [LawCode(law, self.composed) for law in self.laws]
+        values = data_values(codes, self.estimator, self.mode, len(self.tracked), self.limits)
+        values["period"] = self.period
+        if self.mode.takes_over:
+            values["decay"] = np.exp(-self.period / self.fade)
+        if isinstance(self.law, Schedule):
+            values["closer"] = 1.0 - self.law.hysteresis
+        vector = self.data.flat({name: values[name] for name in self.data.parts})
         vector.setflags(write=False)
         return vector
 
@@ -153,7 +149,12 @@ class Controller:
             return np.concatenate([point[: len(self.states)], self.law.operating_input])
         return point[self._places]
 
-    def initial_memory(self, state: Any = None) -> np.ndarray:
+    def input_before(self, given: Any = None) -> np.ndarray:
+        """The input (m,) before the first sample: `given` if it fits, or the operating input."""
+        names = tuple(self.law.input_names)
+        return input_before(given, self.law.operating_input, self.limits, names)
+
+    def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if state is not None and self.estimator is None:
             raise InvalidInput(
@@ -162,29 +163,32 @@ class Controller:
                 "reset(); the state of the plant is the loop's initial_state",
             )
         k = len(self.tracked)
-        values: dict[str, Any] = {"u": np.zeros(len(self.law.input_names)), "started": 0.0}
+        values: dict[str, Any] = {"u": self.input_before(input), "started": 0.0}
+        values |= {"bias": 0.0, "active": np.eye(self.mode.laws)[0]}
         values |= {name: np.zeros(k) for name in ("integral", "position")}
         values["reference"] = self.operating_reference
         if self.estimator is not None:
             initial = self.estimator.initial
             values["belief"] = list(initial if state is None else self.estimator.initial_at(state))
-        return self.memory.flat(values)
+        return self.memory.flat({name: values[name] for name in self.memory.parts})
 
     # Code -----------------------------------------------------------------------------------------
     @cached_property
     def composed(self) -> bool:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
-        return np.size(self.law.law_data) + getattr(self.estimator, "operations", 0) > ONE_TRACE
+        evaluations = self.mode.laws + STEPS if self.mode.takes_over else 1
+        law = evaluations * np.size(self.law.law_data)
+        return law + getattr(self.estimator, "operations", 0) > ONE_TRACE
 
     @cached_property
     def law_code(self) -> LawCode:
         """How the law is evaluated, and its numbers in that form."""
-        return LawCode(self.law, self.composed)
+        return LawCode(self.laws[0], self.composed)
 
     @property
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this controller's code from another's (not its data)."""
-        law, estimator = self.law, self.estimator
+        law, estimator = self.laws[0], self.estimator
         names = (tuple(law.state_names), tuple(law.input_names))
         model = None
         if estimator is not None:
@@ -297,15 +301,18 @@ class Controller:
         """x(k|k) of the last step, (n,); NaN before the first."""
         return self._estimate.copy()
 
-    def reset(self, state: Any = None) -> None:
+    def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+
+        The input before the first sample is `input` (m,), by default the operating input: the estimator's first
+        step sees it, and a law with ``start="bumpless"`` continues from it.
 
         Raises
         ------
         InvalidInput
-            If the state does not fit, or there is no estimator that could take it.
+            If state or input do not fit, or there is no estimator that could take the state.
         """
-        self._memory[:] = self.initial_memory(state)
+        self._memory[:] = self.initial_memory(state, input)
         self._keep_reference()
         self._estimate[:] = np.nan
 

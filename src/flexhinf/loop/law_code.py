@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
-from flexhinf.scalars import jacobian
+from flexhinf.scalars import jacobian, where
 
 __all__ = ["TABLE", "LawCode"]
 
@@ -77,14 +78,54 @@ class LawCode:
 
     def evaluate(self, run: Any, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) and the numbers as in `data`."""
-        if self.table is None:
-            return run.call(self.law.evaluate_law, x, data)
-        inputs = len(self.law.input_names)
-        if isinstance(run, Composer):
-            powers = monomials(run, x, self.table.degrees)
-            return run.combination(data.reshape(len(powers), self.columns).T, powers)[:inputs]
-        plain = data.reshape(-1, self.columns)[:, :inputs].T.ravel()
-        return run.call(self.law.evaluate_law, x, plain)
+        return self.on(run, data)(x)
+
+    def on(self, run: Any, data: Any, active: Any = None) -> Callable[[Any], Any]:
+        """k as a function of a deviation x (n,) on the run.
+
+        Parameters
+        ----------
+        run : flexhinf.codegen.Direct or Composer
+        data : (L · size,)
+            Numbers as in `data`, of one law after the other.
+        active : (L,), optional
+            1 for the law that is meant, else 0. By default there is one.
+        """
+        if self.table is not None and isinstance(run, Composer):
+            return partial(self._from_table, run, data, active)
+        if active is not None:
+            data = run.call(_of_active, active, data.reshape(len(active), self.data.size))
+        if self.table is not None:
+            data = data.reshape(-1, self.columns)[:, : len(self.law.input_names)].T.ravel()
+        return lambda x: run.call(self.law.evaluate_law, x, data)
+
+    def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:
+        """The monomials once, and the sum over them for the active law alone."""
+        assert self.table is not None
+        inputs, size = len(self.law.input_names), self.data.size
+        powers = monomials(run, x, self.table.degrees)
+
+        def total(law: int) -> Block:
+            rows = data[law * size : (law + 1) * size].reshape(len(powers), self.columns)
+            return run.combination(rows.T, powers)[:inputs]
+
+        if active is None:
+            return total(0)
+        totals = []
+        for law in range(len(active)):
+            with run.when(active[law : law + 1]):
+                totals.append(total(law))
+        return run.call(_chosen, active, *totals)
+
+
+def _of_active(active: Any, rows: Any) -> Any:
+    """The active law's row."""
+    return active @ rows
+
+
+def _chosen(active: Any, *values: Any) -> Any:
+    """The active law's value; the others may never have been computed."""
+    return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
 
 
 def monomials(run: Composer, x: Block, degrees: tuple[int, ...]) -> Block:

@@ -1,4 +1,4 @@
-"""How a controller uses its law: about a fixed point or a moving one."""
+"""How a controller uses its law: about a fixed point or a moving one, alone or of several, how it takes over."""
 
 from __future__ import annotations
 
@@ -43,14 +43,20 @@ class Mode:
     ----------
     moving : bool
         Whether the law acts about a moving reference (x_d, u_d) instead of the operating point.
+    start : {"zero", "bumpless"}
+        What the integrals are at the first sample: zero, or such that the input continues from the one before.
+    laws : int
+        How many there are, of which one is active.
 
     Raises
     ------
     InvalidInput
-        If it is neither True nor False.
+        If `moving` is neither True nor False, or there is no such start.
     """
 
     moving: bool = False
+    start: str = "zero"
+    laws: int = 1
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
@@ -59,3 +65,19 @@ class Mode:
                 f"expected moving=True or moving=False, got {self.moving!r}",
                 "moving=True for commands (x_d, u_d) of states and inputs",
             )
+        if self.start not in ("zero", "bumpless"):
+            raise InvalidInput(
+                "There is no such start of a controller.",
+                f"expected 'zero' or 'bumpless', got {self.start!r}",
+                "start='bumpless' to continue from the last input",
+            )
+
+    @property
+    def bumpless(self) -> bool:
+        """Whether the law takes over the last input at the first sample."""
+        return self.start == "bumpless"
+
+    @property
+    def takes_over(self) -> bool:
+        """Whether a law ever takes over: at the first sample, or from another law."""
+        return self.bumpless or self.laws > 1

@@ -15,7 +15,9 @@ import numpy as np
 from flexhinf.codegen import DIRECT
 from flexhinf.loop.law_code import LawCode
 from flexhinf.loop.mode import Mode, Source
+from flexhinf.loop.schedule import chosen
 from flexhinf.loop.staged import offers
+from flexhinf.loop.take_over import continued
 from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
@@ -61,20 +63,47 @@ def controller_step(
         prior = type(estimator.initial)(*memory.belief)
         belief = _corrected(run, estimator, prior, y, memory.u, data)
         estimate = belief.mean
+    active: Any = None
+    taken: Any = None
+    point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
+    inverse = data.inverse_slope if mode.takes_over else None
+    if mode.laws > 1:
+        places = [source.state for source in tracked]
+        active, taken, point, rest, gain, inverse = chosen(
+            run, places, mode, r, memory.active, memory.started, data
+        )
+    elif mode.takes_over:
+        taken = run.call(_first, memory.started)
+    rest = r[len(estimate) :] if mode.moving else rest
     text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
     position, growth, integral, deviation = run.call(
         partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
-        memory.started, data.period, data.operating_point, *moving,
+        memory.started, data.period, point, *moving,
     )  # fmt: skip
-    feedback = law.evaluate(run, deviation, data.law)
-    u, integral, started = run.call(
-        _input, feedback, growth, integral, memory.integral,
-        r[len(estimate) :] if mode.moving else data.operating_input, data.lower, data.upper, data.integral_gain,
-    )  # fmt: skip
-    after = {"u": u, "integral": integral, "position": position, "reference": r, "started": started}
+    law_of = law.on(run, data.law, active)
+    feedback = law_of(deviation)
+    after = {"position": position, "reference": r, "active": active}
+    if mode.takes_over:
+        wanted = run.call(_difference, memory.u, rest)
+        feedback, growth, integral, after["bias"] = continued(
+            run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
+        )
+    after["u"], after["integral"], after["started"] = run.call(
+        _input, feedback, growth, integral, memory.integral, rest, data.lower, data.upper, gain
+    )
+    u = after["u"]
     if estimator is not None:
         after["belief"] = _predicted(run, estimator, belief, u, data)
     return u, estimate, after
+
+
+def _first(started: Any) -> Any:
+    """1 at the first sample, else 0."""
+    return 1.0 - started
+
+
+def _difference(one: Any, other: Any) -> Any:
+    return one - other
 
 
 def _deviation(
