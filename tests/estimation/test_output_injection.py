@@ -224,19 +224,19 @@ def test_the_covariance_is_that_of_the_errors_of_many_runs():
 
 
 def test_samples_without_a_measurement_are_bridged_by_the_estimate():
-    """Twice the period at once, or two steps of it: the same to order T², from the true state."""
-    plant, x, u = arm(), np.array([0.4, 1.0, 0.5, -1.0]), np.array([3.0])
+    """0.3 s of predictions from the true state: φ is held over each period, so to order T."""
+    plant, start, u = arm(), np.array([0.4, 1.0, 0.5, -1.0]), np.array([3.0])
+    end, _ = integrated(plant, start, u, 0.3)
     errors = []
-    for period in (0.02, 0.01):
-        filter = observer(plant, period, x)
-        state = x
-        for _ in range(4):
+    for period in (0.02, 0.01, 0.005):
+        filter = observer(plant, period, start)
+        for _ in range(round(0.3 / period)):
             filter.predict(u)
-            state, _ = integrated(plant, state, u, period)
-        errors.append(np.abs(filter.mean - state).max())
-        filter.correct(output(plant, state, u))
-        assert np.abs(filter.mean - state).max() < errors[-1]
-    assert 3.0 < errors[0] / errors[1] < 9.0  # φ held over four periods: T² in all
+        errors.append(np.abs(filter.mean - end).max())
+        filter.correct(output(plant, end, u))
+        assert np.abs(filter.mean - end)[0] < errors[-1]
+    assert 1.8 < errors[0] / errors[1] < 2.2
+    assert 1.8 < errors[1] / errors[2] < 2.2
 
 
 def test_correcting_twice_moves_along_the_slope_once():
