@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign import RestingLoop
 from flexhinf.paper.bench import PaperBench
-from flexhinf.paper.linearised import RestingLoop
 from flexhinf.plant import Law
 from flexhinf.report import number
 

@@ -15,12 +15,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexhinf.codegen import Kernel
+from flexhinf.campaign.rows import Rows, one_period
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.paper.bench import PaperBench
-from flexhinf.paper.rows import compile_rows, one_period, slopes_in_rows
 from flexhinf.scalars import trace
 
 __all__ = ["Attained", "GainBench"]
@@ -116,31 +115,32 @@ class GainBench:
 
     # Search ---------------------------------------------------------------------------------------
     @cached_property
-    def _feedback(self) -> Kernel:
-        """(x, integral) → ∂u and ∂|z|² by them."""
+    def _feedback(self) -> Rows:
+        """(x, integral) → u and |z|²."""
         n, data = self.bench.model.n, np.ravel(self.law.law_data)
         s = ca.SX.sym("s", n + 1)
         u = trace(self.law.evaluate_law, n + 1, data.size)(s, ca.DM(data))
         z = ca.vertcat(ca.DM(self.weights) * s, np.sqrt(self.effort) * u)
-        results = [slopes_in_rows(ca.jacobian(u, s)), ca.densify(ca.gradient(ca.dot(z, z), s))]
-        return compile_rows(ca.Function("feedback", [s], results, ["s"], ["by_state", "cost"], {"cse": True}))
+        both = ca.densify(ca.vertcat(u, ca.dot(z, z)))
+        function = ca.Function("feedback", [s, ca.SX.sym("none", 0)], [both])
+        return Rows(
+            ("feedback", self.law.law_key, tuple(data), self.effort, tuple(self.weights)), lambda: function
+        )
 
     def _slopes(self, states: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """∂(next)/∂(x, integral) (N, 5, 5) and ∂|z|²/∂(x, integral) (N, 5), at the search's period."""
         (count, k), plant, period = states.shape, self.bench.model, self.search_period
-        arrays = {"s": np.ascontiguousarray(states).ravel()}
-        arrays |= {name: np.zeros(count * k) for name in ("by_state", "cost")}
-        self._feedback.run(arrays, {"rows": count})
+        by_state = self._feedback(states)[1]
         p = np.tile(plant.parameters.vector(), (count, 1))
         parts, n = self._loop(period).sub_steps, k - 1
-        _, by_state, by_input = one_period(plant, period, parts, states[:, :n], u[:, None], p)
+        moved = one_period(plant, period, parts, states[:, :n], u[:, None], p)[1]
         slope = np.zeros((count, k, k))
-        slope[:, :n] = by_input @ arrays["by_state"].reshape(count, 1, k)
-        slope[:, :n, :n] += by_state
+        slope[:, :n] = moved[:, :, n : n + 1] @ by_state[:, :1]
+        slope[:, :n, :n] += moved[:, :, :n]
         slope[:, n] = 0.5 * period * slope[:, 0]  # the integral, by the trapezoidal rule
         slope[:, n, 0] += 0.5 * period
         slope[:, n, n] += 1.0
-        return slope, arrays["cost"].reshape(count, k)
+        return slope, by_state[:, 1]
 
     def gradient(self, d: np.ndarray) -> tuple[np.ndarray, float] | None:
         """(∂∫|z|²/∂d, ∫|z|²) at the search's samples; None if the loop diverged."""

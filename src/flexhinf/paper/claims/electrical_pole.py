@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign import RestingLoop
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.claims.damping import damped_law, repair_by_damping
 from flexhinf.paper.claims.judged import Judged
-from flexhinf.paper.linearised import RestingLoop
 from flexhinf.paper.tolerance_sweep import GOALS, name_goal
 from flexhinf.report import Claim, Column, Table
 

@@ -1,0 +1,128 @@
+"""A linear system in discrete time: its response, its H∞ norm, and what white noise makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+
+__all__ = ["DiscreteSystem"]
+
+#: Relative accuracy of the norm, and turns of its search at most.
+ACCURACY, TURNS = 1e-9, 60
+
+#: Eigenvalues this close to the imaginary axis (relative to the largest) lie on it.
+ON_AXIS = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteSystem:
+    """x⁺ = a x + b w, z = c x + d w, one sample every `period` seconds.
+
+    Attributes
+    ----------
+    a, b, c, d : (n, n), (n, m), (p, n) and (p, m) arrays
+    period : float
+        s.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+    period: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether all eigenvalues are inside the unit circle."""
+        return bool(np.abs(np.linalg.eigvals(self.a)).max() < 1.0)
+
+    def response(self, frequency: Any) -> np.ndarray:
+        """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s."""
+        z = np.exp(1j * np.atleast_1d(frequency) * self.period)
+        n = len(self.a)
+        return (
+            self.c @ np.linalg.solve(z[:, None, None] * np.eye(n) - self.a, self.b.astype(complex)) + self.d
+        )
+
+    def frequencies(self, count: int = 300) -> np.ndarray:
+        """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
+        top = np.pi / self.period
+        with np.errstate(divide="ignore", invalid="ignore"):  # of eigenvalues at zero, left out below
+            exponents = np.log(np.linalg.eigvals(self.a).astype(complex)) / self.period
+        exponents = exponents[np.isfinite(exponents) & (exponents.imag >= 0.0)]
+        offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
+        near = exponents.imag[:, None] + np.abs(exponents.real)[:, None] * offsets
+        every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
+        return np.unique(every[(every > 0.0) & (every <= top)])
+
+    def rms(self) -> np.ndarray:
+        """RMS of each output for white noise of unit variance on one input at a time, (p, m).
+
+        Σ = a Σ aᵀ + b bᵀ for each column b; then the variances are those of c Σ cᵀ + d dᵀ.
+        """
+        from scipy.linalg import solve_discrete_lyapunov
+
+        columns = []
+        for b, d in zip(self.b.T, self.d.T):
+            spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
+            columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
+        return np.array(columns).T
+
+    def norm(self) -> tuple[float, float]:
+        """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.
+
+        z = (1 + s)/(1 − s) makes it a norm in continuous time, for which a level is tested by the eigenvalues of a
+        Hamiltonian matrix and raised to the largest response between its crossings [bruinsma1990].
+
+        Raises
+        ------
+        NumericalFailure
+            If the level does not settle.
+        """
+        if not self.stable:
+            return np.inf, np.nan
+        grid = np.concatenate([[0.0], self.frequencies()])
+        sizes = np.linalg.norm(self.response(grid), 2, axis=(1, 2))
+        best, at = float(sizes.max()), float(grid[sizes.argmax()])
+        if best == 0.0:
+            return 0.0, 0.0
+        continuous = self._continuous()
+        for _ in range(TURNS):
+            crossings = _crossings(*continuous, best * (1.0 + ACCURACY))
+            if len(crossings) < 2:
+                return best, at
+            middle = 2.0 * np.arctan(0.5 * (crossings[1:] + crossings[:-1])) / self.period
+            sizes = np.linalg.norm(self.response(middle), 2, axis=(1, 2))
+            if sizes.max() <= best * (1.0 + ACCURACY):
+                return best, at
+            best, at = float(sizes.max()), float(middle[sizes.argmax()])
+        raise NumericalFailure(
+            "The H∞ norm was not found.",
+            f"after {TURNS} turns at {best:.6g}, {at:.6g} rad/s",
+            "a damped loop",
+        )
+
+    def _continuous(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The bilinear image: the same values at s = j tan(ωT/2)."""
+        unit = np.eye(len(self.a))
+        inverse = np.linalg.inv(self.a + unit)
+        root = np.sqrt(2.0)
+        a = inverse @ (self.a - unit)
+        return a, root * inverse @ self.b, root * self.c @ inverse, self.d - self.c @ inverse @ self.b
+
+
+def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level: float) -> np.ndarray:
+    """Frequencies ≥ 0 where a singular value of c (sI − a)⁻¹ b + d equals the level, ascending."""
+    r = level**2 * np.eye(d.shape[1]) - d.T @ d
+    through = np.linalg.solve(r, np.hstack([d.T @ c, b.T]))
+    n = len(a)
+    closed = a + b @ through[:, :n]
+    outer = c.T @ c + c.T @ d @ through[:, :n]
+    hamiltonian = np.block([[closed, b @ through[:, n:]], [-outer, -closed.T]])
+    values = np.linalg.eigvals(hamiltonian)
+    on = np.abs(values.real) <= ON_AXIS * np.maximum(1.0, np.abs(values))
+    return np.unique(np.abs(values[on].imag))

@@ -1,0 +1,108 @@
+"""Robots, laws and filters that the tests of campaigns share."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from flexhinf.campaign import RestingLoop
+from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.loop.program import measure_function, rk4_function
+from flexhinf.plant import Plant
+from flexhinf.robot import Robot, load_robot, paper_arm
+
+PERIOD = 1e-3
+
+
+def designed(robot: Robot, degree: int = 4, ratio: float = 1.5, **options: Any) -> HJISolution:
+    problem = robot.problem(**options)
+    return solve_hji(problem, gamma=ratio * smallest_gamma(problem), degree=degree)
+
+
+def filter_of(
+    plant: Plant, mean: Any, kind: str = "ekf", noise: Any = (1e-8, 1e-8), period: float = PERIOD
+) -> Any:
+    build = {"ekf": ExtendedKalmanFilter, "ukf": UnscentedKalmanFilter}[kind]
+    return build(plant, period, *noise, mean, 1e-6)
+
+
+class Gains:
+    """u = u* − K (x − x*): a law that is nothing but a matrix, without integrals or with them, last in x."""
+
+    def __init__(
+        self, plant: Plant, gains: Any, point: Any, rest: Any, integrals: tuple[str, ...] = ()
+    ) -> None:
+        self.gains = np.atleast_2d(np.asarray(gains, dtype=float))
+        self.state_names = (*plant.states, *(f"{name}_integral" for name in integrals))
+        self.input_names = tuple(plant.inputs)
+        self.operating_point = np.concatenate([point, np.zeros(len(integrals))])
+        self.operating_input = np.asarray(rest, dtype=float)
+        self.law_data, self.law_key = self.gains.ravel(), "gains"
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        return -(np.asarray(data).reshape(self.gains.shape) @ x)
+
+
+def _whole_jacobian(
+    loop: RestingLoop, z: np.ndarray, values: dict[str, Any] | None = None
+) -> tuple[Any, Any]:
+    """(state one period later, Jacobian) at the rest z, by the text that loops run: one trace, one Jacobian."""
+    plant, step, controller = loop.plant, loop.step, loop.step.controller
+    n, place, memory = plant.n, step.places, controller.memory
+    x, u, belief = z[:n], z[n:][place["u"]], []
+    reference = np.concatenate(loop.model_rest) if loop.moving else loop.command
+    parts: dict[str, Any] = {"u": u, "integral": z[n:][place["integral"]], "position": loop.command}
+    if loop.filter is not None:
+        belief = [z[n:][place["mean"]], *step.estimator.initial[1:]]
+        parts["belief"] = belief
+    flat = memory.flat(parts | {"reference": reference, "started": 1.0})
+    named = vars(memory.named(np.arange(flat.size)))
+    moving = [named["belief"][0]] if belief else []
+    moving = [int(i) for part in (*moving, named["u"], named["integral"], named["position"]) for i in part]
+    state, p = ca.SX.sym("state", n), ca.DM(plant.parameters.replaced(values or {}).vector())
+    remembered, inputs = ca.SX.sym("remembered", len(moving)), ca.SX(ca.DM(flat))
+    inputs[moving] = remembered
+    y = measure_function(plant, controller)(
+        state, inputs[named["u"].tolist()], ca.SX.zeros(len(controller.measured)), ca.vertcat(0.0, p)
+    )
+    u_now, _, after = controller.traced(y, ca.DM(reference), inputs, ca.DM(controller.data_vector))
+    later, held = state, ca.vertcat(loop.period / loop.sub_steps, p)
+    moved = rk4_function(plant)
+    for _ in range(loop.sub_steps):
+        later = moved(later, u_now, ca.SX.zeros(3 * len(plant.disturbances)), held)
+    both, end = ca.vertcat(state, remembered), ca.vertcat(later, after[moving])
+    function = ca.Function("period", [both], [end, ca.densify(ca.jacobian(end, both))])
+    value, slope = function(np.concatenate([x, flat[moving]]))
+    return np.asarray(value)[:, 0], np.asarray(slope)
+
+
+@pytest.fixture(scope="session")
+def made() -> SimpleNamespace:
+    """How tests make laws and filters."""
+    return SimpleNamespace(law=designed, filter=filter_of, Gains=Gains, whole_jacobian=_whole_jacobian)
+
+
+@pytest.fixture(scope="session")
+def arm() -> Robot:
+    return paper_arm()
+
+
+@pytest.fixture(scope="session")
+def cubic(arm: Robot) -> HJISolution:
+    """The paper's law."""
+    return designed(arm, ratio=2.0)
+
+
+@pytest.fixture(scope="session")
+def two_link() -> Robot:
+    return load_robot("planar-two-link")
+
+
+@pytest.fixture(scope="session")
+def two_link_law(two_link: Robot) -> HJISolution:
+    return designed(two_link)

@@ -1,0 +1,68 @@
+"""Norms against closed forms and python-control's (slycot)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexhinf.campaign import DiscreteSystem
+
+
+def lag(pole: float) -> DiscreteSystem:
+    one = np.ones((1, 1))
+    return DiscreteSystem(pole * one, one, one, 0.0 * one, 0.01)
+
+
+def random(seed: int, radius: float = 0.98) -> DiscreteSystem:
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(7, 7))
+    a *= radius / np.abs(np.linalg.eigvals(a)).max()
+    return DiscreteSystem(
+        a, rng.normal(size=(7, 2)), rng.normal(size=(3, 7)), 0.3 * rng.normal(size=(3, 2)), 0.01
+    )
+
+
+def test_a_lag_has_its_norm_at_rest_or_at_half_the_sampling_frequency() -> None:
+    assert lag(0.9).norm() == pytest.approx((10.0, 0.0))
+    norm, at = lag(-0.9).norm()
+    assert norm == pytest.approx(10.0)
+    assert at == pytest.approx(np.pi / 0.01)
+    assert lag(0.9).rms()[0, 0] == pytest.approx(1.0 / np.sqrt(1.0 - 0.81))
+    assert lag(0.9).response(0.0)[0, 0, 0] == pytest.approx(10.0)
+
+
+def test_a_resonance_between_any_grid() -> None:
+    """z² − 2ρ cos(θ) z + ρ² with ρ within 1e-7 of one: the peak is 1/|(z − p)(z − p̄)| at z = e^{jθ} to 1e-6."""
+    rho, theta = 1.0 - 1e-7, 0.7123456
+    a = np.array([[2.0 * rho * np.cos(theta), -(rho**2)], [1.0, 0.0]])
+    norm, at = DiscreteSystem(a, np.eye(2, 1), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 1.0).norm()
+    z, p = np.exp(1j * theta), rho * np.exp(1j * theta)
+    assert norm == pytest.approx(1.0 / abs((z - p) * (z - p.conjugate())), rel=1e-5)
+    assert at == pytest.approx(theta, rel=1e-6)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("seed", range(6))
+def test_norm_is_that_of_slycot(seed: int) -> None:
+    control, _ = pytest.importorskip("control"), pytest.importorskip("slycot")
+    system = random(seed)
+    expected, at = control.linfnorm(control.ss(system.a, system.b, system.c, system.d, system.period))
+    norm, frequency = system.norm()
+    assert norm == pytest.approx(expected, rel=1e-6)
+    assert np.linalg.norm(system.response(frequency)[0], 2) == pytest.approx(norm, rel=1e-8)
+    assert frequency == pytest.approx(at, rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.oracle
+def test_rms_is_that_of_the_impulse_response() -> None:
+    system = random(11, 0.8)
+    total, state = system.d**2, system.b
+    for _ in range(400):
+        total, state = total + (system.c @ state) ** 2, system.a @ state
+    assert np.allclose(system.rms(), np.sqrt(total), rtol=1e-9)
+
+
+def test_an_unstable_system_has_no_norm() -> None:
+    norm, at = lag(1.01).norm()
+    assert np.isinf(norm)
+    assert np.isnan(at)

@@ -1,0 +1,191 @@
+"""Margins against closed forms, python-control, brute force and runs of the nonlinear loop."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.campaign import DiscreteSystem, LinearLoop, RestingLoop, margins
+from flexhinf.estimation import ConstantGainFilter
+from flexhinf.hinf import HJISolution
+from flexhinf.loop import Controller, Loop
+from flexhinf.plant import Plant
+from flexhinf.robot import Robot
+
+PERIOD = 1e-3
+
+
+def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float) -> RestingLoop:
+    """A unit mass on PD: q̈ = u."""
+    plant = Plant(
+        lambda x, u, d, p: np.array([x[1], u[0]]),
+        lambda x, u, p: x[:1],
+        states=("position", "velocity"),
+        inputs=("force",),
+    )
+    law = made.Gains(plant, [[stiffness, damping]], np.zeros(2), np.zeros(1))
+    return RestingLoop(law, None, plant, period, moving=True, positions="position")
+
+
+@pytest.mark.oracle
+def test_a_mass_on_pd_has_the_margins_of_the_textbook(made: SimpleNamespace) -> None:
+    """L = (d s + k)/s²: crossover, phase margin less half a period of the hold, and the poles' bandwidth."""
+    k, d, period = 100.0, 8.0, 1e-5
+    found = margins(mass(made, k, d, period))
+    crossover = math.sqrt((d**2 + math.sqrt(d**4 + 4.0 * k**2)) / 2.0)
+    delay = math.atan2(d * crossover, k) / crossover - period / 2.0
+    assert found.delay_margin_s == pytest.approx(delay, rel=1e-4)
+    assert found.delay_frequency == pytest.approx(crossover, rel=1e-4)
+    grid = np.linspace(1.0, 60.0, 200_001)
+    peak = (grid**2 / np.abs(-(grid**2) + d * 1j * grid + k)).max()
+    assert found.peak_sensitivity == pytest.approx(peak, rel=1e-4)
+    a = 2.0 * k - d**2
+    assert found.bandwidth[0] == pytest.approx(math.sqrt((a + math.sqrt(a**2 + 4.0 * k**2)) / 2.0), rel=1e-4)
+    assert found.positions == ("position",)
+
+
+@pytest.mark.oracle
+def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
+    """z² + (dT + kT²/2 − 2) z + 1 + kT²/2 − dT has a root at −1 when the gain is 2/(dT) times as large."""
+    lower, upper = margins(mass(made, 100.0, 8.0, 0.01)).gain_margins  # type: ignore[misc]
+    assert upper == pytest.approx(2.0 / (8.0 * 0.01), rel=1e-9)
+    assert lower == 0.0
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", [None, "ukf"])
+def test_one_input_as_python_control_sees_it(
+    made: SimpleNamespace, arm: Robot, cubic: HJISolution, kind: str | None
+) -> None:
+    control = pytest.importorskip("control")
+    filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
+    linear = RestingLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2).linear()
+    found, opened = margins(linear), linear.opened()
+    grid = np.geomspace(0.05, 0.999 * np.pi / PERIOD, 40_000)
+    loop = control.ss(opened.a, opened.b, -opened.c, -opened.d, PERIOD)  # python-control's loops have a minus
+    measured = control.FRD(loop(np.exp(1j * grid * PERIOD)), grid, smooth=True)
+    gains, phases, _, _, at, _ = control.stability_margins(measured, returnall=True)
+    lower, upper = found.gain_margins  # type: ignore[misc]
+    above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
+    assert upper == pytest.approx(min(above, default=math.inf), rel=1e-4)
+    assert lower == pytest.approx(max(below, default=0.0), rel=1e-4)
+    stable = [
+        DiscreteSystem(
+            opened.a + k * opened.b @ opened.c / (1.0 - k * opened.d[0, 0]),
+            opened.b,
+            opened.c,
+            opened.d,
+            PERIOD,
+        ).stable
+        for k in (0.99 * lower, 1.01 * lower, 0.99 * upper, 1.01 * upper)
+    ]
+    assert stable == [False, True, True, False]
+    # At a crossover so far below the sampling frequency a delay is a phase.
+    expected = min(math.radians(phase % 360.0) / w for phase, w in zip(phases, at, strict=True))
+    assert found.delay_margin_s == pytest.approx(expected, rel=5e-3)
+
+
+def first_unstable(linear: LinearLoop, longest: float, steps: int) -> float:
+    for delay in np.linspace(0.0, longest, steps + 1):
+        if np.abs(np.linalg.eigvals(linear.closed(delay))).max() >= 1.0:
+            return float(delay)
+    return math.inf
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("stiffness", "damping", "period"), [
+    (100.0, 8.0, 0.02), (100.0, 20.0, 0.04), (400.0, 30.0, 0.03), (3.0, 45.0, 0.02), (100.0, 3.0, 0.05),
+])  # fmt: skip
+def test_delays_of_few_samples_by_brute_force(
+    made: SimpleNamespace, stiffness: float, damping: float, period: float
+) -> None:
+    """Where a period is a large part of the margin, hold and fraction matter."""
+    linear = mass(made, stiffness, damping, period).linear()
+    found = margins(linear).delay_margin_s
+    expected = first_unstable(linear, 8.0 * period, 8000)
+    assert found == pytest.approx(expected, abs=1.1e-3 * period)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("period", [2e-3, 1e-2])
+def test_several_inputs_by_brute_force(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, period: float
+) -> None:
+    plant = two_link.plant()
+    filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=period)
+    linear = RestingLoop(two_link_law, filter, plant, period).linear()
+    found = margins(linear)
+    fine = found.delay_margin_s * np.array([0.0, 0.3, 0.6, 0.9, 0.99, 0.9999, 1.0001])
+    radii = [np.abs(np.linalg.eigvals(linear.closed(delay))).max() for delay in fine]
+    assert [radius < 1.0 for radius in radii] == [True] * 6 + [False]
+    grid = np.linspace(0.01, np.pi / period, 20_000)
+    sizes = np.linalg.norm(linear.part("w", "u+w").response(grid), 2, axis=(1, 2))
+    assert 0.999 * found.peak_sensitivity < sizes.max() <= found.peak_sensitivity * (1.0 + 1e-9)
+    assert found.gain_margins is None
+    assert np.all((found.bandwidth > 1.0) & (found.bandwidth < 30.0))
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", [None, "ekf"])
+def test_runs_on_both_sides_of_the_delay_margin(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None
+) -> None:
+    """Loop(delay=…) of the nonlinear loop: small motions die out one millisecond before it, and grow one behind."""
+    plant, (x, _) = two_link.plant(), two_link.operating_point()
+    filter = None if kind is None else made.filter(plant, x, kind)
+    resting = RestingLoop(two_link_law, filter, plant, PERIOD)
+    found, sizes = margins(resting), []
+    estimator: Any = None
+    if filter is not None:
+        estimator = ConstantGainFilter(filter, resting.gain(filter.process_noise))
+    whole = math.floor(found.delay_margin_s / PERIOD)
+    for samples in (whole - 1, whole + 2):
+        loop = Loop(plant, Controller(two_link_law, estimator, PERIOD), delay=samples * PERIOD)
+        run = loop.run(duration=60.0, initial_state=x + 1e-7)
+        velocity = run.signal("state", "link_velocity_elbow")
+        early, late = (np.abs(velocity[int(a * 1000) : int(b * 1000)]).max() for a, b in ((20, 30), (50, 60)))
+        sizes.append(late / early)
+    assert sizes[0] < 0.8 < 1.3 < sizes[1]
+
+
+@pytest.mark.oracle
+def test_noise_reaches_the_inputs_as_in_a_run(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
+) -> None:
+    plant, (x, u) = two_link.plant(), two_link.operating_point()
+    filter = made.filter(plant, x)
+    resting = RestingLoop(two_link_law, filter, plant, PERIOD)
+    estimator = ConstantGainFilter(filter, resting.gain(filter.process_noise))
+    deviation = np.array([1e-6, 3e-6])
+    run = Loop(plant, Controller(two_link_law, estimator, PERIOD)).run(noise=deviation, duration=60.0)
+    measured = np.sqrt(np.mean((run.signals["input"][2000:] - u) ** 2, axis=0))
+    expected = np.sqrt((margins(resting).noise_to_input ** 2) @ deviation**2)
+    assert np.allclose(measured, expected, rtol=0.05)
+
+
+def test_an_unstable_loop_has_no_margins(made: SimpleNamespace) -> None:
+    found = margins(mass(made, 100.0, -1.0, 0.01))
+    assert not found.stable
+    assert found.delay_margin_s == 0.0
+    assert math.isinf(found.peak_sensitivity)
+    assert math.isinf(found.peak_noise_to_input)
+    assert np.isnan(found.bandwidth).all()
+
+
+def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> None:
+    """ẋ = −5 x + u with u = −2 x: |L| < 1 at all frequencies. And no command acts on a fixed operating point."""
+    plant = Plant(
+        lambda x, u, d, p: np.array([-5.0 * x[0] + u[0]]),
+        lambda x, u, p: x,
+        states=("level",),
+        inputs=("flow",),
+    )
+    law = made.Gains(plant, [[2.0]], np.zeros(1), np.zeros(1))
+    found = margins(RestingLoop(law, None, plant, 0.01, positions="level"))
+    assert math.isinf(found.delay_margin_s)
+    assert np.isnan(found.bandwidth).all()
+    assert found.peak_sensitivity < 1.7
