@@ -51,7 +51,8 @@ class Controller:
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
-        ė = x_i − x_di of the tracked states. Without a command the operating point and its input are it. A law
+        ė = x_i − x_di of the tracked states. A law that says how it depends on the reference (``evaluate_about``
+        of `flexhinf.plant.Law`) is given it. Without a command the operating point and its input are it. A law
         without integrals tracks nothing.
     start : {"zero", "bumpless"}
         The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`

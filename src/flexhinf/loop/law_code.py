@@ -45,7 +45,7 @@ class LawCode:
     def table(self) -> PolynomialLaw | None:
         """The polynomial, where the law is evaluated as a table."""
         few = np.size(self.law.law_data) < TABLE
-        if few or not self.composed or not offers(self.law, "law_polynomial", "evaluate_law"):
+        if few or not self.composed or not offers(self.law, "law_polynomial", "evaluate_law") or self.placed:
             return None
         if not getattr(self.law, "law_is_polynomial", True):
             return None
@@ -76,11 +76,18 @@ class LawCode:
         linear = self.table.coefficients[:, before : before + n]
         return linear if 1 in degrees else np.zeros_like(linear)
 
+    @property
+    def placed(self) -> bool:
+        """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
+        return offers(self.law, "evaluate_about", "evaluate_law")
+
     def evaluate(self, run: Any, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) and the numbers as in `data`."""
         return self.on(run, data)(x)
 
-    def on(self, run: Any, data: Any, active: Any = None) -> Callable[[Any], Any]:
+    def on(
+        self, run: Any, data: Any, active: Any = None, about: tuple[Any, Any] | None = None
+    ) -> Callable[[Any], Any]:
         """k as a function of a deviation x (n,) on the run.
 
         Parameters
@@ -90,6 +97,8 @@ class LawCode:
             Numbers as in `data`, of one law after the other.
         active : (L,), optional
             1 for the law that is meant, else 0. By default there is one.
+        about : (state, input), optional
+            The moving reference, (n without integrals,) and (m,); x* and u* by default.
         """
         if self.table is not None and isinstance(run, Composer):
             return partial(self._from_table, run, data, active)
@@ -97,6 +106,9 @@ class LawCode:
             data = run.call(_of_active, active, data.reshape(len(active), self.data.size))
         if self.table is not None:
             data = data.reshape(-1, self.columns)[:, : len(self.law.input_names)].T.ravel()
+        if about is not None and self.placed:
+            placed: Any = self.law
+            return lambda x: run.call(placed.evaluate_about, x, *about, data)
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
     def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:

@@ -80,7 +80,7 @@ def controller_step(
         partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
         memory.started, data.period, point, *moving,
     )  # fmt: skip
-    law_of = law.on(run, data.law, active)
+    law_of = law.on(run, data.law, active, (r[: len(estimate)], rest) if mode.moving else None)
     feedback = law_of(deviation)
     after = {"position": position, "reference": r, "active": active}
     if mode.takes_over:

@@ -3,6 +3,7 @@
 from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.plant.generalised import GeneralisedPlant
 from flexhinf.plant.integration import rk4_step, sub_steps
+from flexhinf.plant.linear import linear_plant
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import Plant
@@ -22,6 +23,7 @@ __all__ = [
     "PolynomialPlant",
     "ProblemLaw",
     "equilibrium",
+    "linear_plant",
     "rk4_step",
     "sub_steps",
 ]

@@ -27,6 +27,12 @@ class Law(Protocol):
     A law of many monomials may also have a method ``law_polynomial()``: the
     `flexhinf.polynomial.law.PolynomialLaw` of which its `law_data` are the coefficients. Kernels then evaluate
     that in loops; without it, `evaluate_law` is traced.
+
+    A law that depends on where it acts, not only on the deviation, may also have
+    ``evaluate_about(x, state, input, data)``: k(x), (m,), for a deviation x (n,), integrals last, from a reference
+    state (n without integrals,) and its input (m,), of any element. Then u = input + k, k = 0 for x = 0, and
+    `evaluate_law` is the same about (x*, u*). A moving reference needs it; without it, k is taken to be a function of
+    the deviation alone.
     """
 
     @property

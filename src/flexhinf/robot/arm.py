@@ -117,7 +117,7 @@ class Arm:
         bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
         return np.array(inverse_dynamics(self.tree, bodies, q, dq, ddq, self.fall(p)))
 
-    def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
-        """G(q1), (n,), N·m or N."""
+    def gravity_torque(self, q: Any, p: Any) -> Any:
+        """G(q1), (n,), N·m or N, of any element."""
         nothing = [0.0] * len(self.tree)
-        return np.asarray(self.torques(np.asarray(q, dtype=float), nothing, nothing, p), dtype=float)
+        return self.torques(np.asarray(q), nothing, nothing, p)

@@ -51,8 +51,8 @@ class Links(Protocol):
         """M(q1) q̈1 + C q̇1 + G(q1) (n,): the inverse of `accelerations`."""
         ...
 
-    def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
-        """G(q1), (n,) numbers: what the springs must hold, N·m or N."""
+    def gravity_torque(self, q: Any, p: Any) -> Any:
+        """G(q1), (n,) of any element: what the springs must hold, N·m or N."""
         ...
 
     @property

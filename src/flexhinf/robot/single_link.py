@@ -66,9 +66,9 @@ class Pendulum:
         """I q̈1 + m g l sin q1, (1,) of any element."""
         return p.link_inertia * ddq + p.mass * p.gravity * p.length * np.sin(q)
 
-    def gravity_torque(self, q: Any, p: Any) -> np.ndarray:
-        """M g l sin q1, (1,), N·m."""
-        return np.asarray(p.mass * p.gravity * p.length * np.sin(q), dtype=float)
+    def gravity_torque(self, q: Any, p: Any) -> Any:
+        """M g l sin q1, (1,), N·m, of any element."""
+        return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
 
     @property
     def down(self) -> tuple[float, float, float]:

@@ -1,0 +1,178 @@
+"""Exact feedback linearisation with flatness feedforward [spong1987], [deluca2016].
+
+In the coordinates of the link positions and their derivatives (`flexhinf.baselines.normal_form`) the input
+
+    u = A(x)⁻¹ (v − b(x)),   v = y_d^(r) + Σ_i k_i (y_d^(i) − y^(i)) − k_I ∫ (y − y_d),
+
+makes each joint's error a linear chain, e^(r) + Σ k_i e^(i) + k_I ∫ e = 0, whatever the other joints do. The
+derivatives y^(i) are functions of the state, the reference's are those of its state x_d and, for the highest, its
+input u_d. So a reference (x_d, u_d) that the elastic inverse dynamics gives is followed without error, and at a rest
+u = u*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from flexhinf.baselines.gravity import digest
+from flexhinf.baselines.normal_form import NormalForm
+from flexhinf.baselines.rest_law import PlacedLaw, rest_of
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import GeneralisedPlant
+
+__all__ = ["FeedbackLinearisation", "bessel_coefficients"]
+
+#: Relative size of the smallest singular value of A(x*) that counts as zero.
+SINGULAR = 1e-12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FeedbackLinearisation(PlacedLaw):
+    """The law above, for any plant whose outputs have a vector relative degree.
+
+    Parameters
+    ----------
+    plant, rest, integrate
+        See `flexhinf.baselines.rest_law.RestLaw`; either no output is integrated or all are, in their order.
+    coefficients : sequence of (r_j + 1,) or (r_j,) arrays
+        Of each output: k_I (with integrals only), then k_0 … k_{r−1}, of s^r + k_{r−1} s^{r−1} + … .
+    outputs : sequence of str
+        States, single names or groups; the link positions by default.
+
+    Raises
+    ------
+    InvalidInput
+        If the numbers do not fit, A is singular at the rest, or the loop is unstable there (poles that are not in the
+        left half plane, or zero dynamics that are not).
+    """
+
+    coefficients: Sequence[Any]
+    outputs: Sequence[str] = ("link_position",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "outputs", self.plant.expanded(self.outputs))
+        chains = tuple(np.array(chain, dtype=float) for chain in self.coefficients)
+        object.__setattr__(self, "coefficients", chains)
+        extra = bool(self.integrate)
+        if extra and self.integrate != self.outputs:
+            raise InvalidInput(
+                "Feedback linearisation integrates the errors of its outputs, all or none.",
+                f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}",
+                "integrate=outputs, or integrate=()",
+            )
+        wanted = [(degree + extra,) for degree in self.form.degrees]
+        if [chain.shape for chain in chains] != wanted or not all(np.all(np.isfinite(c)) for c in chains):
+            raise InvalidInput(
+                "The coefficients do not fit the relative degrees.",
+                f"expected finite numbers of shapes {wanted}, got {[chain.shape for chain in chains]}",
+                "FeedbackLinearisation.tuned(problem, bandwidth)",
+            )
+        self._check_rest()
+
+    def _check_rest(self) -> None:
+        values = np.linalg.svd(self.form.decoupling_matrix(self.rest[0]), compute_uv=False)
+        if not np.all(np.isfinite(values)) or values[-1] <= SINGULAR * values[0]:
+            raise InvalidInput(
+                "The outputs cannot be decoupled: A(x) of y^(r) = b(x) + A(x) u is singular at the rest.",
+                f"expected singular values > 0, got {values.tolist()}",
+                "other outputs, or another pose",
+            )
+        modes = np.linalg.eigvals(self.closed_loop())
+        if modes.real.max() >= 0.0:
+            hidden = len(self.state_names) - sum(len(chain) for chain in self.coefficients)
+            raise InvalidInput(
+                "The linearised loop is unstable at the rest.",
+                f"expected modes in the left half plane, got one at {modes[modes.real.argmax()]:.4g} 1/s; "
+                f"{hidden} of the {len(modes)} modes are zero dynamics, which the law does not reach",
+                "positive coefficients of a stable polynomial, and outputs with stable zero dynamics",
+            )
+
+    @staticmethod
+    def tuned(
+        problem: GeneralisedPlant,
+        bandwidth: float,
+        integral: bool = False,
+        outputs: str | Sequence[str] = ("link_position",),
+    ) -> FeedbackLinearisation:
+        """Poles of a Bessel filter of this bandwidth for every output, see `bessel_coefficients`.
+
+        Parameters
+        ----------
+        problem : GeneralisedPlant
+            Plant and rest; its penalty does not matter.
+        bandwidth : float
+            rad/s.
+        integral : bool
+            Whether the outputs' errors are integrated: one more pole each.
+        outputs : sequence of str
+            See the class.
+        """
+        plant = problem.plant
+        names = plant.expanded(outputs)
+        degrees = NormalForm(plant, names).degrees
+        chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
+        return FeedbackLinearisation(
+            plant=plant, rest=rest_of(problem), integrate=names if integral else (),
+            coefficients=chains, outputs=names,
+        )  # fmt: skip
+
+    @cached_property
+    def form(self) -> NormalForm:
+        """The plant in the coordinates of its outputs."""
+        return NormalForm(self.plant, self.outputs)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Coefficients, then the plant's parameters."""
+        return np.concatenate([*self.coefficients, self.plant.parameters.vector()])
+
+    @cached_property
+    def law_key(self) -> str:
+        """The code of the two maps, and whether there are integrals."""
+        codes = (digest(code) for code in (self.form.chains, self.form.linearising))
+        return " ".join(["feedback linearisation", str(bool(self.integrate)), *codes])
+
+    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
+        """k (m,) for a deviation x from the reference, of any element."""
+        states = self.plant.n
+        p = numbers[sum(len(chain) for chain in self.coefficients) :]
+        now = state + x[:states]
+        xi, _ = self.form.coordinates(now, input, p)
+        xi_d, v = self.form.coordinates(state, input, p)
+        error, wanted, row, place = xi_d - xi, [], 0, 0
+        for j, degree in enumerate(self.form.degrees):
+            total = v[j]
+            if self.integrate:
+                total, place = total - numbers[place] * x[states + j], place + 1
+            total = total + numbers[place : place + degree] @ error[row : row + degree]
+            wanted.append(total)
+            row, place = row + degree, place + degree
+        return self.form.input(now, np.array(wanted), p) - input
+
+
+def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:
+    """k_0 … k_{r−1} of s^r + … + k_0, the Bessel filter of order r with −3 dB at the bandwidth [thomson1949].
+
+    Its step has less than 1 % of overshoot at any order. Shape (r,), rad/s to the power r − i.
+
+    Raises
+    ------
+    InvalidInput
+        If the bandwidth is not positive.
+    """
+    from scipy.signal import bessel
+
+    if not (np.isfinite(bandwidth) and bandwidth > 0.0):
+        raise InvalidInput(
+            "Feedback linearisation needs a bandwidth.",
+            f"expected rad/s > 0, got {bandwidth!r}",
+            "bandwidth=6.0",
+        )
+    _, poles, _ = cast(Any, bessel)(order, float(bandwidth), analog=True, output="zpk", norm="mag")
+    return np.real(np.poly(poles))[:0:-1].copy()

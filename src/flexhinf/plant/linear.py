@@ -1,0 +1,93 @@
+"""A plant's linearisation at a rest, as a plant: what a linear estimator believes in.
+
+On it the extended Kalman filter *is* the linear Kalman filter, and a loop is one that every textbook covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.plant import Plant
+
+__all__ = ["linear_plant"]
+
+#: Largest rate, relative to the plant's own rates, that still counts as rest.
+REST_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class LinearFlow:
+    """ẋ = A (x − x*) + B (u − u*) + G d."""
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates (n,) of any element."""
+        rates = p.state_matrix @ (x - p.state) + p.input_matrix @ (u - p.input)
+        return rates + p.disturbance_matrix @ d if np.size(p.disturbance_matrix) else rates
+
+
+@dataclass(frozen=True)
+class LinearOutput:
+    """y = y* + C (x − x*) + D (u − u*)."""
+
+    def __call__(self, x: Any, u: Any, p: Any) -> Any:
+        """The measured signals (p,) of any element."""
+        return p.output + p.output_matrix @ (x - p.state) + p.feedthrough @ (u - p.input)
+
+
+def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
+    """The linearisation of a plant at a rest, in absolute coordinates and with the plant's own names.
+
+    Parameters
+    ----------
+    plant : Plant
+    x, u : (n,) and (m,) arrays
+        The rest: flow(x, u, 0) = 0.
+
+    Returns
+    -------
+    Plant
+        Its parameters are the matrices and the rest, so that two linearisations of the same size share code.
+
+    Raises
+    ------
+    InvalidInput
+        If shapes do not fit or (x, u) is no rest.
+    """
+    a, b, g, c = plant.linearise(x, u)
+    x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+    rate = plant.derivative(x, u)
+    worst = int(np.argmax(np.abs(rate)))
+    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > REST_TOLERANCE * max(
+        1.0, plant.fastest_mode(x, u)
+    ):
+        raise InvalidInput(
+            "A plant is linearised where it rests.",
+            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.6g}",
+            "robot.operating_point(pose), or operating_point and operating_input of a problem",
+        )
+    value, slope = _output(plant, x, u)
+    parameters = {
+        "state_matrix": a, "input_matrix": b, "disturbance_matrix": g, "output_matrix": c, "feedthrough": slope,
+        "state": x, "input": u, "output": value,
+    }  # fmt: skip
+    return Plant(
+        LinearFlow(), LinearOutput(), plant.states, plant.inputs, plant.disturbances, parameters,
+        plant.outputs, plant.units, plant.groups,
+    )  # fmt: skip
+
+
+def _output(plant: Plant, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """y at (x, u), and ∂y/∂u there."""
+    from flexhinf.scalars import jacobian
+
+    named = plant.parameters.named
+
+    def output(v: Any, s: Any, w: Any) -> Any:
+        return np.atleast_1d(plant.output(s, v, named(w)))
+
+    sizes = (len(plant.inputs), plant.n, plant.parameters.size)
+    return jacobian(output, *sizes, name="output")(u, x, plant.parameters.vector())
