@@ -1,14 +1,15 @@
 """One knob, turned until a law costs what it may: comparisons at the same peak effort, or the same bandwidth.
 
-The knob is bracketed by doubling and halving from where it starts, then bisected, both in its logarithm. What cannot
-be evaluated (a law that cannot be made, a loop that diverges) bounds the search on its side; what binds is said.
+The knob is bracketed by doubling and halving from where it starts, the side first on which the response nears the
+target, then bisected, both in its logarithm. What cannot be evaluated (a law that cannot be made, a loop that
+diverges) bounds the search on its side; what binds is said.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 from typing import Any
 
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
@@ -196,30 +197,20 @@ class _Search:
 
     def _bracket(self, first: Trial) -> tuple[tuple[Trial, Trial] | None, str]:
         """Two neighbouring values with the target between them; which way the response goes is found out."""
-        reasons = []
-        ends, alive = {-1: first, 1: first}, [1, -1]
+        ends, alive, reasons = {-1: first, 1: first}, [1, -1], []
         while alive and self.left > 0:
-            for side in list(alive):
-                here = ends[side]
-                following, limit = self._step(here, side)
-                if following is None:
-                    reasons.append(limit)
-                    alive.remove(side)
-                    continue
-                if self._met(following) or self._between(here, following):
-                    return (here, following), ""
-                # Away from the target on this side: the other side must be the right one.
-                assert following.response is not None
-                assert here.response is not None
+            side = alive[0]
+            here = ends[side]
+            following, limit = self._step(here, side)
+            if following is None:
+                reasons.append(limit)
+                alive.remove(side)
+            elif self._met(following) or self._between(here, following):
+                return (here, following), ""
+            else:
                 ends[side] = following
-                if (
-                    abs(following.response - self.target) > abs(here.response - self.target)
-                    and len(alive) > 1
-                ):
-                    alive.remove(side)
-                    reasons.append(f"beyond {following.knob:.6g} the response leaves the target")
-                if self.left <= 0:
-                    break
+                if self._distance(following) >= self._distance(here):
+                    alive.reverse()  # the other side first
         if self.left <= 0:
             reasons.append(f"after {len(self.trials)} evaluations")
         return None, "; ".join(reasons)
@@ -255,8 +246,11 @@ class _Search:
             a, b = (a, middle) if self._between(a, middle) else (middle, b)
         return ""
 
+    def _distance(self, trial: Trial) -> float:
+        return inf if trial.response is None else abs(trial.response - self.target)
+
     def _met(self, trial: Trial) -> bool:
-        return trial.response is not None and abs(trial.response / self.target - 1.0) <= self.tolerance
+        return self._distance(trial) <= self.tolerance * self.target
 
     def _between(self, a: Trial, b: Trial) -> bool:
         assert a.response is not None
@@ -264,8 +258,7 @@ class _Search:
         return (a.response - self.target) * (b.response - self.target) <= 0.0
 
     def _result(self, reason: str) -> Tuning:
-        good = [trial for trial in self.trials if trial.response is not None]
-        best = min(good, key=lambda trial: abs(float(trial.response or 0.0) - self.target))
+        best = min(self.trials, key=self._distance)
         assert best.response is not None
         met = self._met(best)
         return Tuning(

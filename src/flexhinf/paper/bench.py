@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Trajectory
-from flexhinf.paper.gravity import GravityCompensatedLaw
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
@@ -84,9 +84,9 @@ class PaperBench:
         return solve_hji(self.problem, gamma=math.inf, degree=self.settings.degree)
 
     @cached_property
-    def gravity_lqr(self) -> GravityCompensatedLaw:
+    def gravity_lqr(self) -> GravityCompensatedLQR:
         """LQR of the arm without gravity, with gravity compensation: what a practitioner would try first."""
-        return GravityCompensatedLaw.design(self.arm, self.problem)
+        return GravityCompensatedLQR.design(self.problem)
 
     def law(
         self,

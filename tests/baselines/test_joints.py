@@ -1,0 +1,60 @@
+"""The joints' numbers from Jacobians against those of the robot's file."""
+
+import numpy as np
+import pytest
+
+from flexhinf.baselines import elastic_joints
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Plant
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link", "seven-link"]
+)
+def test_numbers_are_those_of_the_file(made, name):
+    robot = made.robots[name]
+    found, p = elastic_joints(robot.plant(), *robot.operating_point()), robot.plant_parameters()
+    q = np.array(robot.home)
+    np.testing.assert_allclose(found.stiffness, np.atleast_1d(p["stiffness"]), rtol=1e-12)
+    np.testing.assert_allclose(found.motor_inertia, np.atleast_1d(p["motor_inertia"]), rtol=1e-12)
+    np.testing.assert_allclose(found.link_inertia, made.links_at(robot, q)[0], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(found.gravity_slope, made.gravity_slope(robot, q), rtol=1e-7, atol=1e-6)
+    gain = p["torque_constant"] / p["resistance"] if robot.drive == "voltage" else 1.0
+    emf = gain * p["back_emf_constant"] if robot.drive == "voltage" else 0.0
+    np.testing.assert_allclose(
+        found.torque_per_input, np.broadcast_to(gain, found.stiffness.shape), rtol=1e-12
+    )
+    np.testing.assert_allclose(found.motor_damping, np.atleast_1d(p["friction"] + emf), rtol=1e-10)
+    np.testing.assert_array_equal(found.spring_damping, 0.0)
+
+
+@pytest.mark.oracle
+def test_a_damped_spring_is_seen(made):
+    robot = made.robots["planar-two-link"]
+    found = elastic_joints(robot.plant(extras="joint_damping"), *robot.operating_point())
+    p = robot.plant_parameters()
+    np.testing.assert_allclose(found.spring_damping, p["damping"], rtol=1e-12)
+    emf = p["torque_constant"] * p["back_emf_constant"] / p["resistance"]
+    np.testing.assert_allclose(found.motor_damping, p["friction"] + emf, rtol=1e-10)
+
+
+def test_other_plants_are_refused(made):
+    robot = made.robots["paper"]
+    with pytest.raises(InvalidInput, match="not a robot with elastic joints"):
+        elastic_joints(robot.plant(inductance=True), np.zeros(5), np.zeros(1))
+    names = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+    groups = {name: (f"{name}_a", f"{name}_b") for name in (*names, "link_torque", "motor_torque")}
+    states = [single for name in names for single in groups[name]]
+
+    def coupled(x, u, d, p):
+        spring = x[4:6] - x[:2]
+        shared = u - spring + d[2:] + np.array([0.1 * u[1], 0.0])
+        return np.concatenate([x[2:4], spring + d[:2], x[6:], shared])
+
+    plant = Plant(
+        coupled, lambda x, u, p: x[:2], states, ("a", "b"),
+        (*groups["link_torque"], *groups["motor_torque"]), groups=groups,
+    )  # fmt: skip
+    with pytest.raises(InvalidInput, match="coupled"):
+        elastic_joints(plant, np.zeros(8), np.zeros(2))

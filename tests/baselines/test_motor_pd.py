@@ -1,0 +1,179 @@
+"""PD on the motor side against hand-written loops, Tomei's Lyapunov function, and simulation."""
+
+import numpy as np
+import pytest
+
+from flexhinf.baselines import MotorPD, elastic_joints
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Controller, Loop
+from flexhinf.loop.shared import share
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("pose", [0.0, 1.0, np.pi])
+def test_the_loop_of_one_voltage_driven_joint_by_hand(made, pose):
+    robot = made.robots["paper"]
+    law = MotorPD.tuned(robot.problem(pose=[pose]), 4.0, 0.7, integral="link_position")
+    v = robot.nominal
+    k, j, i = v["stiffness"], v["motor_inertia"], v["link_inertia"]
+    weight = v["mass"] * v["gravity"] * v["length"]
+    gain, emf = v["torque_constant"] / v["resistance"], v["back_emf_constant"]
+    kp, kd, ki = law.proportional[0], law.derivative[0], law.integral[0]
+    expected = [
+        [0, 1, 0, 0, 0],
+        [-(k + weight * np.cos(pose)) / i, 0, k / i, 0, 0],
+        [0, 0, 0, 1, 0],
+        [k / j, 0, -(k + kp) / j, -(v["friction"] + gain * emf + kd) / j, -ki / j],
+        [1, 0, 0, 0, 0],
+    ]
+    np.testing.assert_allclose(law.closed_loop(), expected, atol=1e-11)
+    np.testing.assert_allclose(law.operating_input, weight * np.sin(pose) / gain, atol=1e-12)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["planar-two-link", "spatial-three-link", "seven-link"])
+def test_the_modes_of_many_joints_by_hand(made, name):
+    robot = made.robots[name]
+    law = MotorPD.tuned(robot.problem(), 8.0, 0.6)
+    p = robot.plant_parameters()
+    n = len(robot.joint_names)
+    q = np.array(robot.home)
+    mass, _ = made.links_at(robot, q)
+    volts = robot.drive == "voltage"
+    damping = p["friction"] + (
+        p["torque_constant"] * p["back_emf_constant"] / p["resistance"] if volts else 0.0
+    )
+    spring, nothing, unit = np.diag(p["stiffness"]), np.zeros((n, n)), np.eye(n)
+    links = np.linalg.solve(
+        mass, np.hstack([-spring - made.gravity_slope(robot, q), nothing, spring, nothing])
+    )
+    rotor = np.hstack(
+        [spring, nothing, -spring - np.diag(law.proportional), -np.diag(damping + law.derivative)]
+    )
+    expected = np.vstack([
+        np.hstack([nothing, unit, nothing, nothing]), links,
+        np.hstack([nothing, nothing, nothing, unit]), rotor / p["motor_inertia"][:, None],
+    ])  # fmt: skip
+    np.testing.assert_allclose(law.closed_loop(), expected, rtol=1e-7, atol=1e-6)
+    assert np.linalg.eigvals(expected).real.max() < 0.0
+
+
+@pytest.mark.oracle
+def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached(made):
+    robot = made.robots["spatial-three-link"]
+    plant, p = robot.plant(), robot.plant_parameters()
+    law = MotorPD.tuned(robot.problem(pose=[0.4, 0.3, 0.9]), 6.0, 0.7)
+    x_d, _ = law.rest
+    start = x_d + np.array([1.2, -0.9, 0.7, 0.5, -0.4, 0.3, 1.1, -0.8, 0.9, 0.2, 0.1, -0.3])
+    times, states = made.continuous(plant, law, start, 12.0, times=np.linspace(0.0, 12.0, 4001))
+    q_d, theta_d = x_d[:3], x_d[6:9]
+    _, torque = made.links_at(robot, q_d)
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+
+    def value(x):
+        q, dq, theta, dtheta = x.reshape(4, 3)
+        mass, _ = made.links_at(robot, q)
+        along = sum(w * torque(q_d + (s + 1) / 2 * (q - q_d)) for s, w in zip(nodes, weights)) / 2
+        energy = 0.5 * dq @ mass @ dq + 0.5 * p["motor_inertia"] @ dtheta**2 + along @ (q - q_d)
+        error = theta_d - theta
+        return (
+            energy
+            + 0.5 * p["stiffness"] @ (theta - q) ** 2
+            + 0.5 * law.proportional @ error**2
+            + error @ torque(q_d)
+        )
+
+    power = states[:, 9:12] ** 2 @ (p["friction"] + law.derivative)
+    lost = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2) * (times[1] - times[0])])
+    values = np.array([value(x) for x in states[::100]]) - value(x_d)
+    assert np.all(np.diff(values) <= 1e-9 * values[0])
+    np.testing.assert_allclose(
+        values, values[0] - lost[::100], atol=2e-4 * values[0]
+    )  # the trapezoidal rule's
+    assert values[-1] < 1e-5 * values[0]
+    np.testing.assert_allclose(states[-1, [0, 1, 2, 6, 7, 8]], x_d[[0, 1, 2, 6, 7, 8]], atol=1e-3)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("integral", [None, "motor_position", "link_position"])
+def test_gains_put_the_poles_of_a_stiff_joint_where_asked(made, integral):
+    stiff = made.robots["paper"].with_values({"stiffness": 1e9, "gravity": 0.0})
+    law = MotorPD.tuned(stiff.problem(), 5.0, 0.6, integral=integral, integral_rate=0.3)
+    poles = np.sort_complex(np.linalg.eigvals(law.closed_loop()))
+    slow = poles[np.argsort(np.abs(poles))[: 3 if integral else 2]]
+    expected = np.roots([1.0, 2 * 0.6 * 5.0, 25.0])
+    expected = np.append(expected, -1.5) if integral else expected
+    np.testing.assert_allclose(np.sort_complex(slow), np.sort_complex(expected), rtol=1e-4)
+
+
+def test_a_motor_that_damps_itself_by_more_than_was_asked_keeps_doing_so(made):
+    problem = made.robots["quanser"].problem()
+    law = MotorPD.tuned(problem, 1.0, 0.1)
+    assert elastic_joints(problem.plant, *law.rest).motor_damping[0] > 0.01
+    assert law.derivative[0] == 0.0
+
+
+@pytest.mark.parametrize("integral", ["link_position", "motor_position"])
+def test_in_the_sampled_loop_the_goal_is_reached_and_the_integral_takes_what_is_wrong(made, integral):
+    robot = made.robots["planar-two-link"]
+    wrong = robot.plant().with_parameters(mass=1.1 * robot.plant_parameters()["mass"])
+    goal, held = robot.operating_point([0.9, 0.2])
+    reference = np.concatenate([goal, held])
+    problem = robot.problem()
+    plain = MotorPD.tuned(problem, 20.0, 0.8)
+    run = Loop(robot.plant(), Controller(plain, None, moving=True)).run(reference, duration=6.0)
+    np.testing.assert_allclose(run.signals["state"][-1], goal, atol=1e-5)
+    run = Loop(wrong, Controller(plain, None, moving=True)).run(reference, duration=6.0)
+    assert np.abs(run.signals["state"][-1] - goal)[:2].max() > 1e-3
+    law = MotorPD.tuned(problem, 20.0, 0.8, integral=integral)
+    run = Loop(wrong, Controller(law, None, moving=True)).run(reference, duration=12.0)
+    place = 0 if integral == "link_position" else 4
+    np.testing.assert_allclose(
+        run.signals["state"][-1, place : place + 2], goal[place : place + 2], atol=1e-4
+    )
+
+
+def test_other_gains_compile_nothing(made, monkeypatch):
+    problem = made.robots["paper"].problem()
+    first = Controller(MotorPD.tuned(problem, 4.0), None)
+    first.step(np.zeros(4))
+    other = Controller(MotorPD.tuned(problem, 5.0, 0.9), None)
+
+    def none(key, build):
+        return share(key, lambda: pytest.fail("compiled again"))
+
+    monkeypatch.setattr("flexhinf.loop.controller.share", none)
+    x = np.array([0.1, 0.0, 0.2, 0.3])
+    np.testing.assert_allclose(other.step(x), other.law.gain @ x, rtol=1e-13)
+    assert not np.allclose(first.law.gain, other.law.gain)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"proportional": 2.0}, "not a minimum of the potential"),
+        ({"proportional": [1.0, 2.0]}, "proportional gain does not fit"),
+        ({"derivative": -1.0}, "derivative gain does not fit"),
+        ({"integral": 1.0}, "integral gain and what is integrated"),
+        ({"integrate": ("link_position",)}, "integral gain and what is integrated"),
+        ({"integrate": ("elbow",), "integral": 1.0}, "no state 'elbow'"),
+        ({"rest": (np.zeros(3), np.zeros(1))}, "rest of the law does not fit"),
+    ],
+)
+def test_what_does_not_fit_is_refused(made, changes, complaint):
+    robot = made.robots["paper"]
+    settings = {"rest": robot.operating_point([np.pi]), "proportional": 50.0, "derivative": 1.0}
+    MotorPD(plant=robot.plant(), **settings)
+    with pytest.raises(InvalidInput, match=complaint):
+        MotorPD(plant=robot.plant(), **{**settings, **changes})
+
+
+@pytest.mark.parametrize("settings", [{"bandwidth": 0.0}, {"bandwidth": 4.0, "damping": np.nan}])
+def test_a_bandwidth_and_a_damping_are_needed(made, settings):
+    with pytest.raises(InvalidInput, match="bandwidth and a damping"):
+        MotorPD.tuned(made.robots["paper"].problem(), **settings)
+
+
+def test_a_negative_rate_of_the_integral_is_refused(made):
+    with pytest.raises(InvalidInput, match="rate of the integral"):
+        MotorPD.tuned(made.robots["paper"].problem(), 4.0, integral="link_position", integral_rate=-1.0)

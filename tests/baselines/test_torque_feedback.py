@@ -1,0 +1,167 @@
+"""Torque feedback against a PD on a robot whose rotors are as light as asked, and where it rests."""
+
+import numpy as np
+import pytest
+from scipy.optimize import root
+
+from flexhinf.baselines import MotorPD, TorqueFeedback
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Controller, Loop
+
+
+def solved(equations, start, left=1e-12):
+    """A root, to what is left of the equations."""
+    found = root(equations, start, tol=1e-14)
+    assert np.abs(equations(found.x)).max() < left
+    return found.x
+
+
+@pytest.mark.oracle
+def test_it_is_a_pd_on_lighter_rotors(made):
+    robot = made.robots["spatial-three-link"]
+    plant, p = robot.plant(), robot.plant_parameters()
+    problem = robot.problem(pose=[0.2, 0.4, 0.8])
+    law = TorqueFeedback.tuned(
+        problem, 7.0, 0.7, inertia_ratio=0.3, compensation="goal", integral="link_position"
+    )
+    light = plant.with_parameters(motor_inertia=0.3 * p["motor_inertia"], friction=0.3 * p["friction"])
+    same = MotorPD(
+        plant=light, rest=law.rest, integrate=("link_position",),
+        proportional=law.proportional, derivative=law.derivative, integral=law.integral,
+    )  # fmt: skip
+    start = law.rest[0] + np.linspace(-0.4, 0.5, 12)
+    _, felt = made.continuous(plant, law, start, 1.5)
+    _, expected = made.continuous(light, same, start, 1.5)
+    np.testing.assert_allclose(felt, expected, atol=1e-8)
+    unchanged = made.continuous(plant, MotorPD(
+        plant=plant, rest=law.rest, integrate=("link_position",),
+        proportional=law.proportional, derivative=law.derivative, integral=law.integral,
+    ), start, 1.5)[1]  # fmt: skip
+    assert np.abs(unchanged - expected).max() > 0.05
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("extras", [(), ("joint_damping",)])
+def test_with_voltages_and_damped_springs_the_loops_matrix_is_that_of_lighter_rotors(made, extras):
+    robot = made.robots["planar-two-link"]
+    problem = robot.problem(extras=extras)
+    law = TorqueFeedback.tuned(problem, 25.0, 0.8, inertia_ratio=0.2, compensation="goal")
+    p = robot.plant_parameters()
+    scaled = robot.plant(extras=extras).with_parameters(
+        motor_inertia=0.2 * p["motor_inertia"], friction=0.2 * p["friction"],
+        back_emf_constant=0.2 * p["back_emf_constant"],
+    )  # fmt: skip
+    same = MotorPD(plant=scaled, rest=law.rest, proportional=law.proportional, derivative=law.derivative)
+    np.testing.assert_allclose(law.closed_loop(), same.closed_loop(), rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "name", ["paper", "rig", "quanser", "planar-two-link", "spatial-three-link", "seven-link"]
+)
+def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(made, name):
+    robot = made.robots[name]
+    law = TorqueFeedback.tuned(robot.problem(), 5.0)
+    p = robot.plant_parameters()
+    stiffness, n = np.atleast_1d(p["stiffness"]), len(robot.joint_names)
+    theta = np.array(robot.home) + np.linspace(0.3, 1.0, n)
+    _, torque = made.links_at(robot, theta)
+    q = solved(lambda s: theta - s - torque(s) / stiffness, theta)
+    found = law.weight(theta, stiffness, robot.plant().parameters.vector())
+    np.testing.assert_allclose(found, torque(q), atol=2e-6 * max(1.0, np.abs(torque(theta)).max()))
+    assert 0.0 <= law.contraction < 0.2
+    assert law.turns <= 7
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("compensation", ["motor", "goal"])
+def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
+    robot = made.robots["spatial-three-link"]
+    law = TorqueFeedback.tuned(robot.problem(), 8.0, 0.8, compensation=compensation)
+    goal, held = robot.operating_point([-0.5, 0.9, -0.4])
+    np.testing.assert_array_equal(law.evaluate_about(np.zeros(12), goal, held, law.law_data), 0.0)
+    _, states = made.continuous(
+        robot.plant(), law, goal + 0.2 * np.cos(np.arange(12.0)), 6.0, lambda t: (goal, held)
+    )
+    np.testing.assert_allclose(states[-1], goal, atol=1e-5)
+
+
+@pytest.mark.oracle
+def test_the_weight_is_compensated_away_from_the_goal(made):
+    """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""
+    robot = made.robots["planar-two-link"]
+    plant, law = robot.plant(), TorqueFeedback.tuned(robot.problem(pose=[1.2, 0.3]), 30.0, 0.8)
+    push = np.array([8.0, -3.0])
+    x_d, _ = law.rest
+    _, torque = made.links_at(robot, x_d[:2])
+    stiffness, ratio = robot.plant_parameters()["stiffness"], 4.0
+
+    def balance(z):  # the links hold push by the springs, the motors hold the springs
+        q, theta = z[:2], z[2:]
+        spring = stiffness * (theta - q)
+        bar = solved(lambda s: theta - s - torque(s) / stiffness, theta)
+        wish = -law.proportional * (theta - x_d[4:6]) + torque(bar)
+        return np.concatenate([spring + push - torque(q), ratio * wish + (1.0 - ratio) * spring - spring])
+
+    expected = solved(balance, np.concatenate([x_d[:2], x_d[4:6]]), 1e-9)
+    _, states = made.continuous(plant, law, x_d, 6.0, disturbance=np.concatenate([push, np.zeros(2)]))
+    np.testing.assert_allclose(states[-1, [0, 1, 4, 5]], expected, atol=1e-5)
+    assert np.abs(expected[:2] - x_d[:2]).max() > 0.02
+
+
+def test_the_given_gravity_makes_the_same_law_and_cheaper_code(made):
+    robot = made.robots["seven-link"]
+    problem = robot.problem()
+    own = TorqueFeedback.tuned(problem, 5.0)
+    given = TorqueFeedback.tuned(problem, 5.0, gravity=robot.links.gravity_torque)
+    x = 0.1 * np.sin(np.arange(28.0))
+    np.testing.assert_allclose(
+        given.evaluate_law(x, given.law_data), own.evaluate_law(x, own.law_data), rtol=1e-9, atol=1e-9
+    )
+    assert given.law_key != own.law_key
+
+
+def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves(made):
+    problem = made.robots["planar-two-link"].problem()
+
+    def smallest_damping(law):
+        modes = np.linalg.eigvals(law.closed_loop())
+        assert modes.real.max() < 0.0
+        return float((-modes.real / np.abs(modes)).min())
+
+    plain = smallest_damping(MotorPD.tuned(problem, 6.0))
+    assert smallest_damping(TorqueFeedback.tuned(problem, 6.0, inertia_ratio=0.25)) > 3.0 * plain
+
+
+def test_in_the_sampled_loop_the_goal_is_reached(made):
+    robot = made.robots["spatial-three-link"]
+    goal, held = robot.operating_point([0.5, 0.8, 0.2])
+    law = TorqueFeedback.tuned(robot.problem(), 8.0, gravity=robot.links.gravity_torque)
+    loop = Loop(robot.plant(), Controller(law, None, moving=True))
+    run = loop.run(np.concatenate([goal, held]), duration=6.0)
+    np.testing.assert_allclose(run.signals["state"][-1], goal, atol=1e-5)
+
+
+def test_a_joint_too_soft_for_its_weight_is_refused(made):
+    soft = made.robots["paper"].with_values({"stiffness": 9.0})
+    with pytest.raises(InvalidInput, match="cannot be found from the motor position by iteration"):
+        TorqueFeedback.tuned(soft.problem(), 4.0)
+    TorqueFeedback.tuned(soft.problem(), 4.0, compensation="goal")
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"rotor_inertia": 0.0}, "cannot be made so"),
+        ({"compensation": "link"}, "cannot be made so"),
+        ({"proportional": -1.0}, "proportional gain does not fit"),
+        ({"compensation": "goal", "proportional": 1.0}, "not a minimum of the potential"),
+        ({"gravity": lambda q, p: p.mass * np.sin(q)}, "gravity torque that was given is not the plant's"),
+    ],
+)
+def test_what_does_not_fit_is_refused(made, changes, complaint):
+    robot = made.robots["paper"]
+    settings = {"rotor_inertia": 0.5, "proportional": 20.0, "derivative": 3.0}
+    TorqueFeedback(plant=robot.plant(), rest=robot.operating_point([np.pi]), **settings)
+    with pytest.raises(InvalidInput, match=complaint):
+        TorqueFeedback(plant=robot.plant(), rest=robot.operating_point([np.pi]), **{**settings, **changes})
