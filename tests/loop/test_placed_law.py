@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from flexhinf.codegen import DIRECT
 from flexhinf.estimation import UnscentedKalmanFilter
-from flexhinf.loop import Controller, Loop, controller
+from flexhinf.loop import Controller, Loop, Schedule, controller
 from flexhinf.plant import Plant
 
 H = 1e-2
@@ -89,9 +88,26 @@ def test_a_law_said_anew_is_not_taken_for_what_it_came_from():
     assert Controller(Cubed(), None, H, moving=True).law_code.placed
 
 
-def test_the_plain_text_says_the_same(made):
-    code = Controller(Cubed(), None, H, moving=True).law_code
-    x, about = np.array([0.1, 0.2]), (np.array([1.0]), np.array([0.5]))
-    np.testing.assert_allclose(
-        code.evaluate(DIRECT, x, code.data, about), -3.0 * (1.1**3 - 1.0) - 0.4 - 0.005, rtol=1e-12
-    )
+@pytest.mark.parametrize("threshold", [controller.ONE_TRACE, 0])
+def test_it_takes_over_bumplessly_about_a_moving_reference(monkeypatch, threshold):
+    monkeypatch.setattr(controller, "ONE_TRACE", threshold)
+    law, x, r, last = Cubed(), np.array([1.3]), np.array([1.0, 0.6]), np.array([0.35])
+    step = Controller(law, None, H, moving=True, start="bumpless")
+    step.reset(input=last)
+    np.testing.assert_allclose(step.step(x, r), last, atol=1e-12)
+    integral = (0.6 - 3.0 * (1.3**3 - 1.0) - 0.1 * 0.6 * 0.3 - 0.35) / 2.0  # k = u_last − u_d, solved for e
+    error = 0.5 * H * ((1.3 - 1.0) + (1.2 - 1.0))
+    expected = 0.6 - 3.0 * (1.2**3 - 1.0) - 0.1 * 0.6 * 0.2 - 2.0 * (integral + error)
+    np.testing.assert_allclose(step.step([1.2], r), [expected], atol=1e-12)
+
+
+@pytest.mark.parametrize("threshold", [controller.ONE_TRACE, 0])
+def test_of_several_the_active_one_is_given_the_reference(monkeypatch, threshold):
+    monkeypatch.setattr(controller, "ONE_TRACE", threshold)
+    near, far = Cubed(), Cubed(7.0, 1.0)
+    far.operating_point = np.array([2.0, 0.0])
+    for x_d, law in ((0.6, near), (1.9, far)):
+        step = Controller(Schedule([near, far]), None, H, moving=True)
+        r, x = np.array([x_d, 0.6]), np.array([x_d + 0.3])
+        k = law.evaluate_about(np.array([0.3, 0.0]), r[:1], r[1:], law.law_data)
+        np.testing.assert_allclose(step.step(x, r), r[1:] + k, rtol=1e-12)
