@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.campaign import RestingLoop
-from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.program import measure_function, rk4_function
 from flexhinf.plant import Plant
@@ -27,7 +27,10 @@ def designed(robot: Robot, degree: int = 4, ratio: float = 1.5, **options: Any) 
 def filter_of(
     plant: Plant, mean: Any, kind: str = "ekf", noise: Any = (1e-8, 1e-8), period: float = PERIOD
 ) -> Any:
-    build = {"ekf": ExtendedKalmanFilter, "ukf": UnscentedKalmanFilter}[kind]
+    build = {"ekf": ExtendedKalmanFilter, "ukf": UnscentedKalmanFilter}.get(kind)
+    if build is None:
+        poles = -np.array([60.0, 70.0, 80.0, 90.0])
+        return OutputInjectionObserver(plant, period, *noise, mean, poles=poles)
     return build(plant, period, *noise, mean, 1e-6)
 
 
@@ -58,11 +61,16 @@ def _whole_jacobian(
     reference = np.concatenate(loop.model_rest) if loop.moving else loop.command
     parts: dict[str, Any] = {"u": u, "integral": z[n:][place["integral"]], "position": loop.command}
     if loop.filter is not None:
-        belief = [z[n:][place["mean"]], *step.estimator.initial[1:]]
+        moving_belief = z[n:][place["belief"]].reshape(len(step.parts), -1)
+        belief = list(step.estimator.initial)
+        for row, k in enumerate(step.parts):
+            belief[k] = moving_belief[row]
+        if "moved" in step.estimator.initial._fields:
+            belief[step.estimator.initial._fields.index("moved")] = np.ones(1)
         parts["belief"] = belief
     flat = memory.flat(parts | {"reference": reference, "started": 1.0})
     named = vars(memory.named(np.arange(flat.size)))
-    moving = [named["belief"][0]] if belief else []
+    moving = [named["belief"][k] for k in step.parts] if belief else []
     moving = [int(i) for part in (*moving, named["u"], named["integral"], named["position"]) for i in part]
     state, p = ca.SX.sym("state", n), ca.DM(plant.parameters.replaced(values or {}).vector())
     remembered, inputs = ca.SX.sym("remembered", len(moving)), ca.SX(ca.DM(flat))

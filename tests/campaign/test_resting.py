@@ -27,7 +27,7 @@ def sorted_sizes(multipliers: np.ndarray) -> np.ndarray:
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("kind", [None, "ekf"])
+@pytest.mark.parametrize("kind", [None, "ekf", "observer"])
 @pytest.mark.parametrize("coil", [False, True])
 def test_one_period_is_that_of_the_whole_step(
     made: SimpleNamespace, arm: Robot, cubic: HJISolution, kind: str | None, coil: bool, moving: bool

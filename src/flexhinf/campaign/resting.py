@@ -19,7 +19,7 @@ from flexhinf.campaign.modes import Modes
 from flexhinf.campaign.rows import Rows, one_period
 from flexhinf.campaign.sampled_controller import SampledController, Stepped, model_rows
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation import ConstantGainFilter, RecursiveFilter, stationary_gain
+from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
 from flexhinf.plant import Law, Plant, equilibrium
 from flexhinf.plant.equilibrium import pose_values
@@ -41,8 +41,8 @@ class RestingLoop:
     ----------
     law : Law
         Any; several joints, with integrals or without.
-    filter : RecursiveFilter, ConstantGainFilter or None
-        A recursive filter is taken at its stationary gain at the goal. None feeds back the true state.
+    filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
+        A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
     period : float
@@ -91,7 +91,7 @@ class RestingLoop:
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
         self.model_rest = self._model_rest(goal) if rest is None else (np.array(rest[0]), np.array(rest[1]))
         steady = filter
-        if isinstance(filter, RecursiveFilter):
+        if self._tunable:
             steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
@@ -114,6 +114,12 @@ class RestingLoop:
         return x[[plant.index(name) for name in self._states]], u
 
     # The estimator -------------------------------------------------------------------------------------
+    @property
+    def _tunable(self) -> bool:
+        """Whether the gain follows from R^v: that of a Kalman filter."""
+        own = isinstance(self.filter, OutputInjectionObserver)
+        return isinstance(self.filter, RecursiveFilter) and not own
+
     @cached_property
     def _model(self) -> tuple[np.ndarray, np.ndarray]:
         """F and H of the filter's model, linearised at the goal."""
@@ -124,7 +130,7 @@ class RestingLoop:
 
     def gain(self, process_noise: np.ndarray) -> np.ndarray:
         """The filter's stationary gain (n, p) at the goal for this R^v (n, n)."""
-        if not isinstance(self.filter, RecursiveFilter):
+        if not self._tunable:
             raise InvalidInput(
                 "This loop has no filter whose gain depends on R^v.",
                 f"got {type(self.filter).__name__}",
@@ -203,9 +209,8 @@ class RestingLoop:
         integral = self.law.operating_point[len(x) :]
         if not self.moving:
             integral = holding_integrals(self.step.law_rows, x, u)
-        mean = x if self.filter is not None else np.zeros(0)
         position = np.zeros(self.step.k) if self.moving else self.command
-        return np.concatenate([self._true_start(x, u), mean, u, integral, position])
+        return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position])
 
     def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The same rest of the true plant; states that the law's plant lacks are solved for."""

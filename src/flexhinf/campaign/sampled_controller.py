@@ -17,7 +17,7 @@ from flexhinf.campaign.dual import Dual, stacked, variables
 from flexhinf.campaign.law_rows import LawRows
 from flexhinf.campaign.rows import Rows
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation import ConstantGainFilter, RecursiveFilter
+from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
@@ -57,15 +57,16 @@ class Stepped:
 class SampledController:
     """A law with an estimator of constant gain, or fed back the state.
 
-    The memory is x̂(k|k−1), the last input, the integrals, and the tracked positions of the last sample (their
-    errors, where the reference moves); without an estimator the first is missing. The centre is (x*, u*): of the
-    law, or the moving reference.
+    The memory is what moves of the estimator's belief (x̂(k|k−1), or nothing without an estimator), the last input,
+    the integrals, and the tracked positions of the last sample (their errors, where the reference moves). The centre
+    is (x*, u*): of the law, or the moving reference.
 
     Parameters
     ----------
     law : Law
     estimator : Estimator or None
-        Of whose belief nothing but the mean moves: `flexhinf.estimation.ConstantGainFilter`.
+        With a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief nothing but
+        the mean moves.
     period : float
         s.
     moving : bool
@@ -85,7 +86,8 @@ class SampledController:
         self.n, self.m, self.k = len(self.states), len(law.input_names), len(self.tracked)
         self.p = len(self.measured)
         self.law_rows = LawRows(law)
-        if estimator is not None:
+        self.parts = () if estimator is None else _moving_parts(estimator)
+        if self.parts == (0,):
             self._check_rest()
 
     @property
@@ -96,7 +98,7 @@ class SampledController:
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where the parts of the memory are."""
-        sizes = {"mean": 0 if self.estimator is None else self.n, "u": self.m, "integral": self.k}
+        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k}
         places, start = {}, 0
         for name, size in {**sizes, "position": self.k}.items():
             places[name], start = slice(start, start + size), start + size
@@ -138,7 +140,7 @@ class SampledController:
         centre : (n + k + m,) array, optional
             The law's by default.
         fixed : array, optional
-            The belief beyond its mean (the gain), instead of the estimator's own.
+            What stands still of the belief (the gain), instead of the estimator's own.
         started : float or (N,) array
             0 at the first sample of a run, which has no interval behind it.
         """
@@ -146,10 +148,11 @@ class SampledController:
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
         past, seen, wanted, about = variables(memory, y, command, point)
         held = self._held(fixed)
-        estimate = seen
+        estimate = belief = seen
         if self.estimator is not None:
-            corrected = stacked(past[place["mean"]], seen, past[place["u"]])
-            estimate = corrected.through(lambda v: self._correct(v, held))
+            before = stacked(past[place["belief"]], seen, past[place["u"]])
+            belief = before.through(lambda v: self._correct(v, held))
+            estimate = belief[: self.n]
         from_y, from_state = self.selection
         position = seen.moved(from_y) + estimate.moved(from_state)
         half = 0.5 * self.period * np.broadcast_to(started, (count,))
@@ -161,35 +164,59 @@ class SampledController:
         u = about[self.n + self.k :] + deviation.through(self.law_rows)
         after = stacked(u, integral, position)
         if self.estimator is not None:
-            after = stacked(stacked(estimate, u).through(lambda v: self._predict(v, held)), after)
+            after = stacked(stacked(belief, u).through(lambda v: self._predict(v, held)), after)
         return Stepped(u, deviation, after)
 
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:
-        """What the estimator's updates are made of: parameters, and the belief beyond its mean."""
+        """What the estimator's updates are made of: parameters, and what stands still of the belief."""
         if self.estimator is None:
             return np.zeros(0)
-        parts = self.estimator.initial[1:] if fixed is None else (fixed,)
-        return np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, parts)])
+        initial = self.estimator.initial
+        still = [part for k, part in enumerate(initial) if k not in self.parts] if fixed is None else [fixed]
+        return np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, still)])
 
-    def _belief(self, mean: Any, fixed: Any) -> Any:
-        initial, parts, start = self.estimator.initial, [], 0
-        for part in initial[1:]:
-            parts.append(fixed[start : start + np.size(part)].reshape(np.shape(part)))
-            start += np.size(part)
-        return type(initial)(mean, *parts)
+    def _belief(self, moving: Any, still: Any) -> Any:
+        """The whole belief from what moves of it, and what does not."""
+        parts: list[Any] = []
+        for k, part in enumerate(self.estimator.initial):
+            size = int(np.size(part))
+            if k in self.parts:
+                parts.append(moving[:size].reshape(np.shape(part)))
+                moving = moving[size:]
+            else:
+                parts.append(still[:size].reshape(np.shape(part)))
+                still = still[size:]
+        return type(self.estimator.initial)(*parts)
 
-    def corrected(self, moving: Any, held: Any) -> Any:
-        """The belief after the measurement; moving: (mean, y, u)."""
-        e, n, size = self.estimator, self.n, self.estimator.plant.parameters.size
-        y, u, p = moving[n : n + self.p], moving[n + self.p :], e.plant.parameters.named(held[:size])
-        return e.measurement_update(self._belief(moving[:n], held[size:]), y, u, p, e.measurement_noise)
+    def _moved(self, belief: Any) -> Any:
+        return np.concatenate([np.ravel(np.asarray(belief[k])) for k in self.parts])
 
-    def predicted(self, moving: Any, held: Any) -> Any:
-        """The belief after a period; moving: (mean, u)."""
-        e, n, size = self.estimator, self.n, self.estimator.plant.parameters.size
-        p = e.plant.parameters.named(held[:size])
-        return e.time_update(self._belief(moving[:n], held[size:]), moving[n:], p, e.process_noise)
+    def _updated(self, moving: Any, held: Any, measured: bool) -> Any:
+        """The belief after a measurement (of what moves, y, u), or after a period (of what moves, u)."""
+        e, size, n = self.estimator, self.estimator.plant.parameters.size, self.places["belief"].stop
+        p, belief, u = (
+            e.plant.parameters.named(held[:size]),
+            self._belief(moving[:n], held[size:]),
+            moving[n:],
+        )
+        if "moved" in belief._fields:  # of an OutputInjectionObserver: before a measurement lies a period
+            belief = belief._replace(moved=np.ones(1))
+        if measured:
+            return e.measurement_update(belief, u[: self.p], u[self.p :], p, e.measurement_noise)
+        return e.time_update(belief, u, p, e.process_noise)
+
+    def settled(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What moves of the belief, where the estimator's plant rests at (x, u)."""
+        if self.estimator is None:
+            return np.zeros(0)
+        e, held = self.estimator, self._held(None)
+        y = np.atleast_1d(e.plant.output(x, u, e.plant.parameters.named(e.plant.parameters.vector())))
+        start = self._moved(e.initial_at(x))
+        start = self._moved(self._updated(np.concatenate([start, u]), held, False))
+        corrected = self._moved(self._updated(np.concatenate([start, y, u]), held, True))
+        settled = self._moved(self._updated(np.concatenate([corrected, u]), held, False))
+        return np.concatenate([x, settled[self.n :]])
 
     @property
     def _key(self) -> tuple[object, ...]:
@@ -198,14 +225,14 @@ class SampledController:
 
     @cached_property
     def _correct(self) -> Rows:
-        sizes = (self.n + self.p + self.m, self._held(None).size)
-        update = lambda moving, held: self.corrected(moving, held).mean  # noqa: E731
+        sizes = (self.places["belief"].stop + self.p + self.m, self._held(None).size)
+        update = lambda moving, held: self._moved(self._updated(moving, held, True))  # noqa: E731
         return Rows(("correct", *self._key), lambda: trace(update, *sizes, name="correct"))
 
     @cached_property
     def _predict(self) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """(x̂(k|k), u), held → x̂(k+1|k) and its slope."""
-        e, n, m = self.estimator, self.n, self.m
+        """(belief at k|k, u), held → belief at k+1|k, and its slope."""
+        e, n = self.estimator, self.n
         if isinstance(e, ConstantGainFilter):  # sub-steps are a loop, not one trace
             rows, size = model_rows(e.filter), e.plant.parameters.size
 
@@ -214,18 +241,18 @@ class SampledController:
                 return after[:, :n], slope[:, :n]
 
             return looped
-        update = lambda moving, held: self.predicted(moving, held).mean  # noqa: E731
-        sizes = (n + m, self._held(None).size)
+        update = lambda moving, held: self._moved(self._updated(moving, held, False))  # noqa: E731
+        sizes = (self.places["belief"].stop + self.m, self._held(None).size)
         return Rows(("predict", *self._key), lambda: trace(update, *sizes, name="predict"))
 
     def _check_rest(self) -> None:
         e, u = self.estimator, np.asarray(self.law.operating_input, dtype=float)
-        held, mean = self._held(None), np.asarray(e.initial.mean, dtype=float)
-        y = np.atleast_1d(e.plant.output(mean, u, e.plant.parameters.named(held[: e.plant.parameters.size])))
-        after = (
-            self.corrected(np.concatenate([mean, y, u]), held),
-            self.predicted(np.concatenate([mean, u]), held),
-        )
+        mean, held = np.asarray(e.initial.mean, dtype=float), self._held(None)
+        y = np.atleast_1d(e.plant.output(mean, u, e.plant.parameters.named(e.plant.parameters.vector())))
+        after = [
+            self._updated(np.concatenate([mean, *given, u]), held, measured)
+            for given, measured in (((y,), True), ((), False))
+        ]
         for belief in after:
             for new, old in zip(belief[1:], e.initial[1:]):
                 if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
@@ -234,3 +261,11 @@ class SampledController:
                         f"expected a belief of which only the mean moves, got {type(e).__name__}",
                         "ConstantGainFilter(filter, stationary_gain(...))",
                     )
+
+
+def _moving_parts(estimator: Any) -> tuple[int, ...]:
+    """Which parts of a belief move though the gain does not; each has the size of the state, the mean is first."""
+    if isinstance(estimator, OutputInjectionObserver):
+        fields = type(estimator.initial)._fields
+        return tuple(fields.index(name) for name in ("mean", "measured", "injection"))
+    return (0,)
