@@ -10,18 +10,29 @@ _HOME = {
     "LinearLoop": "linear_loop",
     "Margins": "loop_margins",
     "Modes": "modes",
+    "Population": "population",
+    "ProcessNoise": "sweep",
     "RestingLoop": "resting",
+    "Swept": "sweep",
+    "corner_population": "population",
+    "corners": "population",
     "margins": "loop_margins",
+    "unstable_share": "sweep",
 }
 
-__all__ = ["DiscreteSystem", "LinearLoop", "Margins", "Modes", "RestingLoop", "margins"]
+__all__ = [
+    "DiscreteSystem", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise", "RestingLoop", "Swept",
+    "corner_population", "corners", "margins", "unstable_share",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from flexhinf.campaign.discrete import DiscreteSystem
     from flexhinf.campaign.linear_loop import LinearLoop
     from flexhinf.campaign.loop_margins import Margins, margins
     from flexhinf.campaign.modes import Modes
+    from flexhinf.campaign.population import Population, corner_population, corners
     from flexhinf.campaign.resting import RestingLoop
+    from flexhinf.campaign.sweep import ProcessNoise, Swept, unstable_share
 
 
 def __getattr__(name: str) -> Any:

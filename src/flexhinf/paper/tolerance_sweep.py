@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.campaign import Population, ProcessNoise, RestingLoop, corner_population
+from flexhinf.campaign.sweep import ALL_STATES, VELOCITIES
 from flexhinf.paper.bench import PaperBench
 from flexhinf.plant import Law
 from flexhinf.report import number
@@ -24,16 +25,16 @@ __all__ = [
     "NO_ESTIMATOR",
     "VELOCITIES",
     "Case",
-    "Population",
     "ToleranceSweep",
     "name_goal",
+    "population_of",
 ]
 
 #: The paper's two commands, rad.
 GOALS = (math.pi / 2, math.pi)
 
 DRAWS, CORNERS = 100, 400
-ALL_STATES, VELOCITIES, NO_ESTIMATOR = "all states", "velocities only", "true state fed back"
+NO_ESTIMATOR = "true state fed back"
 SWEPT = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2, 1.0)
 
 
@@ -42,38 +43,10 @@ def name_goal(goal: float) -> str:
     return f"{math.degrees(goal):.0f}°"
 
 
-@dataclass(frozen=True)
-class Population:
-    """True plants: drawn uniformly, at corners of all tolerances, with one parameter at one end, nominal.
-
-    Attributes
-    ----------
-    values : tuple of mappings by name
-    kinds : (N,) array of str
-        "draw", "corner", "single" or "nominal".
-    """
-
-    values: tuple[Mapping[str, float], ...]
-    kinds: np.ndarray
-    nominal: Mapping[str, float]
-
-    @staticmethod
-    def of(bench: PaperBench) -> Population:
-        """Of the paper's arm; the draws are those of Figs. 9 and 10."""
-        arm, seed = bench.arm, bench.settings.seed
-        rng = np.random.default_rng(seed)
-        drawn = [arm.draw(rng) for _ in range(DRAWS)]
-        signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (CORNERS, len(arm.uncertain)))
-        corners = [arm.corner(list(row)) for row in signs]
-        singles = [arm.corner({p.name: sign}) for p in arm.uncertain for sign in (-1.0, 1.0)]
-        kinds = ["draw"] * len(drawn) + ["corner"] * len(corners) + ["single"] * len(singles) + ["nominal"]
-        return Population((*drawn, *corners, *singles, arm.nominal), np.array(kinds), arm.nominal)
-
-    def describe(self, k: int) -> str:
-        """A plant by its changes in per cent."""
-        changes = {name: 100.0 * (v / self.nominal[name] - 1.0) for name, v in self.values[k].items() if v}
-        named = [(name.replace("_", " "), c) for name, c in changes.items() if abs(c) > 1e-9]
-        return ", ".join(f"{name} {c:+.3g} %" for name, c in named) or "nominal"
+def population_of(bench: PaperBench) -> Population:
+    """Plants of the paper's arm; the draws are those of Figs. 9 and 10."""
+    arm = bench.arm
+    return corner_population(arm.corner, len(arm.uncertain), CORNERS, bench.settings.seed, arm.draw, DRAWS)
 
 
 @dataclass(frozen=True)
@@ -86,8 +59,7 @@ class Case:
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v, (n, n)."""
         assert self.q is not None
-        moves = [self.form == ALL_STATES or name.endswith("velocity") for name in states]
-        return self.q * np.diag(np.array(moves, dtype=float))
+        return ProcessNoise(self.form, self.q).covariance(states)
 
     @property
     def name(self) -> str:

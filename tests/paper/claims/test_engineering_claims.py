@@ -13,7 +13,7 @@ from flexhinf.loop import Step
 from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, repair, tolerances, ukf_against_ekf
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.paper.tolerance_sweep import ALL_STATES, GOALS, VELOCITIES, Case, Population, ToleranceSweep
+from flexhinf.paper.tolerance_sweep import ALL_STATES, GOALS, VELOCITIES, Case, ToleranceSweep, population_of
 from flexhinf.report import Table, to_json
 
 pytestmark = pytest.mark.paper
@@ -111,7 +111,7 @@ def test_the_repaired_arm_still_steps(bench: PaperBench) -> None:
 
 
 def test_the_population_is_within_the_tolerances(bench: PaperBench) -> None:
-    population = Population.of(bench)
+    population = population_of(bench)
     assert [int((population.kinds == k).sum()) for k in ("draw", "corner", "single", "nominal")] == [
         100,
         400,

@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign import Population
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.claims.smallest import smallest_change
-from flexhinf.paper.tolerance_sweep import ALL_STATES, GOALS, Case, Population, ToleranceSweep, name_goal
+from flexhinf.paper.tolerance_sweep import ALL_STATES, GOALS, Case, ToleranceSweep, name_goal, population_of
 from flexhinf.report import Column, Table
 
 __all__ = ["Repair", "cost_table", "repaired_penalty", "scaled_weights", "smallest_repair", "study"]
@@ -51,7 +52,7 @@ class Study:
 @lru_cache(maxsize=2)
 def study(bench: PaperBench) -> Study:
     """Growth rates for the settings' R^v, the swept ones, and the true state fed back."""
-    population, sweep = Population.of(bench), ToleranceSweep(bench, bench.nonlinear)
+    population, sweep = population_of(bench), ToleranceSweep(bench, bench.nonlinear)
     cases = dict.fromkeys((Case("true state fed back"), sweep.chosen, *sweep.swept))
     return Study(population, sweep, sweep.growth(tuple(cases), population))
 
