@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,27 @@ class LawRows:
         n, size = len(law.state_names), np.size(law.law_data)
         key = ("law", type(law), law.law_key, n, size)
         return Rows(key, lambda: trace(law.evaluate_law, n, size, name="law"))
+
+    @property
+    def placed(self) -> bool:
+        """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
+        return offers(self.law, "evaluate_about", "evaluate_law")
+
+    @cached_property
+    def _rows_about(self) -> Rows:
+        law: Any = self.law
+        n, m, size = len(law.state_names), len(law.input_names), np.size(law.law_data)
+        states = sum(not name.endswith("_integral") for name in law.state_names)
+
+        def about(moving: Any, held: Any) -> Any:
+            return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)
+
+        key = ("law about", type(law), law.law_key, tuple(law.state_names), m, size)
+        return Rows(key, lambda: trace(about, n + states + m, size, name="law_about"))
+
+    def about(self, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of a placed law: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation, reference and its input."""
+        return self._rows_about(moving, np.ravel(self.law.law_data))
 
     def __call__(self, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (N, m) and slopes (N, m, n) at deviations (N, n)."""

@@ -161,7 +161,11 @@ class SampledController:
         growth = (past[place["position"]] + position).times(half)
         integral = past[place["integral"]] + (growth if self.moving else growth - wanted.times(2.0 * half))
         deviation = stacked(estimate, integral) - about[: self.n + self.k]
-        u = about[self.n + self.k :] + deviation.through(self.law_rows)
+        rest = about[self.n + self.k :]
+        if self.moving and self.law_rows.placed:
+            u = rest + stacked(deviation, about[: self.n], rest).through(self.law_rows.about)
+        else:
+            u = rest + deviation.through(self.law_rows)
         after = stacked(u, integral, position)
         if self.estimator is not None:
             after = stacked(stacked(belief, u).through(lambda v: self._predict(v, held)), after)
