@@ -6,7 +6,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
+    "Attained": "disturbance_runs",
     "DiscreteSystem": "discrete",
+    "DisturbanceSearch": "disturbance_search",
     "LinearLoop": "linear_loop",
     "Margins": "loop_margins",
     "Modes": "modes",
@@ -18,15 +20,19 @@ _HOME = {
     "corners": "population",
     "margins": "loop_margins",
     "unstable_share": "sweep",
+    "worst_disturbance": "disturbance_search",
 }
 
 __all__ = [
-    "DiscreteSystem", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise", "RestingLoop", "Swept",
-    "corner_population", "corners", "margins", "unstable_share",
+    "Attained", "DiscreteSystem", "DisturbanceSearch", "LinearLoop", "Margins", "Modes", "Population",
+    "ProcessNoise", "RestingLoop", "Swept", "corner_population", "corners", "margins", "unstable_share",
+    "worst_disturbance",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from flexhinf.campaign.discrete import DiscreteSystem
+    from flexhinf.campaign.disturbance_runs import Attained
+    from flexhinf.campaign.disturbance_search import DisturbanceSearch, worst_disturbance
     from flexhinf.campaign.linear_loop import LinearLoop
     from flexhinf.campaign.loop_margins import Margins, margins
     from flexhinf.campaign.modes import Modes

@@ -140,7 +140,7 @@ class RestingLoop:
 
     # One period ----------------------------------------------------------------------------------------
     @cached_property
-    def _measure(self) -> Rows:
+    def measure(self) -> Rows:
         """(x, u, parameters) → what the controller is given."""
         plant, n = self.plant, self.plant.n
         places = [plant.index(name) for name in self._states] if self.filter is None else None
@@ -172,7 +172,7 @@ class RestingLoop:
         """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m)."""
         n, place = self.plant.n, self.step.places["u"]
         x, memory = z[:, :n], z[:, n:]
-        y, by_y = self._measure(np.hstack([x, memory[:, place]]), vectors)
+        y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)
         command = np.broadcast_to(self.command, (len(z), self.step.k))
         return self.step.step(memory, y, command, self.centre, fixed), by_y
 

@@ -147,9 +147,12 @@ class SampledController:
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
         past, seen, wanted, about = variables(memory, y, command, point)
-        held = self._held(fixed)
         estimate = belief = seen
         if self.estimator is not None:
+            held = self._held(fixed)
+            if self._flag.stop:
+                held = np.tile(held, (count, 1))
+                held[:, self._flag] = np.broadcast_to(started, (count,))[:, None]
             before = stacked(past[place["belief"]], seen, past[place["u"]])
             belief = before.through(lambda v: self._correct(v, held))
             estimate = belief[: self.n]
@@ -178,7 +181,19 @@ class SampledController:
             return np.zeros(0)
         initial = self.estimator.initial
         still = [part for k, part in enumerate(initial) if k not in self.parts] if fixed is None else [fixed]
-        return np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, still)])
+        held = np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, still)])
+        held[self._flag] = 1.0
+        return held
+
+    @cached_property
+    def _flag(self) -> slice:
+        """Where an observer is told, in `_held`, that a period lies before its measurement; empty for others."""
+        place = self.estimator.plant.parameters.size
+        for k, (name, part) in enumerate(zip(self.estimator.initial._fields, self.estimator.initial)):
+            if name == "moved":
+                return slice(place, place + 1)
+            place += 0 if k in self.parts else int(np.size(part))
+        return slice(0, 0)
 
     def _belief(self, moving: Any, still: Any) -> Any:
         """The whole belief from what moves of it, and what does not."""
@@ -204,8 +219,6 @@ class SampledController:
             self._belief(moving[:n], held[size:]),
             moving[n:],
         )
-        if "moved" in belief._fields:  # of an OutputInjectionObserver: before a measurement lies a period
-            belief = belief._replace(moved=np.ones(1))
         if measured:
             return e.measurement_update(belief, u[: self.p], u[self.p :], p, e.measurement_noise)
         return e.time_update(belief, u, p, e.process_noise)
@@ -221,6 +234,26 @@ class SampledController:
         corrected = self._moved(self._updated(np.concatenate([start, y, u]), held, True))
         settled = self._moved(self._updated(np.concatenate([corrected, u]), held, False))
         return np.concatenate([x, settled[self.n :]])
+
+    def beliefs(self, y: np.ndarray, u: np.ndarray, estimate: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """What moves of the belief before each sample of a run that began with the estimator's own.
+
+        Parameters
+        ----------
+        y, u, estimate, last : (N, p), (N, m), (N, n) and (N, m) arrays
+            Measured, given, x̂(k|k), and given one sample before.
+        """
+        if self.estimator is None:
+            return np.zeros((len(u), 0))
+        held, moving = self._held(None), self._moved(self.estimator.initial)[None, :]
+        if self.parts == (0,):
+            return np.vstack([moving, self._predict(np.hstack([estimate, u]), held)[0][:-1]])
+        found = [moving]
+        for k in range(len(u) - 1):
+            held[self._flag] = float(k > 0)
+            corrected = self._correct(np.hstack([found[-1], y[k : k + 1], last[k : k + 1]]), held)[0]
+            found.append(self._predict(np.hstack([corrected, u[k : k + 1]]), held)[0])
+        return np.vstack(found)
 
     @property
     def _key(self) -> tuple[object, ...]:

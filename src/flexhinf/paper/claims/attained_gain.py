@@ -102,7 +102,7 @@ def _stated() -> list[tuple[str, Callable[[np.ndarray], np.ndarray]]]:
 
 def _searched(runs: GainBench) -> list[Named]:
     """The worst disturbance found for each energy, each search begun from the last; up to where the loop diverges."""
-    t, found = runs.times(runs.search_period), []
+    t, found = runs.times, []
     d: Any = _decaying(1.0, 0.3, 5.0)(t)
     for energy in ENERGIES:
         d = runs.worst(d, energy, TURNS if found else FIRST_TURNS)
