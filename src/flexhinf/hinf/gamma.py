@@ -45,8 +45,8 @@ def smallest_gamma(problem: Problem) -> float:
     return linear_smallest_gamma(LinearPart.of(problem.expand(1)))
 
 
-def linear_smallest_gamma(linear: LinearPart) -> float:
-    """The same for a linear part at hand."""
+def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> float:
+    """The same for a linear part at hand, to another relative width where many are tried."""
     linear.check()
     if not _feasible(linear, float("inf")):
         raise NoFeasibleGamma(
@@ -58,7 +58,7 @@ def linear_smallest_gamma(linear: LinearPart) -> float:
     if not disturbance_reaches_output(balanced.a, balanced.b1, balanced.c):
         return 0.0
     low, high = _bracket(linear)
-    while high - low > _RELATIVE * high:
+    while high - low > relative * high:
         middle = (low + high) / 2
         if not low < middle < high:
             break

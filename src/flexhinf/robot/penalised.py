@@ -1,4 +1,4 @@
-"""Penalties on more than states: the torque of the springs."""
+"""Penalties on more than states: the torque of the springs and its rate, which sees the vibrations alone."""
 
 from __future__ import annotations
 
@@ -16,25 +16,29 @@ __all__ = ["WeightedStatesAndTorques", "robot_penalty"]
 
 @dataclass(frozen=True)
 class WeightedStatesAndTorques:
-    """h(x): weighted states, then weighted torques K (q2 − q1) of the springs, all as deviations.
+    """h(x): weighted states, then weighted torques K (q2 − q1) of the springs and their rates, as deviations.
 
     Parameters
     ----------
     states : tuple of float
         One weight per state, integrals included.
-    torques : tuple of float
-        One weight per joint, 1/(N·m) or 1/N.
+    torques, rates : tuple of float
+        One weight per joint, 1/(N·m) or 1/N, and s/(N·m) or s/N.
     """
 
     states: tuple[float, ...]
     torques: tuple[float, ...]
+    rates: tuple[float, ...]
 
     def __call__(self, x: Any, p: Any) -> Any:
         """h (s,) of any element."""
         n = len(self.torques)
         torque = p.stiffness * (x[2 * n : 3 * n] - x[:n])
+        rate = p.stiffness * (x[3 * n : 4 * n] - x[n : 2 * n])
         weighted = [weight * x[i] for i, weight in enumerate(self.states) if weight]
-        return np.array([*weighted, *(weight * torque[i] for i, weight in enumerate(self.torques) if weight)])
+        for weights, values in ((self.torques, torque), (self.rates, rate)):
+            weighted += [weight * values[i] for i, weight in enumerate(weights) if weight]
+        return np.array(weighted)
 
 
 def robot_penalty(penalty: Penalty, joints: Sequence[str], states: Sequence[str]) -> Penalty:
@@ -52,10 +56,10 @@ def robot_penalty(penalty: Penalty, joints: Sequence[str], states: Sequence[str]
     InvalidInput
         For a weight of something that is neither a state nor a spring's torque.
     """
-    torques = signal_names("joint_torque", joints)
-    if not isinstance(penalty.states, Mapping) or not set(torques) & set(penalty.states):
+    named = [signal_names(quantity, joints) for quantity in ("joint_torque", "joint_torque_rate")]
+    if not isinstance(penalty.states, Mapping) or not {*named[0], *named[1]} & set(penalty.states):
         return penalty
     weights = dict(penalty.states)
-    each = tuple(float(weights.pop(name, 0.0)) for name in torques)
+    torques, rates = (tuple(float(weights.pop(name, 0.0)) for name in names) for names in named)
     kept = replace(penalty, states=weights).weights(states)
-    return replace(penalty, states=WeightedStatesAndTorques(tuple(kept.tolist()), each))
+    return replace(penalty, states=WeightedStatesAndTorques(tuple(kept.tolist()), torques, rates))

@@ -167,7 +167,7 @@ class Robot:
         )
 
     def operating_point(
-        self, pose: Any = None, extras: str | Sequence[str] = ()
+        self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where the robot rests at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
@@ -177,6 +177,8 @@ class Robot:
             Link positions, rad or m; the robot's home by default.
         extras : sequence of str
             As for `plant`: they change the spring, and add the coil's state.
+        parameters : mapping, optional
+            Those of the plant, as `corner` and `draw` return them; nominal by default.
 
         Returns
         -------
@@ -189,7 +191,7 @@ class Robot:
             For a pose that does not fit the joints or leaves their limits.
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
-        packed = self.plant_parameters()
+        packed = {**self.plant_parameters(), **(parameters or {})}
         on = checked_extras(extras, False, packed, self.name)
         return operating_point(self.links, self.drive, q, Parameters(packed), on)
 
@@ -257,8 +259,9 @@ class Robot:
         ----------
         penalty : Penalty or weights, optional
             Instead of the robot's own; weights alone come with R2 = 1, see `Penalty`. Weights by name are those
-            of states, of ``link_position_integral`` and of ``joint_torque`` (deviation of the spring's torque); a
-            plain name stands for all joints, with one weight for all or one each. The input's weight is the
+            of states, of ``link_position_integral``, of ``joint_torque`` (deviation of the spring's torque) and of
+            ``joint_torque_rate`` (its rate: the vibration); a plain name stands for all joints, with one weight for
+            all or one each. The input's weight is the
             penalty's effort.
         pose : sequence or mapping, optional
             Link positions to design about, rad or m; the robot's home by default.

@@ -35,6 +35,7 @@ UNITS = {
     "link_torque": ("N·m", "N"),
     "motor_torque": ("N·m", "N"),
     "joint_torque": ("N·m", "N"),
+    "joint_torque_rate": ("N·m/s", "N/s"),
 }
 
 
