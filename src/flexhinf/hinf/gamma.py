@@ -7,7 +7,7 @@ from flexhinf.hinf.conditions import check_problem, disturbance_reaches_output
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.problem import Problem
 
-__all__ = ["linear_smallest_gamma", "smallest_gamma"]
+__all__ = ["is_feasible", "linear_smallest_gamma", "smallest_gamma"]
 
 _RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
 _FACTOR = 4.0
@@ -48,7 +48,7 @@ def smallest_gamma(problem: Problem) -> float:
 def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> float:
     """The same for a linear part at hand, to another relative width where many are tried."""
     linear.check()
-    if not _feasible(linear, float("inf")):
+    if not is_feasible(linear, float("inf")):
         raise NoFeasibleGamma(
             "No attenuation level works for this problem.",
             "even without disturbance (gamma = inf) the Riccati equation has no stabilising solution",
@@ -62,11 +62,12 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
         middle = (low + high) / 2
         if not low < middle < high:
             break
-        low, high = (low, middle) if _feasible(linear, middle) else (middle, high)
+        low, high = (low, middle) if is_feasible(linear, middle) else (middle, high)
     return high
 
 
-def _feasible(linear: LinearPart, gamma: float) -> bool:
+def is_feasible(linear: LinearPart, gamma: float) -> bool:
+    """Whether the Riccati equation of this level has a stabilising solution P ≥ 0."""
     _, balanced = linear.scaled(gamma)
     return balanced.riccati(gamma, polish=False) is not None
 
@@ -74,15 +75,15 @@ def _feasible(linear: LinearPart, gamma: float) -> bool:
 def _bracket(linear: LinearPart) -> tuple[float, float]:
     """An infeasible and a feasible level, a factor of four apart."""
     high = 1.0
-    if _feasible(linear, high):
+    if is_feasible(linear, high):
         for _ in range(_WIDEST):
-            if not _feasible(linear, high / _FACTOR):
+            if not is_feasible(linear, high / _FACTOR):
                 return high / _FACTOR, high
             high /= _FACTOR
         return 0.0, high
     for _ in range(_WIDEST):
         high *= _FACTOR
-        if _feasible(linear, high):
+        if is_feasible(linear, high):
             return high / _FACTOR, high
     raise NoFeasibleGamma(
         "No attenuation level works for this problem.",

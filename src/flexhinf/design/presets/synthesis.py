@@ -26,11 +26,14 @@ class LinearDesign:
     ----------
     gain : (m, n)
         u − u* = K x.
+    p : (n, n)
+        V = ½ xᵀ P x.
     gamma, gamma_star : float
         Of the design, and the smallest feasible one (to `ROUGH`).
     """
 
     gain: np.ndarray
+    p: np.ndarray
     gamma: float
     gamma_star: float
 
@@ -88,4 +91,4 @@ class Game:
             len(self.a), {1: self.a}, third, {0: self.b2[:, :, None]}, {1: self.c}, self.r2
         )
         p = linear_law(plant, gamma).P
-        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), gamma, gamma_star)
+        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)

@@ -1,0 +1,216 @@
+"""The preset `robust`: a gain that holds for every robot within its tolerances, with constant scalings.
+
+Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
+
+    V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
+
+has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
+[shen1995]. The Δ-channels do not scale with γ: in a game of one level γ they enter with γ g_i/s_i. The s_i are found
+on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
+ends it. Where no γ does for the whole tolerances, the largest share of them is looked for, and told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexhinf.design.presets.synthesis import ROUGH, Game, LinearDesign
+from flexhinf.design.presets.uncertainty import Channel
+from flexhinf.errors import NoFeasibleGamma
+from flexhinf.hinf.gamma import is_feasible
+
+__all__ = ["RobustGame", "Scalings", "find_scalings"]
+
+#: Largest level that is tried, relative to that of the nominal game.
+LARGEST = 1e4
+
+#: Shares of the tolerances are found to this width; less than the smallest is none.
+SHARE_WIDTH, LEAST_SHARE = 0.02, 0.02
+
+#: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
+BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
+
+
+@dataclass(frozen=True, eq=False)
+class Scalings:
+    """log s of each channel, and the share of the tolerances that is covered."""
+
+    log: np.ndarray
+    share: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobustGame:
+    """A nominal game with the channels of the tolerances.
+
+    Attributes
+    ----------
+    nominal : Game
+    torques : (n, 2 joints)
+        Where torques enter.
+    channels : tuple of Channel
+    """
+
+    nominal: Game
+    torques: np.ndarray
+    channels: tuple[Channel, ...]
+
+    def parts(self, scalings: Scalings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(L, F, E): torques L w (2 joints, k), rows F x (l, n) and price uᵀ E u of all channels together.
+
+        L Lᵀ = Σ t tᵀ/s², FᵀF = Σ s² c cᵀ, E = Σ s² e eᵀ, each times the share.
+        """
+        n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
+        enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
+        for channel, log in zip(self.channels, scalings.log):
+            s2 = float(np.exp(2.0 * log))
+            padded = np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+            enter += scalings.share * np.outer(channel.torque, channel.torque) / s2
+            seen += scalings.share * s2 * np.outer(padded, padded)
+            price += scalings.share * s2 * np.outer(channel.by_input, channel.by_input)
+        return _root(enter), _root(seen).T, price
+
+    def game(self, gamma: float, scalings: Scalings) -> Game:
+        """The game of one level γ, its Δ-channels entering with γ L."""
+        enter, seen, price = self.parts(scalings)
+        g = self.nominal
+        disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
+        return Game(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
+
+    def feasible(self, gamma: float, scalings: Scalings) -> bool:
+        """Whether the game of this level has a solution."""
+        return is_feasible(self.game(gamma, scalings).linear_part(), gamma)
+
+    def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
+        """Smallest γ for every robot within the share of the tolerances.
+
+        Raises
+        ------
+        NoFeasibleGamma
+            If there is none.
+        """
+        low = self.nominal.gamma_star()
+        high = LARGEST * low
+        if not self.feasible(high, scalings):
+            raise NoFeasibleGamma(
+                "No attenuation level holds for the whole tolerances.",
+                f"no solution even at gamma = {high:.3g}, with {100 * scalings.share:.3g} % of the tolerances",
+                "tighter tolerances in the robot's file, or the preset damped",
+            )
+        while high > (1.0 + relative) * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if self.feasible(middle, scalings) else (middle, high)
+        return high
+
+    def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
+        """The gain at `ratio` times the smallest level."""
+        star = self.gamma_star(scalings)
+        return self.game(ratio * star, scalings).design(ratio * star, star)
+
+    def share(self, scalings: Scalings) -> float:
+        """The largest share of the tolerances for which some level has a solution, to `SHARE_WIDTH` from below."""
+        level = LARGEST * self.nominal.gamma_star()
+        if self.feasible(level, replace(scalings, share=1.0)):
+            return 1.0
+        low, high = 0.0, 1.0
+        while high - low > SHARE_WIDTH:
+            middle = 0.5 * (low + high)
+            fits = self.feasible(level, replace(scalings, share=middle))
+            low, high = (middle, high) if fits else (low, middle)
+        return low
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """X (n, k) of full rank with X Xᵀ = matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def find_scalings(game: RobustGame, ratio: float) -> Scalings:
+    """Scalings for a game, found as the head of this file says.
+
+    Parameters
+    ----------
+    game : RobustGame
+    ratio : float
+        γ/γ* of the designs in whose loops channels are balanced.
+
+    Raises
+    ------
+    NoFeasibleGamma
+        If not even `LEAST_SHARE` of the tolerances can be covered.
+    """
+    nominal = game.nominal.gamma_star()
+    best = _balanced(game, game.nominal.design(ratio * nominal, nominal))
+    best = replace(best, share=game.share(best))
+    for _ in range(BALANCES):
+        if best.share < LEAST_SHARE:
+            break
+        within = replace(best, share=best.share * (0.9 if best.share < 1.0 else 1.0))
+        again = _balanced(game, game.design(ratio, within))
+        again = replace(again, share=game.share(again))
+        if not _better(game, again, best):
+            break
+        best = again
+    best = _polished(game, best)
+    if best.share < LEAST_SHARE:
+        raise NoFeasibleGamma(
+            "No attenuation level holds for these tolerances, nor for a part of them.",
+            f"no solution even with {100 * LEAST_SHARE:g} % of the tolerances",
+            "the preset damped, or another bandwidth or damping",
+        )
+    return best if best.share == 1.0 else replace(best, share=0.9 * best.share)
+
+
+def _better(game: RobustGame, one: Scalings, other: Scalings) -> bool:
+    if one.share < 1.0 or other.share < 1.0:
+        return one.share > other.share
+    return game.gamma_star(one) < game.gamma_star(other)
+
+
+def _balanced(game: RobustGame, design: LinearDesign) -> Scalings:
+    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    a, b2, p = game.nominal.a, game.nominal.b2, design.p
+    n = len(a)
+    x = solve_continuous_lyapunov(a + b2 @ design.gain, -np.diag(1.0 / np.abs(np.diag(p))))
+    log = np.zeros(len(game.channels))
+    for k, channel in enumerate(game.channels):
+        g = p @ (game.torques @ channel.torque)
+        z = channel.by_input @ design.gain
+        z = z + np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+        log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
+    return Scalings(log)
+
+
+def _polished(game: RobustGame, start: Scalings) -> Scalings:
+    """The best of a simplex search over one factor for each quantity; none with many states."""
+    from scipy.optimize import minimize
+
+    groups = list(dict.fromkeys(channel.group for channel in game.channels))
+    places = np.array([groups.index(channel.group) for channel in game.channels])
+    if len(game.nominal.a) > MOST_STATES:
+        return start
+
+    def moved(factors: np.ndarray) -> Scalings:
+        return replace(start, log=start.log + factors[places])
+
+    def cost(factors: np.ndarray) -> float:
+        found = moved(factors)
+        if start.share == 1.0:
+            try:
+                return float(np.log(game.gamma_star(found)))
+            except NoFeasibleGamma:
+                return np.inf
+        return -game.share(found)
+
+    options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
+    best = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options)
+    found = moved(best.x)
+    found = replace(found, share=game.share(found))
+    return found if _better(game, found, start) else start
