@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from flexhinf.errors import InvalidInput
 
-__all__ = ["ESTIMATORS", "Specification"]
+__all__ = ["ESTIMATORS", "PRESETS", "Specification"]
 
-ESTIMATORS = ("ukf", "ekf", "none")
+ESTIMATORS = ("ukf", "ekf", "observer", "none")
+PRESETS = ("paper", "damped", "robust")
 
 
 @dataclass(frozen=True)
@@ -23,12 +26,23 @@ class Specification:
     pose, start : sequence of float, optional
         Goal, and where the step to it starts: link positions, rad or m. By default the robot's home, and a
         small step from the goal.
+    via : sequence of poses
+        Poses between start and goal at which a law is made too; the controller switches to that whose pose is nearest
+        to the command, without a jump of the input.
+    preset : {"paper", "damped", "robust"}, optional
+        Where the weights come from, see `flexhinf.design.presets.choose`.
+    bandwidth : float, or one per joint, optional
+        At least, rad/s: where |command → link position| falls below 1/√2, for the robot and its tolerances.
+    damping : float, optional
+        Damping ratio of every vibration at least, for the robot and its tolerances.
+    peak_effort : float, optional
+        Of every input at most in the step, V or N·m.
+    overshoot : float
+        Of every link position at most in the step, per cent.
     penalty : Penalty, mapping or weights, optional
-        By default the robot's own, or else weights from a bandwidth, see `flexhinf.design.weights`.
+        Instead of a preset.
     effort : float, optional
         R2; by default the penalty's own.
-    bandwidth : float, optional
-        Hz, of the weights where the penalty is ours.
     gamma_ratio, checked_gamma_ratio : float
         γ/γ* of the design, and of the inequality that is checked.
     checked_penalty : optional
@@ -41,7 +55,7 @@ class Specification:
         Torques that are disturbances of the synthesis; without them the command is (the paper's choice).
     command : bool
         Whether the command is one beside them.
-    estimator : {"ukf", "ekf", "none"}
+    estimator : {"ukf", "ekf", "observer", "none"}
     period : float
         s.
     process_noise, measurement_noise : float
@@ -50,6 +64,13 @@ class Specification:
         ± limit of every input.
     extras : sequence of str
         What the true plant has beside the model, see `flexhinf.robot.extras`.
+    delay, quantisation : float
+        Of the inputs, s, and of the measurements, in their unit; the estimator knows of neither.
+    load : float, optional
+        Torque on every link in the disturbance response, N·m or N; a tenth of what the motors give at the peak input of
+        the step.
+    draws : int, optional
+        Robots within their tolerances that the step is run on; 200, or 20 with many states.
     rays : int, optional
         Of the sampled region; 0 leaves it out. By the number of states.
     duration : float, optional
@@ -68,9 +89,14 @@ class Specification:
 
     pose: Sequence[float] | None = None
     start: Sequence[float] | None = None
+    via: Sequence[Sequence[float]] = ()
+    preset: str | None = None
+    bandwidth: Any = None
+    damping: float | None = None
+    peak_effort: float | None = None
+    overshoot: float = 5.0
     penalty: Any = None
     effort: float | None = None
-    bandwidth: float | None = None
     gamma_ratio: float = 1.5
     checked_gamma_ratio: float = 1.6
     checked_penalty: Any = None
@@ -84,6 +110,10 @@ class Specification:
     measurement_noise: float = 1e-8
     saturation: float | None = None
     extras: Sequence[str] = ()
+    delay: float = 0.0
+    quantisation: float = 0.0
+    load: float | None = None
+    draws: int | None = None
     rays: int | None = None
     duration: float | None = None
     seed: int = 0
@@ -91,10 +121,18 @@ class Specification:
     mujoco: bool = False
 
     def __post_init__(self) -> None:
-        positive = ("bandwidth", "gamma_ratio", "checked_gamma_ratio", "measurement_noise", "saturation")
+        positive = ("gamma_ratio", "checked_gamma_ratio", "measurement_noise", "saturation", "peak_effort", "overshoot")
         for name in (*positive, "effort", "duration"):
             value = getattr(self, name)
             _require(name, value, value is None or value > 0.0, "a number > 0")
+        bands = [] if self.bandwidth is None else np.atleast_1d(np.asarray(self.bandwidth, dtype=float)).tolist()
+        _require("bandwidth", self.bandwidth, all(0.0 < b < math.inf for b in bands), "rad/s > 0")
+        _require("preset", self.preset, self.preset is None or self.preset in PRESETS, ", ".join(PRESETS))
+        _require("damping", self.damping, self.damping is None or 0.0 <= self.damping < 1.0, "a ratio from 0 to 1")
+        for name in ("delay", "quantisation"):
+            _require(name, getattr(self, name), getattr(self, name) >= 0.0, "a number >= 0")
+        _require("load", self.load, self.load is None or math.isfinite(self.load), "a torque")
+        _require("draws", self.draws, self.draws is None or self.draws >= 0, "an integer >= 0")
         _require("process_noise", self.process_noise, self.process_noise >= 0.0, "a variance >= 0")
         _require("estimator", self.estimator, self.estimator in ESTIMATORS, ", ".join(ESTIMATORS))
         _require("period", self.period, 1e-5 <= self.period <= 1.0, "1e-5 to 1 s")

@@ -22,7 +22,8 @@ class Penalty:
     states : mapping of str to float, sequence of float, or callable
         Weight of each state in h(x), as in the paper's (11):
         ``{"link_position": 60, "link_position_integral": 300}``, or one number per state (integrals last), or
-        ``h(x, p)`` itself as NumPy code with h(0) = 0. x is the deviation from the operating point.
+        ``h(x, p)`` itself as NumPy code with h(0) = 0, or a matrix C (s, n) of h = C x. x is the deviation from the
+        operating point.
     effort : float or (m,) or (m, m) array
         R2 of Eq. (4): the penalty on the input is uᵀ R2 u. The paper has R2 = 10.
 
@@ -32,7 +33,7 @@ class Penalty:
         If R2 is not symmetric positive definite or a weight is not finite.
     """
 
-    states: Mapping[str, float] | Sequence[float] | Callable[..., Any]
+    states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray
     effort: Any = 1.0
 
     def __post_init__(self) -> None:
@@ -114,11 +115,22 @@ class Penalty:
         """h(x) on any element, shape (s,)."""
         if callable(self.states):
             return np.atleast_1d(np.asarray(self.states(x, p)))
+        rows = self.matrix
+        if rows is not None:
+            _check_rows(rows, names)
+            return rows @ np.asarray(x)
         weights = self.weights(names)
         return np.array([weights[i] * x[i] for i in range(len(weights)) if weights[i] != 0.0])
 
+    @property
+    def matrix(self) -> np.ndarray | None:
+        """C (s, n) for a penalty that is a matrix, else None."""
+        if callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2:
+            return None
+        return np.asarray(self.states, dtype=float)
+
     def weights(self, names: Sequence[str]) -> np.ndarray:
-        """One weight per state, (n,); for a penalty given by numbers."""
+        """One weight per state, (n,); for a penalty given by one number for each."""
         if isinstance(self.states, Mapping):
             unknown = [name for name in self.states if name not in names]
             if unknown:
@@ -141,3 +153,12 @@ class Penalty:
                 "one weight per state, zero for what may be large",
             )
         return weights
+
+
+def _check_rows(rows: np.ndarray, names: Sequence[str]) -> None:
+    if rows.shape[1] != len(names) or not len(rows) or not np.all(np.isfinite(rows)):
+        raise InvalidInput(
+            "The penalty does not fit the states.",
+            f"expected a matrix of finite numbers with a column for each of {list(names)}, got shape {rows.shape}",
+            "one row per penalised signal",
+        )

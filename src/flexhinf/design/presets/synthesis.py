@@ -92,3 +92,12 @@ class Game:
         )
         p = linear_law(plant, gamma).P
         return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma, gamma_star)
+
+    def attained(self, gain: np.ndarray) -> float:
+        """H∞ norm from d to z of the loop of a stabilising gain: the level that it attains, to `ROUGH`."""
+        closed = np.vstack([self.c, np.linalg.cholesky(self.r2).T @ gain])
+        nothing = np.zeros((len(self.a), 1))
+        part = self.linear_part()
+        return linear_smallest_gamma(
+            LinearPart(self.a + self.b2 @ gain, self.b1, nothing, closed, part.state_names), ROUGH
+        )

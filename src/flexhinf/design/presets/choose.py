@@ -1,0 +1,293 @@
+"""Which game a design plays: the penalty, its source, the disturbances and the level, by preset.
+
+========  ========================================================================================================
+preset    penalty
+========  ========================================================================================================
+paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
+damped    found for a bandwidth and a damping of the vibrations, see `flexhinf.design.presets.search`
+robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.presets.robust`
+given     as asked by ``--penalty``
+========  ========================================================================================================
+
+Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
+its own; otherwise `paper`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.presets.robust import RobustGame, Scalings, find_scalings
+from flexhinf.design.presets.search import Found, Wanted, search
+from flexhinf.design.presets.synthesis import Game, LinearDesign
+from flexhinf.design.presets.uncertain_plant import PREFIX, with_channels
+from flexhinf.design.presets.uncertainty import channels
+from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.specification import Specification
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import smallest_gamma
+from flexhinf.plant import GeneralisedPlant, Penalty
+
+__all__ = ["BANDWIDTH_SHARE", "DAMPING", "Chosen", "Robustness", "choose", "preset_of"]
+
+#: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
+BANDWIDTH_SHARE, DAMPING = 0.3, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """What the channels of the tolerances cost and cover.
+
+    Attributes
+    ----------
+    share : float
+        Of the tolerances, for which the game has a solution.
+    channels : int
+    gamma_star : float
+        Smallest level for every robot within that share.
+    nominal_gamma_star : float
+        Of the same penalty without tolerances.
+    nominal_gain, robust_gain : float
+        Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
+    """
+
+    share: float
+    channels: int
+    gamma_star: float
+    nominal_gamma_star: float
+    nominal_gain: float
+    robust_gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The game and who says so.
+
+    Attributes
+    ----------
+    preset : {"paper", "damped", "robust", "given"}
+    penalty : Penalty
+        In the robot's names.
+    source, effort_source : str
+    problem : GeneralisedPlant
+        What is solved, about the goal.
+    nominal : GeneralisedPlant
+        The same without channels of the tolerances.
+    gamma_star, gamma : float
+    wanted, found : Wanted, Found or None
+        Of a preset that searches.
+    robustness : Robustness or None
+    """
+
+    preset: str
+    penalty: Penalty
+    source: str
+    effort_source: str
+    problem: GeneralisedPlant
+    nominal: GeneralisedPlant
+    gamma_star: float
+    gamma: float
+    wanted: Wanted | None = None
+    found: Found | None = None
+    robustness: Robustness | None = None
+
+
+def preset_of(robot: Any, s: Specification) -> str:
+    """The preset that is meant.
+
+    Raises
+    ------
+    InvalidInput
+        If what is asked for contradicts itself.
+    """
+    behaviour = [f"--{name}" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
+    weights = [f"--{name}" for name in ("penalty", "effort") if getattr(s, name) is not None]
+    if behaviour and weights:
+        raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
+    if s.preset in ("damped", "robust") and weights:
+        raise _contradiction(f"--preset {s.preset} and {weights[0]}", f"leave out {weights[0]}, or --preset")
+    if s.preset == "paper" and (behaviour or s.penalty is not None):
+        other = (behaviour or ["--penalty"])[0]
+        advice = "--preset damped" if behaviour else "leave out --preset"
+        raise _contradiction(f"--preset paper and {other}", advice)
+    if s.preset is not None:
+        return s.preset
+    if s.penalty is not None:
+        return "given"
+    return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
+
+
+def _contradiction(both: str, advice: str) -> InvalidInput:
+    return InvalidInput(
+        f"{both} contradict each other.",
+        "expected either weights, or a behaviour for which weights are found, or the preset paper; got both",
+        advice,
+    )
+
+
+def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> Chosen:
+    """The game of a specification.
+
+    Raises
+    ------
+    InvalidInput
+        For a contradiction, or a behaviour that cannot be met: which limit binds, and the best found.
+    InfeasibleGamma, NoFeasibleGamma, NotStabilisable, NotDetectable
+        As the synthesis.
+    """
+    preset = preset_of(robot, s)
+    if preset in ("damped", "robust"):
+        return _searched(robot, goal, start, s, preset)
+    penalty, source, priced = _stated(robot, goal, s)
+    problem = _problem(robot, goal, s, penalty)
+    star = smallest_gamma(problem)
+    return Chosen(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
+
+
+def _stated(robot: Any, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
+    """A penalty that is stated, with the sources of its weights and of R2."""
+    own = robot.penalty
+    if s.penalty is not None:
+        penalty, source, priced = Penalty.of(s.penalty), "option --penalty", "ours"
+        if isinstance(s.penalty, Penalty):
+            priced = source
+        elif own is not None:
+            penalty, priced = replace(penalty, effort=own.effort), "the robot's file"
+    elif own is not None:
+        penalty, source, priced = own, "the robot's file", "the robot's file"
+    else:
+        scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+        weights = scales.weights(np.full(len(goal), BANDWIDTH_SHARE * scales.held), 0.0)
+        kept = ("link_position", "link_position_integral")
+        penalty = Penalty({name: _number(weights[name]) for name in kept}, 1.0)
+        source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
+    if s.effort is not None:
+        penalty, priced = replace(penalty, effort=s.effort), "option --effort"
+    return penalty, source, priced
+
+
+def _number(values: np.ndarray) -> Any:
+    return values.tolist() if len(values) > 1 else float(values[0])
+
+
+def _problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
+    return robot.problem(
+        penalty,
+        pose=goal,
+        measured=s.measured,
+        command=_command(s),
+        disturbances=s.disturbances,
+    )
+
+
+def _command(s: Specification) -> str | None:
+    return "disturbance" if s.command or s.disturbances is None else None
+
+
+def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str) -> Chosen:
+    plant, rest = robot.plant(), robot.operating_point(goal)
+    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, rest)
+    wanted = Wanted(_bandwidths(s, scales, len(goal)), DAMPING if s.damping is None else s.damping)
+    torques = None
+    if s.disturbances is not None:
+        names = plant.expanded(s.disturbances)
+        torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
+
+    def nominal(pace: np.ndarray, damping: float) -> Game:
+        return Game.of(family, scales.rows(pace, damping), _command(s) is not None, torques)
+
+    def synthesis(pace: np.ndarray, damping: float) -> LinearDesign:
+        game = nominal(pace, damping)
+        star = game.gamma_star()
+        return game.design(s.gamma_ratio * star, star)
+
+    found = search(wanted, family, synthesis, scales.held)
+    source = f"found for {_words(wanted)}"
+    if preset == "damped":
+        penalty = scales.penalty(found.chosen.pace, found.chosen.knob)
+        problem = _problem(robot, goal, s, penalty)
+        star = smallest_gamma(problem)
+        return Chosen(preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, wanted, found)
+
+    tolerances = channels(robot, [goal, start])
+    if not tolerances:
+        raise InvalidInput(
+            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+            "expected parameters with a tolerance that changes how the robot moves, got none",
+            "tolerance = 10 beside a value in the robot's file, or --preset damped",
+        )
+    scalings = find_scalings(RobustGame(_game_of(found, nominal), family.torques, tolerances), s.gamma_ratio)
+
+    def robust_synthesis(pace: np.ndarray, damping: float) -> LinearDesign:
+        game = RobustGame(nominal(pace, damping), family.torques, tolerances)
+        return game.design(s.gamma_ratio, scalings)
+
+    found = search(wanted, family, robust_synthesis, scales.held)
+    game = RobustGame(_game_of(found, nominal), family.torques, tolerances)
+    return _robust(robot, goal, s, scales, wanted, found, game, scalings)
+
+
+def _game_of(found: Found, nominal: Any) -> Game:
+    return nominal(found.chosen.pace, found.chosen.knob)
+
+
+def _robust(
+    robot: Any,
+    goal: np.ndarray,
+    s: Specification,
+    scales: JointScales,
+    wanted: Wanted,
+    found: Found,
+    game: RobustGame,
+    scalings: Scalings,
+) -> Chosen:
+    """The nonlinear game of the robust preset."""
+    star = game.gamma_star(scalings, 1e-6)
+    gamma = s.gamma_ratio * star
+    enter, seen, price = game.parts(scalings)
+    base = scales.penalty(found.chosen.pace, found.chosen.knob)
+    nominal = _problem(robot, goal, s, base)
+    rows = np.vstack([scales.rows(found.chosen.pace, found.chosen.knob), seen])
+    physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    problem = with_channels(nominal.plant, gamma * enter).with_objective(
+        Penalty(rows, nominal.r2 + price),
+        command=_command(s),
+        integrate=nominal.integrate,
+        disturbances=(*physical, *names),
+        rest=robot.operating_point(goal),
+    )
+    lowest = game.nominal.gamma_star()
+    plain = game.nominal.design(s.gamma_ratio * lowest, lowest)
+    robustness = Robustness(
+        scalings.share,
+        len(game.channels),
+        star,
+        lowest,
+        game.nominal.attained(plain.gain),
+        game.nominal.attained(found.chosen.design.gain),
+    )
+    source = f"found for {_words(wanted)}, beside the channels of the tolerances"
+    return Chosen("robust", base, source, "ours", problem, nominal, star, gamma, wanted, found, robustness)
+
+
+def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
+    asked = BANDWIDTH_SHARE * scales.held if s.bandwidth is None else s.bandwidth
+    values = np.atleast_1d(np.asarray(asked, dtype=float))
+    if len(values) not in (1, joints):
+        raise InvalidInput(
+            "The bandwidths do not fit the joints.",
+            f"expected one number or {joints}, got {values.tolist()}",
+            "one bandwidth for all joints",
+        )
+    return np.broadcast_to(values, (joints,)).copy()
+
+
+def _words(wanted: Wanted) -> str:
+    low, high = wanted.bandwidth.min(), wanted.bandwidth.max()
+    band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    return f"{band} rad/s and a damping ratio of {wanted.damping:.3g}"
