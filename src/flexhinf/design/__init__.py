@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
-    "Design": "corridor",
+    "Design": "result",
     "DegreeChoice": "degrees",
     "Specification": "specification",
     "design": "corridor",
@@ -24,9 +24,10 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from flexhinf.design.corridor import Design, design, stages
+    from flexhinf.design.corridor import design, stages
     from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
     from flexhinf.design.page import design_files
+    from flexhinf.design.result import Design
     from flexhinf.design.specification import Specification
     from flexhinf.design.words import notes, verdict
 

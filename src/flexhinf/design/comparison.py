@@ -11,7 +11,7 @@ from flexhinf.design.modes import Mode, modes_of
 from flexhinf.design.response import Response, step_response
 from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem, rigid_solution
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Plant
 
 __all__ = ["RigidComparison", "RigidLoop", "compare_rigid"]
@@ -81,7 +81,8 @@ def compare_rigid(
     loops: list[Any] = []
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
-        controller = Controller(law, None, specification.period, specification.saturation)
-        response = step_response(true_plant, controller, start, goal, None, duration, specification.seed)
+        controller = Controller(law, None, specification.period, specification.saturation, start="bumpless")
+        loop = Loop(true_plant, controller)
+        response = step_response(loop, start, goal, None, duration, specification.seed)
         loops.append(RigidLoop(side, modes_of(law.closed_loop(), joints, *energy), response))
     return RigidComparison(solution.gamma, degree, tuple(loops))

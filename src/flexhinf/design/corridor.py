@@ -3,95 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from flexhinf.design.comparison import RigidComparison, compare_rigid
-from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
-from flexhinf.design.estimator import estimator_for, estimator_modes, noise_variances
+from flexhinf.design.bench import Bench
+from flexhinf.design.comparison import compare_rigid
+from flexhinf.design.degrees import DegreeChoice, try_degrees
+from flexhinf.design.disturbed import default_load, disturbed_response
+from flexhinf.design.draws import Draws, drawn_steps
+from flexhinf.design.estimator import estimator_modes
+from flexhinf.design.met import Met, linear_met, step_met, within_tolerances
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
-from flexhinf.design.penalty import ChosenPenalty, chosen_penalty
-from flexhinf.design.response import Response, default_start, run_length, step_response
+from flexhinf.design.move import move_response, planned
+from flexhinf.design.presets.behaviour import behaviour_of
+from flexhinf.design.presets.choose import Chosen
+from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.response import Response, default_start, run_length
+from flexhinf.design.result import Design
+from flexhinf.design.schedule import law_of
 from flexhinf.design.specification import Specification
-from flexhinf.hinf import HJISolution
-from flexhinf.loop import Controller
-from flexhinf.plant import GeneralisedPlant, Penalty, Plant, sub_steps
-from flexhinf.robot import Robot
+from flexhinf.design.within_peak import choose_within_peak
+from flexhinf.plant import Penalty, Plant, sub_steps
+from flexhinf.robot import Robot, check_holding
 
 __all__ = ["Design", "design", "stages"]
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """A design and everything its report shows.
-
-    Attributes
-    ----------
-    robot, specification
-        What was asked.
-    penalty : ChosenPenalty
-    problem : GeneralisedPlant
-        About the goal pose.
-    goal, start : (n,)
-        Link positions of the step, rad or m.
-    open_modes, closed_modes : tuple of Mode
-        Of the linearisation at the goal, without control, and with the law (true state).
-    estimator_modes : tuple of Mode
-        Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
-    gamma_star : float
-    choices : tuple of DegreeChoice
-    chosen : DegreeChoice
-    inside : bool or None
-        Whether the step starts inside the region of the chosen solution; None if that was not looked at.
-    response : Response
-        With the estimator.
-    sub_steps : tuple of int
-        Runge–Kutta steps per period: of the estimator's model (0 without one), of the true plant.
-    duration : float
-        s.
-    rays : int
-    rigid : RigidComparison or None
-    mujoco : Response or None
-        The same run on MuJoCo's plant, if asked for.
-    """
-
-    robot: Robot
-    specification: Specification
-    penalty: ChosenPenalty
-    problem: GeneralisedPlant
-    goal: np.ndarray
-    start: np.ndarray
-    open_modes: tuple[Mode, ...]
-    closed_modes: tuple[Mode, ...]
-    estimator_modes: tuple[Mode, ...]
-    gamma_star: float
-    choices: tuple[DegreeChoice, ...]
-    chosen: DegreeChoice
-    inside: bool | None
-    response: Response
-    sub_steps: tuple[int, int]
-    duration: float
-    rays: int
-    rigid: RigidComparison | None
-    mujoco: Response | None = None
-
-    @property
-    def solution(self) -> HJISolution:
-        """The chosen solution."""
-        return self.chosen.solution
-
-    @property
-    def shrinking(self) -> list[tuple[int, int]]:
-        """Pairs of degrees where the higher allows a smaller step."""
-        return shrinking(self.choices)
 
 
 def design(
     robot: Robot, specification: Specification, tell: Callable[[str], None] = lambda text: None
 ) -> Design:
-    """Everything from the robot to the step response; nothing is written.
+    """Everything from the robot to its judged loop; nothing is written.
 
     Parameters
     ----------
@@ -106,71 +49,114 @@ def design(
         With what to change.
     """
     s = specification
-    tell("rest and linearisation")
+    tell("rest, and weights")
     rest = robot.operating_point(s.pose)
     goal = rest[0][: len(robot.joint_names)]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][: len(goal)]
-    true_start = robot.operating_point(start, s.extras)
-    penalty = chosen_penalty(robot, goal, s)
-    problem = robot.problem(
-        penalty.penalty,
-        pose=goal,
-        measured=s.measured,
-        command="disturbance" if s.command or s.disturbances is None else None,
-        disturbances=s.disturbances,
-    )
-    energy = stiffness_and_inertia(problem.plant, rest)
-    open_modes = modes_of(problem.plant.linearise(*rest)[0], robot.joint_names, *energy)
-    estimator = estimator_for(
-        s.estimator, problem.plant, rest, robot.operating_point(start)[0],
-        s.period, s.process_noise, s.measurement_noise,
-    )  # fmt: skip
+    _check_holding(robot, s, goal, start)
+    game = choose_within_peak(robot, goal, start, s, tell)
+    plant = game.nominal.plant
+    energy = stiffness_and_inertia(plant, rest)
 
-    true_plant = robot.plant(s.measured, extras=s.extras)
-    independent = mujoco_plant(robot, true_plant, rest, s) if s.mujoco else None
-
-    degrees, rays = degrees_and_rays(len(problem.state_names), s)
+    degrees, rays = degrees_and_rays(len(game.problem.state_names), s)
     choices = tuple(
         try_degrees(
-            problem, degrees, s.gamma_ratio, s.checked_gamma_ratio, _checked(s, problem), rays, s.seed, tell
+            game.problem, degrees, s.gamma_ratio, s.checked_gamma_ratio, _checked(s, game), rays, s.seed, tell,
+            game.gamma_star,
         )
-    )
-    chosen = max(
-        choices,
-        key=lambda c: (c.step_amplitude if c.looked else 0.0, c.degree if not c.looked else -c.degree),
-    )
-    law = chosen.solution
-    deviation = np.zeros(len(problem.state_names))
-    deviation[: problem.plant.n] = robot.operating_point(start)[0] - rest[0]
-    inside = bool(law.value(deviation) <= chosen.level) if chosen.looked else None
-    e = law.expansion
-    gain = -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ law.P)
-    closed_modes = modes_of(closed_loop(problem, gain), robot.joint_names, *energy)
-
-    error_modes: tuple[Mode, ...] = ()
-    if estimator is not None and s.process_noise > 0.0:
-        error_modes = estimator_modes(estimator, rest, robot.joint_names, *energy)
+    )  # fmt: skip
+    chosen = _best(choices)
+    gain = chosen.solution.gain
+    law = law_of(robot, s, game, chosen.solution, goal, start, tell)
+    bench = Bench(robot, s, plant, law, goal, start)
+    closed_modes = modes_of(closed_loop(game.nominal, gain), robot.joint_names, *energy)
+    bandwidth = behaviour_of(LinearFamily.of(robot, goal, members=0), gain).bandwidth
 
     tell("compile the closed loop, and run the step")
     slowest = min(-mode.eigenvalue.real for mode in closed_modes)
     duration = run_length(slowest) if s.duration is None else s.duration
-    controller = Controller(law, estimator, s.period, s.saturation)
-    noise = None if estimator is None else np.sqrt(noise_variances(problem.plant, s.measurement_noise))
-    response = step_response(true_plant, controller, true_start, goal, noise, duration, s.seed)
-    steps = (0 if estimator is None else estimator.sub_steps, response.run.settings["sub_steps"])
+    response = bench.step(duration)
+    taken = response.run.settings["sub_steps"]
+    tell("torques on the links")
+    load = _load(s, JointScales.of(plant, rest), np.abs(response.run.signals["input"]).max(axis=0))
+    disturbed = disturbed_response(bench, load, 2.0 * duration)
+    tell("a move with feedforward")
+    move = move_response(bench, planned(bench, bandwidth))
 
     mujoco = None
-    if independent is not None:
-        tell("the same run on MuJoCo's plant")
-        mujoco = step_response(independent, controller, true_start, goal, noise, duration, s.seed)
+    if s.mujoco:
+        tell("the step on MuJoCo's plant")
+        mujoco = bench.step(duration, mujoco_plant(robot, bench.true_plant, rest, s))
+    draws = None
+    count = draws_of(robot, len(game.problem.state_names), s)
+    if count:
+        tell(f"the step of {count} robots within their tolerances")
+        draws = drawn_steps(bench, count, duration, taken)
     rigid = None
     if s.compare_rigid:
         tell("the rigid design on the same robot")
-        rigid = compare_rigid(problem, true_plant, chosen.degree, s, energy, true_start, goal, duration)
+        rigid = compare_rigid(
+            game.nominal, bench.true_plant, chosen.degree, s, energy, bench.rest(start), goal, duration
+        )
+    estimator = bench.estimator(start)
+    error_modes: tuple[Mode, ...] = ()
+    if estimator is not None and s.process_noise > 0.0:
+        error_modes = estimator_modes(estimator, rest, robot.joint_names, *energy)
     return Design(
-        robot, s, penalty, problem, goal, start, open_modes, closed_modes, error_modes, law.gamma / s.gamma_ratio,
-        choices, chosen, inside, response, steps, duration, rays, rigid, mujoco,
+        robot, s, game, goal, start, modes_of(plant.linearise(*rest)[0], robot.joint_names, *energy), closed_modes,
+        error_modes, bandwidth, choices, chosen, _inside(robot, game, chosen, start), bench, response, disturbed, move,
+        draws, _met(s, bench, game, (response, mujoco), draws, closed_modes, bandwidth),
+        (0 if estimator is None else estimator.sub_steps, taken), duration, rays, rigid, mujoco,
     )  # fmt: skip
+
+
+def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
+    """The degree with the largest step; of regions that were not looked at, the highest degree."""
+    return max(choices, key=lambda c: (c.step_amplitude, -c.degree) if c.looked else (0.0, c.degree))
+
+
+def _check_holding(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
+    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
+    for pose in (goal, start, *s.via):
+        if limits:
+            check_holding(robot, pose, min(limits))
+
+
+def _load(s: Specification, scales: JointScales, peak: np.ndarray) -> np.ndarray:
+    if s.load is not None:
+        return np.full(len(scales.stiffness), s.load)
+    return default_load(scales.per_input, peak)
+
+
+def _inside(robot: Robot, game: Chosen, chosen: DegreeChoice, start: np.ndarray) -> bool | None:
+    """Whether the start, with its integrals at zero, lies in the sampled region."""
+    if not chosen.looked:
+        return None
+    n = game.nominal.plant.n
+    deviation = np.zeros(len(game.problem.state_names))
+    deviation[:n] = robot.operating_point(start)[0] - game.problem.operating_point[:n]
+    return bool(chosen.solution.value(deviation) <= chosen.level)
+
+
+def _met(
+    s: Specification,
+    bench: Bench,
+    game: Chosen,
+    runs: tuple[Response, Response | None],
+    draws: Draws | None,
+    modes: tuple[Mode, ...],
+    bandwidth: np.ndarray,
+) -> tuple[Met, ...]:
+    """The specification line by line."""
+    unit = bench.model.unit(bench.model.inputs[0])
+    damping = min((mode.damping for mode in modes if mode.vibration), default=np.inf)
+    lines = linear_met(s, game.wanted, bandwidth, damping)
+    lines += step_met(s, runs[0], unit, "the step, nominal robot")
+    if runs[1] is not None:
+        lines += step_met(s, runs[1], unit, "the step on MuJoCo's plant")
+    if draws is not None:
+        lines += within_tolerances(s, draws, unit)
+    return tuple(lines)
 
 
 def mujoco_plant(robot: Robot, plant: Plant, rest: tuple[np.ndarray, np.ndarray], s: Specification) -> Any:
@@ -193,11 +179,11 @@ def mujoco_plant(robot: Robot, plant: Plant, rest: tuple[np.ndarray, np.ndarray]
 MUJOCO_STEP = 0.1
 
 
-def _checked(s: Specification, problem: GeneralisedPlant) -> Any:
+def _checked(s: Specification, game: Chosen) -> Any:
     """The checked penalty with plain names spelled out for every joint."""
     if s.checked_penalty is None or callable(s.checked_penalty):
         return s.checked_penalty
-    return Penalty.of(s.checked_penalty).expanded(problem.plant.groups).states
+    return Penalty.of(s.checked_penalty).expanded(game.nominal.plant.groups).states
 
 
 def degrees_and_rays(states: int, specification: Specification) -> tuple[tuple[int, ...], int]:
@@ -212,8 +198,20 @@ def degrees_and_rays(states: int, specification: Specification) -> tuple[tuple[i
 #: Up to so many states, so many rays; no region is looked at beyond.
 RAYS = ((5, 4000), (10, 1000), (20, 200))
 
+#: Robots within their tolerances: with up to so many states, and with more.
+DRAWS = ((15, 200), (10_000, 20))
 
-def stages(states: int, specification: Specification) -> int:
+
+def draws_of(robot: Robot, states: int, s: Specification) -> int:
+    """How many robots are drawn: as asked, or fewer for more states; none without tolerances."""
+    if not robot.uncertain:
+        return 0
+    return next(count for most, count in DRAWS if states <= most) if s.draws is None else s.draws
+
+
+def stages(robot: Robot, specification: Specification) -> int:
     """How many steps of work there are, for a progress bar."""
-    degrees, rays = degrees_and_rays(states, specification)
-    return 2 + len(degrees) * (2 if rays else 1) + specification.compare_rigid + specification.mujoco
+    s, states = specification, 5 * len(robot.joint_names)
+    degrees, rays = degrees_and_rays(states, s)
+    more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
+    return 4 + len(degrees) * (2 if rays else 1) + len(s.via) + sum(more)

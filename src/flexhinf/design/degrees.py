@@ -56,6 +56,7 @@ def try_degrees(
     rays: int = 4000,
     seed: int = 0,
     tell: Callable[[str], None] = lambda text: None,
+    gamma_star: float | None = None,
 ) -> Iterator[DegreeChoice]:
     """Solve to each degree and sample the region where the solution holds.
 
@@ -73,6 +74,8 @@ def try_degrees(
         Of the sampled check; without rays the regions are not looked at.
     tell : callable
         Told what comes next, twice per degree.
+    gamma_star : float, optional
+        What the ratios are of, where it is not the problem's own: that of a robust game.
 
     Yields
     ------
@@ -83,7 +86,7 @@ def try_degrees(
     InfeasibleGamma, InvalidInput
         As `solve_hji` and `HJISolution.sampled_region`.
     """
-    gamma_star = smallest_gamma(problem)
+    gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for degree in degrees:
         tell(f"degree {degree}: solve")
         start = time.perf_counter()

@@ -9,7 +9,11 @@ import numpy as np
 
 from flexhinf.design.modes import Mode, named_modes
 from flexhinf.errors import NotDetectable
-from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation import (
+    ExtendedKalmanFilter,
+    OutputInjectionObserver,
+    UnscentedKalmanFilter,
+)
 from flexhinf.plant import Plant
 
 __all__ = ["INITIAL_VARIANCE", "VELOCITY_RATE", "estimator_for", "estimator_modes", "noise_variances"]
@@ -19,6 +23,13 @@ INITIAL_VARIANCE = 1e-6
 
 #: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
+
+#: Estimators by name.
+KINDS: dict[str, Any] = {
+    "ukf": UnscentedKalmanFilter,
+    "ekf": ExtendedKalmanFilter,
+    "observer": OutputInjectionObserver,
+}
 
 #: Relative size of a singular value that counts as zero.
 RANK = 1e-9
@@ -51,7 +62,7 @@ def estimator_for(
 
     Parameters
     ----------
-    kind : {"ukf", "ekf", "none"}
+    kind : {"ukf", "ekf", "observer", "none"}
     plant : Plant
         With what is measured.
     rest : (x*, u*)
@@ -67,7 +78,7 @@ def estimator_for(
     if kind == "none":
         return None
     _check_seen(plant, rest)
-    made = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
+    made = KINDS[kind]
     noise = noise_variances(plant, measurement_noise)
     return made(plant, period, process_noise, noise, mean=start, covariance=INITIAL_VARIANCE)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.corridor import Design
+from flexhinf.design.result import Design
 from flexhinf.design.modes import Mode
 from flexhinf.report import MUTED, SERIES, Figure, figure_to_svg, house_style, label, legend, new_figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from flexhinf.design.corridor import Design
+from flexhinf.design.result import Design
 from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.modes import Mode
 

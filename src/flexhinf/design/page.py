@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.corridor import Design
+from flexhinf.design.result import Design
 from flexhinf.design.figures import estimation_figure, modes_figure, response_figure, rigid_figure
 from flexhinf.design.modes import Mode
 from flexhinf.design.numbers import numbers_of
@@ -354,8 +354,7 @@ def _law_text(design: Design) -> str:
 
 
 def _gain_table(design: Design) -> Table:
-    e = design.solution.expansion
-    gain = -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ design.solution.P)
+    gain = design.solution.gain
     names = design.problem.state_names
     rows = [(name, *(f"{value:.4g}" for value in gain[:, i])) for i, name in enumerate(names)]
     return Table(("state", *(name for name in design.problem.input_names)), rows)

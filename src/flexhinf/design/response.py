@@ -1,4 +1,4 @@
-"""A step from one rest to another in the nonlinear closed loop."""
+"""Runs from one rest to another in the nonlinear closed loop, and their figures of merit."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop import BlackBox, Controller, Loop, Trajectory
-from flexhinf.plant import Plant
+from flexhinf.loop import Loop, Trajectory
 
-__all__ = ["Response", "default_start", "run_length", "step_response"]
+__all__ = ["Response", "default_start", "run_length", "run_to", "step_response"]
 
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
@@ -91,26 +90,44 @@ def run_length(slowest: float) -> float:
     return min(max(math.ceil(2.0 * TIME_CONSTANTS / slowest) / 2.0, SHORTEST), LONGEST)
 
 
+def run_to(loop: Loop, goal: np.ndarray, start: np.ndarray, **options: Any) -> Response:
+    """A run of a loop; one that diverges is an answer too: the run so far, and when.
+
+    Parameters
+    ----------
+    loop : Loop
+    goal, start : (n,)
+        Link positions.
+    **options
+        Of `Loop.run`.
+    """
+    try:
+        run = loop.run(**options)
+    except NumericalFailure as failure:
+        partial: Trajectory | None = getattr(failure, "trajectory", None)
+        if partial is None:
+            raise
+        return Response(partial, goal, start, float(partial.time[-1]))
+    return Response(run, goal, start)
+
+
 def step_response(
-    plant: Plant | BlackBox,
-    controller: Controller,
+    loop: Loop,
     start: tuple[np.ndarray, np.ndarray],
     goal: np.ndarray,
     noise: np.ndarray | None,
     duration: float,
     seed: int,
 ) -> Response:
-    """From the rest `start` = (x, u) of the true plant, with the goal commanded from the first sample on.
-
-    A loop that diverges is an answer too: the run so far, and when.
-    """
-    x, q = start[0], start[0][: len(goal)]
-    loop = Loop(plant, controller)
-    try:
-        run = loop.run(noise=noise, duration=duration, initial_state=x, seed=seed)
-    except NumericalFailure as failure:
-        partial: Trajectory | None = getattr(failure, "trajectory", None)
-        if partial is None:
-            raise
-        return Response(partial, goal, q, float(partial.time[-1]))
-    return Response(run, goal, q)
+    """From the rest `start` = (x, u) of the true plant, with the goal commanded from the first sample on."""
+    x, u = start
+    return run_to(
+        loop,
+        goal,
+        x[: len(goal)],
+        noise=noise,
+        duration=duration,
+        initial_state=x,
+        initial_input=u,
+        seed=seed,
+    )

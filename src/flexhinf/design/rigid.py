@@ -104,8 +104,7 @@ class RigidLaw(ProblemLaw):
     @property
     def gain(self) -> np.ndarray:
         """Its linear part (m, N) on the elastic robot's states, with integrals of the side that is fed back."""
-        e = self.solution.expansion
-        rigid = -np.linalg.solve(e.r2, e.g2_parts[0][:, :, 0].T @ self.solution.P)
+        rigid = self.solution.gain
         gain = np.zeros((len(rigid), len(self.state_names)))
         gain[:, self._places] = rigid
         return gain

@@ -121,14 +121,25 @@ class Specification:
     mujoco: bool = False
 
     def __post_init__(self) -> None:
-        positive = ("gamma_ratio", "checked_gamma_ratio", "measurement_noise", "saturation", "peak_effort", "overshoot")
+        positive = (
+            "gamma_ratio",
+            "checked_gamma_ratio",
+            "measurement_noise",
+            "saturation",
+            "peak_effort",
+            "overshoot",
+        )
         for name in (*positive, "effort", "duration"):
             value = getattr(self, name)
             _require(name, value, value is None or value > 0.0, "a number > 0")
-        bands = [] if self.bandwidth is None else np.atleast_1d(np.asarray(self.bandwidth, dtype=float)).tolist()
+        bands = (
+            [] if self.bandwidth is None else np.atleast_1d(np.asarray(self.bandwidth, dtype=float)).tolist()
+        )
         _require("bandwidth", self.bandwidth, all(0.0 < b < math.inf for b in bands), "rad/s > 0")
         _require("preset", self.preset, self.preset is None or self.preset in PRESETS, ", ".join(PRESETS))
-        _require("damping", self.damping, self.damping is None or 0.0 <= self.damping < 1.0, "a ratio from 0 to 1")
+        _require(
+            "damping", self.damping, self.damping is None or 0.0 <= self.damping < 1.0, "a ratio from 0 to 1"
+        )
         for name in ("delay", "quantisation"):
             _require(name, getattr(self, name), getattr(self, name) >= 0.0, "a number >= 0")
         _require("load", self.load, self.load is None or math.isfinite(self.load), "a torque")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.design.corridor import Design
+from flexhinf.design.result import Design
 from flexhinf.design.words import law_name
 from flexhinf.robot import catalogue, load_robot
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.comparison import RigidLoop
-from flexhinf.design.corridor import Design
+from flexhinf.design.result import Design
 from flexhinf.report import number
 
 __all__ = [

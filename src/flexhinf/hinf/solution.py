@@ -93,6 +93,11 @@ class HJISolution:
         """Smallest feasible attenuation level of the problem (computed when first asked for)."""
         return linear_smallest_gamma(LinearPart.of(self.expansion))
 
+    @property
+    def gain(self) -> np.ndarray:
+        """The law's linear part, shape (m, n): u = K x + …, K = −R2⁻¹ g2(0)ᵀ P."""
+        return -np.linalg.solve(self.expansion.r2, self.expansion.g2_parts[0][:, :, 0].T @ self.P)
+
     # The polynomial ----------------------------------------------------------------------------
     def coefficients(self, k: int) -> dict[tuple[int, ...], float]:
         """V_k in plain monomials, {exponents: coefficient}, every monomial of degree `k`."""

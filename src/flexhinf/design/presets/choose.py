@@ -211,7 +211,9 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
         penalty = scales.penalty(found.chosen.pace, found.chosen.knob)
         problem = _problem(robot, goal, s, penalty)
         star = smallest_gamma(problem)
-        return Chosen(preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, wanted, found)
+        return Chosen(
+            preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, wanted, found
+        )
 
     tolerances = channels(robot, [goal, start])
     if not tolerances:

@@ -101,7 +101,9 @@ class JointScales:
         """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫): (5n, 5n); without rows of zeros."""
         n, w = len(self.stiffness), self.weights(pace, damping)
         rows = np.zeros((5 * n, 5 * n))
-        for k, name in enumerate(("link_position", "link_velocity", "", "motor_velocity", "link_position_integral")):
+        for k, name in enumerate(
+            ("link_position", "link_velocity", "", "motor_velocity", "link_position_integral")
+        ):
             if name:
                 np.fill_diagonal(rows[k * n : (k + 1) * n, k * n : (k + 1) * n], w[name])
         rate, place = w["joint_torque_rate"] * self.stiffness, slice(2 * n, 3 * n)

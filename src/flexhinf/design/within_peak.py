@@ -1,0 +1,111 @@
+"""A bandwidth whose step keeps the limit of the input, judged in the nonlinear loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.bench import Bench
+from flexhinf.design.presets.choose import BANDWIDTH_SHARE, Chosen, choose
+from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.response import run_length
+from flexhinf.design.specification import Specification
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.hinf import solve_hji
+
+__all__ = ["choose_within_peak"]
+
+#: Shares of the bandwidth that are tried, at most, and the width at which they end.
+HALVINGS, LEAST, WIDTH = 7, 0.05, 0.03
+
+#: Degree of V in these trials, unless others are asked for.
+DEGREE = 4
+
+
+def choose_within_peak(
+    robot: Any,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    tell: Callable[[str], None],
+) -> Chosen:
+    """The game of a specification; with a limit of the input, one whose step keeps it.
+
+    A bandwidth that is a default of ours is lowered until the limit is kept; one that was asked for is not.
+
+    Raises
+    ------
+    InvalidInput
+        If the limit is not kept: the best bandwidth found within it.
+    """
+    game = choose(robot, goal, start, s)
+    if s.peak_effort is None or game.found is None or game.wanted is None:
+        return game
+    tell("the peak input of the step")
+    peak = _peak(robot, goal, start, s, game)
+    if peak <= s.peak_effort:
+        return game
+    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+    whole = np.asarray(BANDWIDTH_SHARE * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
+    best, share = _slower(robot, goal, start, s, whole)
+    if best is not None and s.bandwidth is None:
+        return best
+    raise _beyond(s, game.wanted.bandwidth, peak, best, share)
+
+
+def _slower(
+    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, whole: np.ndarray
+) -> tuple[Chosen | None, float]:
+    """The largest share of the bandwidth that keeps the limit, and its game."""
+    low, high, best, found = LEAST, 1.0, None, 0.0
+    share = low
+    for _ in range(HALVINGS + 1):
+        asked = replace(s, bandwidth=(share * whole).tolist())
+        try:
+            game = choose(robot, goal, start, asked)
+            kept = _peak(robot, goal, start, asked, game) <= s.peak_effort  # type: ignore[operator]
+        except FlexhinfError:
+            kept = False
+        if kept:
+            low, best, found = share, game, share
+        elif best is None:
+            break
+        else:
+            high = share
+        if high - low < WIDTH * high:
+            break
+        share = float(np.sqrt(low * high))
+    return best, found
+
+
+def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, game: Chosen) -> float:
+    """Largest input of the nominal step; infinite where it diverges."""
+    degree = max(s.degrees) if s.degrees is not None else DEGREE
+    law = solve_hji(game.problem, game.gamma, degree)
+    bench = Bench(robot, s, game.nominal.plant, law, goal, start)
+    assert game.wanted is not None
+    length = run_length(0.4 * float(np.min(game.wanted.bandwidth))) if s.duration is None else s.duration
+    response = bench.step(length)
+    return np.inf if response.diverged is not None else float(np.abs(response.run.signals["input"]).max())
+
+
+def _beyond(
+    s: Specification, bandwidth: np.ndarray, peak: float, best: Chosen | None, share: float
+) -> InvalidInput:
+    most = f"{float(np.max(bandwidth)):.3g}"
+    found = "no slower loop down to a twentieth of it keeps the limit either"
+    advice = "a larger --peak-effort, or a shorter step (--from-pose)"
+    if best is not None:
+        slower = share * float(np.min(bandwidth))
+        found = f"the best found within the limit is a bandwidth of {slower:.3g} rad/s"
+        advice = f"--bandwidth {slower:.3g}, or {advice}"
+    needs = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
+    return InvalidInput(
+        "The specification cannot be met: the peak of the input binds.",
+        f"expected at most {s.peak_effort:g}; with a bandwidth of {most} rad/s the step of the nonlinear loop {needs}; "
+        f"{found}",
+        advice,
+    )
