@@ -58,7 +58,7 @@ class Bench:
         s = self.specification
         return estimator_for(
             s.estimator, self.model, self.robot.operating_point(self.goal), self.robot.operating_point(at)[0],
-            s.period, s.process_noise, s.measurement_noise,
+            s.period, s.noises, s.measurement_noise,
         )  # fmt: skip
 
     def controller(self, at: np.ndarray, moving: bool = False, law: Law | None = None) -> Controller:

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.design.bench import Bench
 from flexhinf.design.comparison import compare_rigid
-from flexhinf.design.degrees import DegreeChoice, try_degrees
+from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.disturbed import default_load, disturbed_response
 from flexhinf.design.draws import Draws, drawn_steps
 from flexhinf.design.estimator import estimator_modes
@@ -58,7 +58,8 @@ def design(
     plant = game.nominal.plant
     energy = stiffness_and_inertia(plant, rest)
 
-    degrees, rays = degrees_and_rays(len(game.problem.state_names), s)
+    states = len(game.problem.state_names)
+    degrees, rays = tried_degrees(states, s), rays_of(states, s)
     choices = tuple(
         try_degrees(
             game.problem, degrees, s.gamma_ratio, s.checked_gamma_ratio, _checked(s, game), rays, s.seed, tell,
@@ -88,7 +89,7 @@ def design(
         tell("the step on MuJoCo's plant")
         mujoco = bench.step(duration, mujoco_plant(robot, bench.true_plant, rest, s))
     draws = None
-    count = draws_of(robot, len(game.problem.state_names), s)
+    count = draws_of(robot, states, s)
     if count:
         tell(f"the step of {count} robots within their tolerances")
         draws = drawn_steps(bench, count, duration, taken)
@@ -100,7 +101,7 @@ def design(
         )
     estimator = bench.estimator(start)
     error_modes: tuple[Mode, ...] = ()
-    if estimator is not None and s.process_noise > 0.0:
+    if estimator is not None and max(s.noises) > 0.0:
         error_modes = estimator_modes(estimator, rest, robot.joint_names, *energy)
     return Design(
         robot, s, game, goal, start, modes_of(plant.linearise(*rest)[0], robot.joint_names, *energy), closed_modes,
@@ -186,18 +187,6 @@ def _checked(s: Specification, game: Chosen) -> Any:
     return Penalty.of(s.checked_penalty).expanded(game.nominal.plant.groups).states
 
 
-def degrees_and_rays(states: int, specification: Specification) -> tuple[tuple[int, ...], int]:
-    """Degrees that are tried, and rays: as asked, or fewer for more states."""
-    s = specification
-    few = states <= 10
-    degrees = tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if few else (2, 4))
-    rays = next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays
-    return degrees, rays
-
-
-#: Up to so many states, so many rays; no region is looked at beyond.
-RAYS = ((5, 4000), (10, 1000), (20, 200))
-
 #: Robots within their tolerances: with up to so many states, and with more.
 DRAWS = ((15, 200), (10_000, 20))
 
@@ -212,6 +201,6 @@ def draws_of(robot: Robot, states: int, s: Specification) -> int:
 def stages(robot: Robot, specification: Specification) -> int:
     """How many steps of work there are, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    degrees, rays = degrees_and_rays(states, s)
+    degrees, rays = tried_degrees(states, s), rays_of(states, s)
     more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
     return 4 + len(degrees) * (2 if rays else 1) + len(s.via) + sum(more)

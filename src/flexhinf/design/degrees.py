@@ -7,10 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["DegreeChoice", "shrinking", "try_degrees"]
+__all__ = ["DegreeChoice", "rays_of", "shrinking", "tried_degrees", "try_degrees"]
+
+#: Up to so many states, so many rays; no region is looked at beyond.
+RAYS = ((5, 4000), (10, 1000), (20, 200))
 
 
 @dataclass(frozen=True)
@@ -123,3 +127,13 @@ def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
     """Pairs (lower, higher) of neighbouring degrees where the higher one allows a smaller step."""
     ordered = sorted(choices, key=lambda choice: choice.degree)
     return [(a.degree, b.degree) for a, b in pairwise(ordered) if b.step_amplitude < a.step_amplitude]
+
+
+def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
+    """Degrees of V that are tried: as asked, or fewer for more states."""
+    return tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if states <= 10 else (2, 4))
+
+
+def rays_of(states: int, s: Specification) -> int:
+    """Rays in which a region is looked at: as asked, or fewer for more states."""
+    return next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays

@@ -13,10 +13,18 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
+    stationary_gain,
 )
 from flexhinf.plant import Plant
 
-__all__ = ["INITIAL_VARIANCE", "VELOCITY_RATE", "estimator_for", "estimator_modes", "noise_variances"]
+__all__ = [
+    "INITIAL_VARIANCE",
+    "VELOCITY_RATE",
+    "estimator_for",
+    "estimator_modes",
+    "noise_variances",
+    "process_covariance",
+]
 
 #: Belief at the start: the robot rests there, as known to a milliradian (mm), and to 1 mrad/s.
 INITIAL_VARIANCE = 1e-6
@@ -55,7 +63,7 @@ def estimator_for(
     rest: tuple[np.ndarray, np.ndarray],
     start: np.ndarray,
     period: float,
-    process_noise: float,
+    noises: tuple[float, float],
     measurement_noise: float,
 ) -> Any:
     """The filter, or None for "none".
@@ -69,6 +77,12 @@ def estimator_for(
         The goal: what is measured must show every mode there that does not decay.
     start : (n,)
         Initial mean.
+    period : float
+        s.
+    noises : (float, float)
+        Variances per sample, on every state and on the velocities alone: R^v is diagonal.
+    measurement_noise : float
+        R^n of a measured position.
 
     Raises
     ------
@@ -80,7 +94,16 @@ def estimator_for(
     _check_seen(plant, rest)
     made = KINDS[kind]
     noise = noise_variances(plant, measurement_noise)
-    return made(plant, period, process_noise, noise, mean=start, covariance=INITIAL_VARIANCE)
+    return made(
+        plant, period, process_covariance(plant, noises), noise, mean=start, covariance=INITIAL_VARIANCE
+    )
+
+
+def process_covariance(plant: Plant, noises: tuple[float, float]) -> np.ndarray:
+    """R^v (n, n) of a variance on every state, and one on the velocities alone."""
+    everywhere, torques = noises
+    moved = ["velocity" in name for name in plant.states]
+    return np.diag(np.where(moved, everywhere + torques, everywhere))
 
 
 def _check_seen(plant: Plant, rest: tuple[np.ndarray, np.ndarray]) -> None:
@@ -112,14 +135,11 @@ def estimator_modes(
     e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
     nominal plant the linearised loop has these modes beside those of the law.
     """
-    from scipy.linalg import expm, solve_discrete_are
+    from scipy.linalg import expm
 
     a, _, _, c = estimator.plant.linearise(*rest)
-    sampled, noise = expm(a * estimator.period), estimator.measurement_noise
-    scale = np.sqrt(np.diag(noise))  # outputs in units of their noise
-    c, unit = c / scale[:, None], noise / np.outer(scale, scale)
-    spread = solve_discrete_are(sampled.T, c.T, estimator.process_noise, unit)
-    gain = np.linalg.solve(c @ spread @ c.T + unit, c @ spread).T
+    sampled = expm(a * estimator.period)
+    gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
     values, vectors = np.linalg.eig(sampled @ (np.eye(len(a)) - gain @ c))
     kept = np.abs(values) > 1e-12  # a mode that is gone after one sample has no rate
     rates = np.log(values[kept].astype(complex)) / estimator.period

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.result import Design
 from flexhinf.design.modes import Mode
+from flexhinf.design.result import Design
 from flexhinf.report import MUTED, SERIES, Figure, figure_to_svg, house_style, label, legend, new_figure
 
 __all__ = ["estimation_figure", "modes_figure", "response_figure", "rigid_figure", "step_limits"]

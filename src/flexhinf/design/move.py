@@ -19,8 +19,9 @@ __all__ = ["Move", "move_response", "planned"]
 #: Limits of velocity, acceleration and jerk, over the way times ω, ω², ω³ for a bandwidth ω.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 
-#: Of an effort limit, the share that the feedforward may use; the move is stretched until it does, so many times.
-EFFORT_SHARE, STRETCH, STRETCHES = 0.9, 1.15, 20
+#: Of what an effort limit leaves beside the weight, the share that the feedforward may use; the move is stretched by this
+#: factor until it does, so many times at most.
+EFFORT_SHARE, STRETCH, STRETCHES = 0.7, 1.15, 25
 
 #: A joint that does not move still needs limits: those of this part of the largest way.
 LEAST_WAY = 1e-3
@@ -79,7 +80,7 @@ def planned(bench: Bench, bandwidth: np.ndarray) -> Any:
     way = np.abs(bench.goal - bench.start)
     way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
     pace = np.asarray(bandwidth, dtype=float)
-    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
+    limit = _allowed(bench)
     slowest = _slowest_vibration(robot, bench.goal)
     for k in range(STRETCHES):
         pace_k = pace / STRETCH**k
@@ -88,15 +89,23 @@ def planned(bench: Bench, bandwidth: np.ndarray) -> Any:
             smoothing=2.0 * math.pi / slowest,
         )  # fmt: skip
         try:
-            check_reference(
-                robot, plan, plan.duration, EFFORT_SHARE * min(limits) if limits else None, period=s.period
-            )
+            check_reference(robot, plan, plan.duration, limit, period=s.period)
         except InvalidInput:
-            if not limits or k == STRETCHES - 1:
+            if limit is None or k == STRETCHES - 1:
                 raise
             continue
         return plan
     raise AssertionError("unreachable")
+
+
+def _allowed(bench: Bench) -> float | None:
+    """The largest input that the feedforward may ask for: part of the way from what holds both ends to the limit."""
+    s = bench.specification
+    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
+    if not limits:
+        return None
+    held = max(float(np.abs(bench.rest(at)[1]).max()) for at in (bench.start, bench.goal))
+    return held + EFFORT_SHARE * max(0.0, min(limits) - held)
 
 
 def _slowest_vibration(robot: Any, goal: np.ndarray) -> float:

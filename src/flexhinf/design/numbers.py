@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from flexhinf.design.result import Design
 from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
 from flexhinf.design.modes import Mode
+from flexhinf.design.result import Design
 
 __all__ = ["numbers_of"]
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.result import Design
 from flexhinf.design.figures import estimation_figure, modes_figure, response_figure, rigid_figure
 from flexhinf.design.modes import Mode
 from flexhinf.design.numbers import numbers_of
+from flexhinf.design.result import Design
 from flexhinf.design.settings import setting_groups
 from flexhinf.design.words import (
     law_name,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.result import Design
 from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
+from flexhinf.design.result import Design
 from flexhinf.design.specification import Specification
 from flexhinf.report import Setting
 
@@ -107,7 +107,8 @@ def _estimator(design: Design) -> list[Setting]:
     return [
         *rows,
         Setting("simulated noise", "white, of these variances", "", "ours"),
-        Setting("R^v", f"{s.process_noise:g} I", "per sample", _option(design, "process_noise")),
+        Setting("R^v on every state", s.noises[0], "per sample", _option(design, "process_noise")),
+        Setting("R^v on the velocities beside", s.noises[1], "per sample", _option(design, "torque_noise")),
         Setting("initial estimate", "the rest at the start of the step", "", "ours"),
         Setting("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
         Setting("model", "the nominal robot without extras", "", "ours"),

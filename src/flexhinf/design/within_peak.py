@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.bench import Bench
+from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.presets.choose import BANDWIDTH_SHARE, Chosen, choose
 from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import run_length
@@ -20,9 +21,6 @@ __all__ = ["choose_within_peak"]
 
 #: Shares of the bandwidth that are tried, at most, and the width at which they end.
 HALVINGS, LEAST, WIDTH = 7, 0.05, 0.03
-
-#: Degree of V in these trials, unless others are asked for.
-DEGREE = 4
 
 
 def choose_within_peak(
@@ -83,7 +81,7 @@ def _slower(
 
 def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, game: Chosen) -> float:
     """Largest input of the nominal step; infinite where it diverges."""
-    degree = max(s.degrees) if s.degrees is not None else DEGREE
+    degree = max(tried_degrees(len(game.problem.state_names), s))
     law = solve_hji(game.problem, game.gamma, degree)
     bench = Bench(robot, s, game.nominal.plant, law, goal, start)
     assert game.wanted is not None
