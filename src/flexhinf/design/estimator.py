@@ -94,8 +94,15 @@ def estimator_for(
     _check_seen(plant, rest)
     made = KINDS[kind]
     noise = noise_variances(plant, measurement_noise)
+    options = {"about": rest[0]} if kind == "observer" else {}
     return made(
-        plant, period, process_covariance(plant, noises), noise, mean=start, covariance=INITIAL_VARIANCE
+        plant,
+        period,
+        process_covariance(plant, noises),
+        noise,
+        mean=start,
+        covariance=INITIAL_VARIANCE,
+        **options,
     )
 
 

@@ -19,8 +19,8 @@ __all__ = ["Move", "move_response", "planned"]
 #: Limits of velocity, acceleration and jerk, over the way times ω, ω², ω³ for a bandwidth ω.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 
-#: Of what an effort limit leaves beside the weight, the share that the feedforward may use; the move is stretched by this
-#: factor until it does, so many times at most.
+#: Of what an effort limit leaves beside the weight, the share that the feedforward may use; the move is stretched by
+#: this factor until it does, so many times at most.
 EFFORT_SHARE, STRETCH, STRETCHES = 0.7, 1.15, 25
 
 #: A joint that does not move still needs limits: those of this part of the largest way.

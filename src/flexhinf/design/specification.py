@@ -16,8 +16,8 @@ __all__ = ["ESTIMATORS", "PRESETS", "TORQUE_NOISE", "Specification"]
 ESTIMATORS = ("ukf", "ekf", "observer", "none")
 PRESETS = ("paper", "damped", "robust")
 
-#: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the link
-#: moves it little more than with the true state fed back, see docs/design.md.
+#: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
+#: link moves it little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
 

@@ -19,8 +19,8 @@ from flexhinf.hinf import solve_hji
 
 __all__ = ["choose_within_peak"]
 
-#: Shares of the bandwidth that are tried, at most, and the width at which they end.
-HALVINGS, LEAST, WIDTH = 7, 0.05, 0.03
+#: Shares of the bandwidth that are tried first go down by this factor, to this one; then they are halved to this width.
+COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
 
 
 def choose_within_peak(
@@ -58,25 +58,26 @@ def _slower(
     robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, whole: np.ndarray
 ) -> tuple[Chosen | None, float]:
     """The largest share of the bandwidth that keeps the limit, and its game."""
-    low, high, best, found = LEAST, 1.0, None, 0.0
-    share = low
-    for _ in range(HALVINGS + 1):
+
+    def kept(share: float) -> Chosen | None:
         asked = replace(s, bandwidth=(share * whole).tolist())
         try:
             game = choose(robot, goal, start, asked)
-            kept = _peak(robot, goal, start, asked, game) <= s.peak_effort  # type: ignore[operator]
+            return game if _peak(robot, goal, start, asked, game) <= s.peak_effort else None  # type: ignore[operator]
         except FlexhinfError:
-            kept = False
-        if kept:
-            low, best, found = share, game, share
-        elif best is None:
-            break
-        else:
-            high = share
-        if high - low < WIDTH * high:
-            break
-        share = float(np.sqrt(low * high))
-    return best, found
+            return None
+
+    high = low = 1.0
+    best = None
+    while best is None and low > LEAST:
+        high, low = low, COARSE * low
+        best = kept(low)
+    while best is not None and high - low > WIDTH * high:
+        middle = float(np.sqrt(low * high))
+        better = kept(middle)
+        low, high = (middle, high) if better is not None else (low, middle)
+        best = best if better is None else better
+    return best, low
 
 
 def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, game: Chosen) -> float:

@@ -1,12 +1,13 @@
 """What a tolerance does to a robot, as a disturbance: each uncertain parameter a channel (Shen & Tamura 1995).
 
-A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear part,
+A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
+part,
 
     w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
 
 with T taken between the ends of the interval. Split into rank-one parts, each is a torque t w' driven by a signal
-z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). What is
-constant, such as the weight that is carried, is left to the integral.
+z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). What
+is constant, such as the weight that is carried, is left to the integral.
 """
 
 from __future__ import annotations
