@@ -92,6 +92,20 @@ class Bench:
         """State and input with which the true robot rests at a pose, of these parameters."""
         return self.robot.operating_point(at, self.specification.extras, values)
 
+    def departure(self, law: Law) -> np.ndarray:
+        """Deviation (n,) from the goal's rest at which a law takes over at the start, its integrals included."""
+        controller = self.controller(self.start, law=law)
+        x, u = self.rest(self.start)
+        count = len(controller.states)
+        controller.reset(input=u) if controller.estimator is None else controller.reset(x[:count], input=u)
+        measured = x[:count] if controller.estimator is None else self._measured(x[:count], u)
+        controller.step(measured)
+        return np.concatenate([x[:count], controller.integrals]) - law.operating_point
+
+    def _measured(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        table = self.model.parameters
+        return np.asarray(self.model.traced_output(x, u, table.vector()), dtype=float).ravel()
+
     def step(self, duration: float, plant: Any = None) -> Response:
         """The step from start to goal, of the nominal robot or of another plant (MuJoCo's)."""
         loop = self.loop(self.controller(self.start), plant)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign import margins
 from flexhinf.design.bench import Bench
 from flexhinf.design.comparison import compare_rigid
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
@@ -21,6 +22,7 @@ from flexhinf.design.presets.choose import Chosen
 from flexhinf.design.presets.linear_family import LinearFamily
 from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import Response, default_start, run_length
+from flexhinf.design.resting import resting_loop
 from flexhinf.design.result import Design
 from flexhinf.design.schedule import law_of
 from flexhinf.design.specification import Specification
@@ -73,6 +75,10 @@ def design(
     closed_modes = modes_of(closed_loop(game.nominal, gain), robot.joint_names, *energy)
     bandwidth = behaviour_of(LinearFamily.of(robot, goal, members=0), gain).bandwidth
 
+    tell("margins of the loop with its estimator")
+    resting = resting_loop(bench, chosen.solution)
+    with_state = resting_loop(bench, chosen.solution, estimated=False)
+
     tell("compile the closed loop, and run the step")
     slowest = min(-mode.eigenvalue.real for mode in closed_modes)
     duration = run_length(slowest) if s.duration is None else s.duration
@@ -105,7 +111,7 @@ def design(
         error_modes = estimator_modes(estimator, rest, robot.joint_names, *energy)
     return Design(
         robot, s, game, goal, start, modes_of(plant.linearise(*rest)[0], robot.joint_names, *energy), closed_modes,
-        error_modes, bandwidth, choices, chosen, _inside(robot, game, chosen, start), bench, response, disturbed, move,
+        error_modes, bandwidth, choices, chosen, _inside(bench, chosen), bench, margins(resting), margins(with_state), response, disturbed, move,
         draws, _met(s, bench, game, (response, mujoco), draws, closed_modes, bandwidth),
         (0 if estimator is None else estimator.sub_steps, taken), duration, rays, rigid, mujoco,
     )  # fmt: skip
@@ -129,14 +135,11 @@ def _load(s: Specification, scales: JointScales, peak: np.ndarray) -> np.ndarray
     return default_load(scales.per_input, peak)
 
 
-def _inside(robot: Robot, game: Chosen, chosen: DegreeChoice, start: np.ndarray) -> bool | None:
-    """Whether the start, with its integrals at zero, lies in the sampled region."""
+def _inside(bench: Bench, chosen: DegreeChoice) -> bool | None:
+    """Whether the start, with the integrals that the controller chooses, lies in the sampled region."""
     if not chosen.looked:
         return None
-    n = game.nominal.plant.n
-    deviation = np.zeros(len(game.problem.state_names))
-    deviation[:n] = robot.operating_point(start)[0] - game.problem.operating_point[:n]
-    return bool(chosen.solution.value(deviation) <= chosen.level)
+    return bool(chosen.solution.value(bench.departure(chosen.solution)) <= chosen.level)
 
 
 def _met(
@@ -203,4 +206,4 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     degrees, rays = tried_degrees(states, s), rays_of(states, s)
     more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
-    return 4 + len(degrees) * (2 if rays else 1) + len(s.via) + sum(more)
+    return 5 + len(degrees) * (2 if rays else 1) + len(s.via) + sum(more)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from flexhinf.campaign import Margins
 from flexhinf.design.bench import Bench
 from flexhinf.design.comparison import RigidComparison
 from flexhinf.design.degrees import DegreeChoice, shrinking
@@ -49,6 +50,8 @@ class Design:
         Whether the step starts inside the region of the chosen solution; None if that was not looked at.
     bench : Bench
         Law, estimator and true plant of all runs.
+    margins, state_margins : Margins
+        Of the sampled loop at the goal, with the estimator, and with the true state fed back.
     response : Response
         The step, with the estimator.
     disturbed : Disturbed
@@ -79,6 +82,8 @@ class Design:
     chosen: DegreeChoice
     inside: bool | None
     bench: Bench
+    margins: Margins
+    state_margins: Margins
     response: Response
     disturbed: Disturbed
     move: Move

@@ -302,6 +302,11 @@ class Controller:
         """x(k|k) of the last step, (n,); NaN before the first."""
         return self._estimate.copy()
 
+    @property
+    def integrals(self) -> np.ndarray:
+        """Integrals of the tracking errors after the last step, (k,)."""
+        return np.array(self.memory.named(self._memory).integral)
+
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
 
