@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.design.bench import Bench
 from flexhinf.design.degrees import tried_degrees
+from flexhinf.design.draws import drawn_steps
 from flexhinf.design.presets.choose import BANDWIDTH_SHARE, Chosen, choose
 from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import run_length
@@ -21,6 +22,9 @@ __all__ = ["choose_within_peak"]
 
 #: Shares of the bandwidth that are tried first go down by this factor, to this one; then they are halved to this width.
 COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
+
+#: Robots within their tolerances whose peak counts, beside the nominal one's.
+DRAWN = 12
 
 
 def choose_within_peak(
@@ -81,14 +85,20 @@ def _slower(
 
 
 def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, game: Chosen) -> float:
-    """Largest input of the nominal step; infinite where it diverges."""
+    """Largest input of the step, of the nominal robot and of a few within its tolerances; infinite if one diverges."""
     degree = max(tried_degrees(len(game.problem.state_names), s))
     law = solve_hji(game.problem, game.gamma, degree)
     bench = Bench(robot, s, game.nominal.plant, law, goal, start)
     assert game.wanted is not None
     length = run_length(0.4 * float(np.min(game.wanted.bandwidth))) if s.duration is None else s.duration
     response = bench.step(length)
-    return np.inf if response.diverged is not None else float(np.abs(response.run.signals["input"]).max())
+    if response.diverged is not None:
+        return np.inf
+    peak = float(np.abs(response.run.signals["input"]).max())
+    if not robot.uncertain or s.draws == 0:
+        return peak
+    drawn = drawn_steps(bench, DRAWN, length, response.run.settings["sub_steps"])
+    return np.inf if drawn.diverged else max(peak, float(drawn.peak.max()))
 
 
 def _beyond(
@@ -104,7 +114,7 @@ def _beyond(
     needs = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
     return InvalidInput(
         "The specification cannot be met: the peak of the input binds.",
-        f"expected at most {s.peak_effort:g}; with a bandwidth of {most} rad/s the step of the nonlinear loop {needs}; "
-        f"{found}",
+        f"expected at most {s.peak_effort:g}; with a bandwidth of {most} rad/s the step of the nonlinear loop {needs}, "
+        f"within the tolerances; {found}",
         advice,
     )

@@ -1,0 +1,79 @@
+"""What the linearisation at the goal says of a design: modes, bandwidth, margins of the loop with its estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.campaign import Margins, RestingLoop, margins
+from flexhinf.design.bench import Bench
+from flexhinf.design.estimator import estimator_modes
+from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.design.presets.behaviour import behaviour_of
+from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.synthesis import Synthesis
+from flexhinf.plant import Law
+
+__all__ = ["Linearised", "linearise", "resting_loop"]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Figures of the linearised loops at the goal.
+
+    Attributes
+    ----------
+    open_modes, closed_modes : tuple of Mode
+        Without control, and with the law (true state).
+    estimator_modes : tuple of Mode
+        Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise.
+    bandwidth : (n,)
+        Of each joint of the nominal robot, rad/s.
+    margins, state_margins : Margins
+        Of the sampled loop, with the estimator, and with the true state fed back.
+    """
+
+    open_modes: tuple[Mode, ...]
+    closed_modes: tuple[Mode, ...]
+    estimator_modes: tuple[Mode, ...]
+    bandwidth: np.ndarray
+    margins: Margins
+    state_margins: Margins
+
+
+def linearise(bench: Bench, synthesis: Synthesis) -> Linearised:
+    """All of them."""
+    robot, goal, plant, law = bench.robot, bench.goal, bench.model, synthesis.solution
+    rest = robot.operating_point(goal)
+    energy, joints = stiffness_and_inertia(plant, rest), robot.joint_names
+    estimator = bench.estimator(bench.start)
+    error_modes: tuple[Mode, ...] = ()
+    if estimator is not None and max(bench.specification.noises) > 0.0:
+        error_modes = estimator_modes(estimator, rest, joints, *energy)
+    return Linearised(
+        modes_of(plant.linearise(*rest)[0], joints, *energy),
+        modes_of(closed_loop(synthesis.problem, law.gain), joints, *energy),
+        error_modes,
+        behaviour_of(LinearFamily.of(robot, goal, members=0), law.gain).bandwidth,
+        margins(resting_loop(bench, law)),
+        margins(resting_loop(bench, law, estimated=False)),
+    )
+
+
+def resting_loop(bench: Bench, law: Law, estimated: bool = True) -> RestingLoop:
+    """The sampled loop of a law at rest at the goal.
+
+    Parameters
+    ----------
+    bench : Bench
+    law : Law
+        The one at the goal, where the bench has a schedule.
+    estimated : bool
+        With the estimator of the bench; otherwise the true state is fed back.
+    """
+    s = bench.specification
+    estimator = bench.estimator(bench.goal) if estimated else None
+    return RestingLoop(
+        law, estimator, bench.true_plant, s.period, bench.goal, delay=round(s.delay / s.period)
+    )
