@@ -9,11 +9,12 @@ import numpy as np
 from flexhinf.design.bench import Bench
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.linearised import Linearised, linearise
-from flexhinf.design.met import Met, linear_met, step_met, within_tolerances
+from flexhinf.design.met import Met, corners_met, linear_met, step_met, within_tolerances
 from flexhinf.design.result import Design
 from flexhinf.design.runs import Runs, draws_of, run_all
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.design.tolerances import Tolerances, tolerance_corners
 from flexhinf.robot import Robot
 
 __all__ = ["Design", "design", "stages"]
@@ -42,13 +43,16 @@ def design(
     bench = Bench(robot, s, synthesis.problem.plant, synthesis.law, synthesis.goal, synthesis.start)
     tell("margins of the loop with its estimator")
     linear = linearise(bench, synthesis)
+    tell("corners of the tolerances")
+    tolerances = tolerance_corners(bench, synthesis.solution)
     runs = run_all(bench, synthesis, linear, tell)
     return Design(
         robot=robot,
         specification=s,
         bench=bench,
+        tolerances=tolerances,
         inside=_inside(bench, synthesis),
-        met=_met(bench, synthesis, linear, runs),
+        met=_met(bench, synthesis, linear, runs, tolerances),
         **vars(synthesis),
         **vars(linear),
         **vars(runs),
@@ -63,7 +67,9 @@ def _inside(bench: Bench, synthesis: Synthesis) -> bool | None:
     return bool(law.value(bench.departure(law)) <= synthesis.chosen.level)
 
 
-def _met(bench: Bench, synthesis: Synthesis, linear: Linearised, runs: Runs) -> tuple[Met, ...]:
+def _met(
+    bench: Bench, synthesis: Synthesis, linear: Linearised, runs: Runs, tolerances: Tolerances | None
+) -> tuple[Met, ...]:
     """The specification line by line."""
     s, unit = bench.specification, bench.model.unit(bench.model.inputs[0])
     damping = min((mode.damping for mode in linear.closed_modes if mode.vibration), default=np.inf)
@@ -71,6 +77,8 @@ def _met(bench: Bench, synthesis: Synthesis, linear: Linearised, runs: Runs) -> 
     lines += step_met(s, runs.response, unit, "the step, nominal robot")
     if runs.mujoco is not None:
         lines += step_met(s, runs.mujoco, unit, "the step on MuJoCo's plant")
+    if tolerances is not None:
+        lines.append(corners_met(len(tolerances.population), tolerances.unstable))
     if runs.draws is not None:
         lines += within_tolerances(s, runs.draws, unit)
     return tuple(lines)
@@ -81,4 +89,4 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
-    return 5 + solved + len(s.via) + sum(more)
+    return 6 + solved + len(s.via) + sum(more)

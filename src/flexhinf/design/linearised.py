@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign import Margins, RestingLoop, margins
+from flexhinf.campaign import Margins, margins
 from flexhinf.design.bench import Bench
 from flexhinf.design.estimator import estimator_modes
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 from flexhinf.design.presets.behaviour import behaviour_of
 from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.resting import resting_loop
 from flexhinf.design.synthesis import Synthesis
-from flexhinf.plant import Law
 
-__all__ = ["Linearised", "linearise", "resting_loop"]
+__all__ = ["Linearised", "linearise"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +58,4 @@ def linearise(bench: Bench, synthesis: Synthesis) -> Linearised:
         behaviour_of(LinearFamily.of(robot, goal, members=0), law.gain).bandwidth,
         margins(resting_loop(bench, law)),
         margins(resting_loop(bench, law, estimated=False)),
-    )
-
-
-def resting_loop(bench: Bench, law: Law, estimated: bool = True) -> RestingLoop:
-    """The sampled loop of a law at rest at the goal.
-
-    Parameters
-    ----------
-    bench : Bench
-    law : Law
-        The one at the goal, where the bench has a schedule.
-    estimated : bool
-        With the estimator of the bench; otherwise the true state is fed back.
-    """
-    s = bench.specification
-    estimator = bench.estimator(bench.goal) if estimated else None
-    return RestingLoop(
-        law, estimator, bench.true_plant, s.period, bench.goal, delay=round(s.delay / s.period)
     )

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.design.draws import Draws
+from flexhinf.design.presets.choose import DAMPING
 from flexhinf.design.presets.search import Wanted
 from flexhinf.design.response import Response
 from flexhinf.design.specification import Specification
 
-__all__ = ["Met", "all_hold", "linear_met", "step_met", "within_tolerances"]
+__all__ = ["Met", "all_hold", "corners_met", "linear_met", "step_met", "within_tolerances"]
 
 #: A figure that misses its limit by less than this share of it meets it: the width of the search.
 CLOSE = 0.02
@@ -79,14 +80,21 @@ def linear_met(s: Specification, wanted: Wanted | None, bandwidth: np.ndarray, d
     if wanted is None:
         return []
     worst = int(np.argmin(bandwidth / wanted.bandwidth))
+    asked = min(wanted.damping, DAMPING) if s.damping is None else s.damping
     where = "linearised loop at the goal"
     return [
         Met(
             "bandwidth", float(wanted.bandwidth[worst]), float(bandwidth[worst]), "rad/s", False, where,
             s.bandwidth is not None,
         ),
-        Met("damping of vibrations", wanted.damping, damping, "", False, where, s.damping is not None),
+        Met("damping of vibrations", asked, damping, "", False, where, s.damping is not None),
     ]  # fmt: skip
+
+
+def corners_met(plants: int, unstable: int) -> Met:
+    """That no corner of the tolerances is unstable."""
+    where = f"{plants} corners of the tolerances, linearised loop with the estimator"
+    return Met("unstable loops", 0.0, float(unstable), "", True, where, asked_for=False)
 
 
 def within_tolerances(s: Specification, draws: Draws, unit: str) -> list[Met]:
@@ -94,7 +102,7 @@ def within_tolerances(s: Specification, draws: Draws, unit: str) -> list[Met]:
     where = f"the worst of {len(draws)} robots within their tolerances"
     asked = s.overshoot != Specification.overshoot
     found = [
-        Met("runs that do not settle", 0.0, float(draws.unsettled), "", True, where),
+        Met("runs that do not settle", 0.0, float(draws.unsettled), "", True, where, asked_for=False),
         Met("overshoot", s.overshoot, float(draws.overshoot.max()), "%", True, where, asked),
     ]
     if s.peak_effort is not None:

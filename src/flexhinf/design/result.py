@@ -12,6 +12,7 @@ from flexhinf.design.met import Met
 from flexhinf.design.runs import Runs
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.tolerances import Tolerances
 from flexhinf.robot import Robot
 
 __all__ = ["Design"]
@@ -27,6 +28,8 @@ class Design(Synthesis, Linearised, Runs):
         What was asked.
     bench : Bench
         Law, estimator and true plant of all runs.
+    tolerances : Tolerances or None
+        Corners of the tolerances in the linearised loop; None for a robot that states none.
     inside : bool or None
         Whether the step starts inside the region of the chosen solution; None if that was not looked at.
     met : tuple of Met
@@ -36,6 +39,7 @@ class Design(Synthesis, Linearised, Runs):
     robot: Robot
     specification: Specification
     bench: Bench
+    tolerances: Tolerances | None
     inside: bool | None
     met: tuple[Met, ...]
 

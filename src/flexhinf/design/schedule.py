@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.design.presets.choose import Chosen, choose
 from flexhinf.design.specification import Specification
+from flexhinf.design.withstand import choose_withstanding
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import Law
@@ -41,6 +42,6 @@ def law_of(
         tell(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
         place = robot.operating_point(pose)[0][: len(goal)]
         asked = replace(s, bandwidth=None if game.wanted is None else game.wanted.bandwidth.tolist())
-        there = choose(robot, place, start, asked)
+        there = choose_withstanding(choose, robot, place, start, asked)
         laws.append(solve_hji(there.problem, there.gamma, solution.degree))
     return solution if len(laws) == 1 else Schedule(laws)

@@ -15,6 +15,7 @@ from flexhinf.design.presets.choose import BANDWIDTH_SHARE, Chosen, choose
 from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import run_length
 from flexhinf.design.specification import Specification
+from flexhinf.design.withstand import choose_withstanding
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import solve_hji
 
@@ -43,7 +44,7 @@ def choose_within_peak(
     InvalidInput
         If the limit is not kept: the best bandwidth found within it.
     """
-    game = choose(robot, goal, start, s)
+    game = choose_withstanding(choose, robot, goal, start, s, tell)
     if s.peak_effort is None or game.found is None or game.wanted is None:
         return game
     tell("the peak input of the step")
@@ -66,7 +67,7 @@ def _slower(
     def kept(share: float) -> Chosen | None:
         asked = replace(s, bandwidth=(share * whole).tolist())
         try:
-            game = choose(robot, goal, start, asked)
+            game = choose_withstanding(choose, robot, goal, start, asked)
             return game if _peak(robot, goal, start, asked, game) <= s.peak_effort else None  # type: ignore[operator]
         except FlexhinfError:
             return None
