@@ -5,9 +5,11 @@ part,
 
     w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
 
-with T taken between the ends of the interval. Split into rank-one parts, each is a torque t w' driven by a signal
-z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). What
-is constant, such as the weight that is carried, is left to the integral.
+with T taken between the ends of the interval, the robot at its own rest at each of them. Split into rank-one parts,
+each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the stiffness
+t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the end where
+more changes, so that |Δ| ≤ 1 holds at both. What is constant, such as the weight that is carried, is left to the
+integral.
 """
 
 from __future__ import annotations
@@ -60,42 +62,41 @@ def channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
     found: list[Channel] = []
     for parameter in robot.uncertain:
-        changes = [_change(robot, plant, parameter.name, pose) for pose in poses]
-        largest = max(changes, key=lambda change: float(np.abs(change).max()))
-        quantity = _quantity(parameter.name, robot.joint_names)
-        found += _rank_one(quantity, largest, plant.n)
+        changes = [_changes(robot, plant, parameter.name, pose) for pose in poses]
+        largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
+        found += _rank_one(_quantity(parameter.name, robot.joint_names), largest, plant.n)
     return tuple(found)
 
 
-def _change(robot: Any, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
-    """[T_x T_u] (2 joints, n + m) at a pose, half the difference between the ends of the interval."""
-    x, u = robot.operating_point(pose)
-    torques = plant.linearise(x, u)[2]
+def _changes(robot: Any, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
+    """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own rest."""
+    a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
+    nominal = np.hstack([a, b])
+    size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
     ends = []
     for sign in (1.0, -1.0):
         values = robot.corner({name: sign})
         known = {key: value for key, value in values.items() if key in plant.parameters.values}
-        a, b, _, _ = plant.with_parameters(**known).linearise(x, u)
-        ends.append(np.hstack([a, b]))
-    nominal = np.hstack(plant.linearise(x, u)[:2])
-    change = np.linalg.lstsq(torques, 0.5 * (ends[0] - ends[1]), rcond=None)[0]
-    size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
-    return np.where(np.abs(change) > ROUNDING * size, change, 0.0)
+        rest = robot.operating_point(pose, parameters=known)
+        there = np.hstack(plant.with_parameters(**known).linearise(*rest)[:2])
+        change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
+        ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
+    return np.array(ends)
 
 
 def _quantity(name: str, joints: Sequence[str]) -> str:
     return next((name.removesuffix(f"_{joint}") for joint in joints if name.endswith(f"_{joint}")), name)
 
 
-def _rank_one(quantity: str, change: np.ndarray, n: int) -> list[Channel]:
-    found = []
+def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
+    """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
+    found, inputs = [], ends.shape[2] - n
     for by_state in (True, False):
-        part = change[:, :n] if by_state else change[:, n:]
-        left, sizes, right = np.linalg.svd(part, full_matrices=False)
+        up, down = ends[:, :, :n] if by_state else ends[:, :, n:]
+        left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
         for size, t, c in zip(sizes, left.T, right):
             if size > max(SMALL * sizes[0], 0.0):
-                root = np.sqrt(size)
+                root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
                 state = root * c if by_state else np.zeros(n)
-                inputs = np.zeros(change.shape[1] - n) if by_state else root * c
-                found.append(Channel(quantity, root * t, state, inputs))
+                found.append(Channel(quantity, root * t, state, np.zeros(inputs) if by_state else root * c))
     return found
