@@ -6,11 +6,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
+    "Asked": "design_file",
     "Design": "result",
     "DegreeChoice": "degrees",
     "Specification": "specification",
+    "asked_of": "design_file",
     "design": "corridor",
     "design_files": "page",
+    "design_text": "file_text",
+    "load_design": "design_file",
     "notes": "words",
     "shrinking": "degrees",
     "stages": "corridor",
@@ -19,13 +23,15 @@ _HOME = {
 }
 
 __all__ = [
-    "DegreeChoice", "Design", "Specification", "design", "design_files", "notes", "shrinking", "stages",
-    "try_degrees", "verdict",
+    "Asked", "DegreeChoice", "Design", "Specification", "asked_of", "design", "design_files", "design_text",
+    "load_design", "notes", "shrinking", "stages", "try_degrees", "verdict",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from flexhinf.design.corridor import design, stages
     from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
+    from flexhinf.design.design_file import Asked, asked_of, load_design
+    from flexhinf.design.file_text import design_text
     from flexhinf.design.page import design_files
     from flexhinf.design.result import Design
     from flexhinf.design.specification import Specification

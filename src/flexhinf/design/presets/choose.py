@@ -15,6 +15,7 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,6 +54,8 @@ class Robustness:
         Of the same penalty without tolerances.
     nominal_gain, robust_gain : float
         Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
+    scalings : mapping of str to (float, float)
+        Smallest and largest s of the channels of each quantity.
     """
 
     share: float
@@ -61,6 +64,7 @@ class Robustness:
     nominal_gamma_star: float
     nominal_gain: float
     robust_gain: float
+    scalings: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +198,7 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
     wanted = Wanted(_bandwidths(s, scales, len(goal)), DAMPING if s.damping is None else s.damping)
     torques = None
     if s.disturbances is not None:
-        names = plant.expanded(s.disturbances)
+        names = _problem(robot, goal, s, scales.penalty(wanted.bandwidth, 0.0)).disturbances or ()
         torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
 
     def nominal(pace: np.ndarray, damping: float) -> Game:
@@ -272,9 +276,18 @@ def _robust(
         lowest,
         game.nominal.attained(plain.gain),
         game.nominal.attained(found.chosen.design.gain),
+        _by_quantity(game, scalings),
     )
     source = f"found for {_words(wanted)}, beside the channels of the tolerances"
     return Chosen("robust", base, source, "ours", problem, nominal, star, gamma, wanted, found, robustness)
+
+
+def _by_quantity(game: RobustGame, scalings: Scalings) -> dict[str, tuple[float, float]]:
+    """Smallest and largest s of the channels of each quantity."""
+    values: dict[str, list[float]] = {}
+    for channel, log in zip(game.channels, scalings.log):
+        values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
+    return {group: (min(found), max(found)) for group, found in values.items()}
 
 
 def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:

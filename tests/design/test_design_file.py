@@ -1,0 +1,239 @@
+"""A design file says what was asked for, whole; what is wrong with one is told with the key and what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Specification, asked_of, load_design
+from flexhinf.design.design_file import is_design_file
+from flexhinf.design.file_fields import FIELDS
+from flexhinf.design.file_text import asked_text
+from flexhinf.plant import Penalty
+
+#: For every field, a value that is not its default; nothing here fits one robot.
+OTHERS: dict[str, Any] = {
+    "pose": (0.1, -1 / 3),
+    "start": (0.1 + 0.2, 1e-17),
+    "via": ((0.1, 0.2), (0.3, np.pi)),
+    "preset": "robust",
+    "bandwidth": (4.0, 2 * np.pi * 0.6),
+    "damping": 0.1 + 0.2,
+    "peak_effort": 60.0,
+    "overshoot": 2.5,
+    "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
+    "effort": 10.0,
+    "gamma_ratio": 1.7,
+    "checked_gamma_ratio": 1.9,
+    "checked_penalty": (54.0, 0.0, 1e-9),
+    "degrees": (2, 6),
+    "measured": ("motor_position", "joint_torque_elbow"),
+    "disturbances": ("link_torque", "motor_torque"),
+    "command": True,
+    "estimator": "observer",
+    "period": 5e-4,
+    "process_noise": 1e-11,
+    "torque_noise": 3e-8,
+    "measurement_noise": 1e-300,
+    "saturation": 24.0,
+    "extras": ("inductance", "coulomb_friction"),
+    "delay": 1e-3,
+    "quantisation": 2 * np.pi / 4096,
+    "load": -0.7,
+    "draws": 0,
+    "rays": 0,
+    "duration": 5.0,
+    "seed": 2**40,
+    "compare_rigid": False,
+    "mujoco": True,
+}
+
+
+def names() -> list[str]:
+    return [field.name for field in dataclasses.fields(Specification)]
+
+
+def written(folder: Path, specification: Specification, **places: Any) -> Path:
+    file = folder / "design.toml"
+    file.write_text(
+        asked_text(specification, **{"robot": "paper", **places}, folder=folder), encoding="utf-8"
+    )
+    return file
+
+
+def test_a_file_can_hold_every_field_of_a_specification() -> None:
+    assert set(FIELDS) == set(names()) == set(OTHERS)
+    default = Specification()
+    assert [name for name in names() if OTHERS[name] == getattr(default, name)] == []
+
+
+@pytest.mark.parametrize("name", names())
+def test_each_field_comes_back(name: str, tmp_path: Path) -> None:
+    asked = Specification(**{name: OTHERS[name]})
+    file = written(tmp_path, asked)
+    _, read = load_design(file)
+    assert read == asked
+    assert set(tomllib.loads(file.read_text(encoding="utf-8"))["design"]) == {"robot", name}
+
+
+def test_all_fields_come_back_together(tmp_path: Path) -> None:
+    asked = Specification(**OTHERS)
+    assert load_design(written(tmp_path, asked))[1] == asked
+
+
+def test_nothing_asked_is_nothing_written_but_the_defaults_stand_there(tmp_path: Path) -> None:
+    file = written(tmp_path, Specification())
+    robot, read = load_design(file)
+    assert (robot.name, read) == ("paper", Specification())
+    text = file.read_text(encoding="utf-8")
+    assert tomllib.loads(text) == {"design": {"robot": "paper"}}
+    commented = tomllib.loads(text.split("# By default:")[1].replace("# ", ""))
+    for name, value in commented.items():
+        default = getattr(Specification(), name)
+        assert value == (list(default) if isinstance(default, tuple) else default), name
+
+
+def test_every_example_of_a_field_can_be_read() -> None:
+    for name, kind in FIELDS.items():
+        line = kind.example.replace(", below it ", "\n").replace("[design.", "[")
+        Specification(**{name: kind.read(tomllib.loads(line)[name])})
+
+
+def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
+    asked = Specification(
+        pose=np.array([0.5]), bandwidth=np.float64(3.0), penalty=Penalty({"link_position": 60.0}, 10.0)
+    )
+    _, read = load_design(written(tmp_path, asked))
+    assert (read.pose, read.bandwidth) == ((0.5,), 3.0)
+    assert (read.penalty, read.effort) == ({"link_position": 60.0}, 10.0)
+    rows = np.array([[1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 2.0]])
+    _, read = load_design(written(tmp_path, Specification(penalty=rows)))
+    assert np.array_equal(np.asarray(Penalty.of(read.penalty).matrix), rows)
+
+
+@pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, [1.0, 2.0])])
+def test_what_a_file_cannot_hold_is_refused(penalty: Any, tmp_path: Path) -> None:
+    with pytest.raises(fh.InvalidInput, match="design file"):
+        asked_text(Specification(penalty=penalty), "paper")
+
+
+def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robots, report = tmp_path / "my robots", tmp_path / "out" / "report"
+    robots.mkdir()
+    report.mkdir(parents=True)
+    (robots / "arm.toml").write_bytes(fh.catalogue()["vertical-rig"].read_bytes())
+    monkeypatch.chdir(tmp_path)
+    file = written(report, Specification(seed=3), robot="my robots/arm.toml")
+    assert 'robot = "../../my robots/arm.toml"' in file.read_text(encoding="utf-8")
+    monkeypatch.chdir(robots)
+    assert load_design(file)[0].joint_names == fh.load_robot("vertical-rig").joint_names
+    again = asked_of(Path("..") / "out" / "report" / "design.toml")
+    assert Path(again.source).resolve() == (robots / "arm.toml").resolve()
+    assert again.specification.seed == 3
+
+
+def test_what_is_given_wins_over_the_file_and_nothing_takes_back(tmp_path: Path) -> None:
+    file = written(tmp_path, Specification(bandwidth=4.0, damping=0.3, saturation=24.0))
+    asked = asked_of(file, given={"bandwidth": 5.0, "saturation": None, "seed": 7})
+    assert asked.specification == Specification(bandwidth=5.0, damping=0.3, seed=7)
+    assert asked.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "given", "left"),
+    [
+        ({"preset": "damped", "bandwidth": 4.0}, {"penalty": (1.0,)}, {"penalty": (1.0,)}),
+        ({"preset": "paper", "effort": 3.0}, {"effort": 4.0}, {"preset": "paper", "effort": 4.0}),
+        ({"preset": "robust", "damping": 0.3}, {"effort": 4.0}, {"effort": 4.0}),
+        ({"preset": "paper", "effort": 3.0}, {"damping": 0.3}, {"damping": 0.3}),
+        ({"penalty": (1.0,), "effort": 3.0}, {"bandwidth": 4.0}, {"bandwidth": 4.0}),
+        ({"penalty": (1.0,), "effort": 3.0}, {"preset": "damped"}, {"preset": "damped"}),
+        ({"bandwidth": 4.0, "effort": 3.0}, {"preset": "paper"}, {"preset": "paper", "effort": 3.0}),
+        ({"preset": "damped", "bandwidth": 4.0}, {"preset": "robust"}, {"preset": "robust", "bandwidth": 4.0}),
+        ({"bandwidth": 4.0}, {"penalty": None}, {"bandwidth": 4.0}),
+    ],
+)  # fmt: skip
+def test_what_contradicts_it_in_the_file_gives_way(
+    file: dict[str, Any], given: dict[str, Any], left: dict[str, Any], tmp_path: Path
+) -> None:
+    asked = asked_of(written(tmp_path, Specification(**file)), given=given)
+    assert asked.specification == Specification(**left)
+    gone = {name for name in file if name not in left and name not in given}
+    assert {note.split()[1] for note in asked.notes} == gone
+
+
+def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
+    for name, path in fh.catalogue().items():
+        assert not is_design_file(name)
+        assert not is_design_file(path)
+    (tmp_path / "design.toml").write_text("[design", encoding="utf-8")
+    assert not is_design_file(tmp_path / "design.toml")
+    asked = asked_of("vertical-rig", given={"seed": 2})
+    assert (asked.source, asked.elastic, asked.specification.seed) == ("vertical-rig", None, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "found", "advice"),
+    [
+        ("[design]\nrobot = 'paper'\nbandwith = 4", "'bandwith'", "bandwidth", "'bandwidth'"),
+        ("[design]\nrobot = 'paper'\ncolour = 4", "'colour'", "damping", "one of these"),
+        ("[desing]\nrobot = 'paper'", "no table [design]", "desing", "[design] for 'desing'"),
+        ("design = 3", "no table [design]", "design", "robot = 'arm.toml'"),
+        ("[found]\ngamma = 3", "no table [design]", "found", "robot = 'arm.toml'"),
+        ("[design]\nrobot = 'paper'\n[foung]\n", "'foung'", "found", "'found'"),
+        ("[design]\nseed = 3", "no 'robot'", "seed", "planar-two-link"),
+        ("[design]\nrobt = 'paper'", "no 'robot'", "robt", "'robot' for 'robt'"),
+        ("[design]\nrobot = 'papr'", "robot 'papr' is not there", "catalogue", "'paper'"),
+        ("[design]\nrobot = 'arm.toml'", "robot 'arm.toml' is not there", "folder of design.toml", "path"),
+        ("[design]\nrobot = 4", "'robot'", "expected text, got 4", "arm.toml"),
+        ("[design]\nrobot = 'paper'\nelastic = 'j.toml'", "elastic 'j.toml'", "expected a file", "path"),
+        ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "a number, got 'high'", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "a number, got True", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "a number, got nan", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "from 0 to 1, got 2", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\nbandwidth = '4Hz'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
+        ("[design]\nrobot = 'paper'\nbandwidth = []", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
+        ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "paper, damped, robust", "damped"),
+        ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "a list of poses", "[[0.1"),
+        ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "an integer, got 1.5", "seed = 0"),
+        ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "a list of integers", "[2, 4]"),
+        ("[design]\nrobot = 'paper'\ndegrees = [1]", "'degrees'", "from 2 to 12", "[2, 4]"),
+        ("[design]\nrobot = 'paper'\nmeasured = 'link'", "'measured'", "a list of names", "motor_position"),
+        ("[design]\nrobot = 'paper'\ncommand = 1", "'command'", "true or false, got 1", "command = true"),
+        ("[design]\nrobot = 'paper'\npenalty = 3", "'penalty'", "weights by name", "design.penalty"),
+        ("[design]\nrobot = 'paper'\n[design.penalty]\nq = 'a'", "'penalty'", "weights by name", "design.p"),
+        ("[design]\nrobot = 'paper'\npenalty = [[1, 2], [3]]", "'penalty'", "rows", "design.penalty"),
+        ("[design]\nrobot = 'paper'\nperiod = 2", "'period'", "1e-5 to 1 s", "period = 1e-3"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_file_is_told(
+    text: str, what: str, found: str, advice: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "design.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(fh.InvalidInput) as caught:
+        asked_of(file) if is_design_file(file) else load_design(file)
+    assert caught.value.what.startswith("design.toml: ")
+    assert what in caught.value.what
+    assert found in caught.value.found
+    assert advice in caught.value.advice
+    with pytest.raises(fh.InvalidInput, match=r"design\.toml"):
+        load_design(file)
+
+
+def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
+    with pytest.raises(fh.InvalidInput, match="no design file"):
+        load_design(tmp_path / "nowhere.toml")
+    with pytest.raises(fh.InvalidInput, match="no design file"):
+        load_design(tmp_path)
+    (tmp_path / "design.toml").write_bytes(b"[design]\nrobot = '\xff'")
+    with pytest.raises(fh.InvalidInput, match="no TOML"):
+        load_design(tmp_path / "design.toml")
+    with pytest.raises(fh.InvalidInput, match="no table"):
+        load_design(fh.catalogue()["paper"])
