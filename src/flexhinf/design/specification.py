@@ -130,7 +130,6 @@ class Specification:
 
     def __post_init__(self) -> None:
         positive = (
-            "gamma_ratio",
             "checked_gamma_ratio",
             "measurement_noise",
             "saturation",
@@ -140,6 +139,12 @@ class Specification:
         for name in (*positive, "effort", "duration"):
             value = getattr(self, name)
             _require(name, value, value is None or value > 0.0, "a number > 0")
+        _require(
+            "gamma_ratio",
+            self.gamma_ratio,
+            self.gamma_ratio > 1.0,
+            "a number > 1, γ over the smallest feasible",
+        )
         bands = (
             [] if self.bandwidth is None else np.atleast_1d(np.asarray(self.bandwidth, dtype=float)).tolist()
         )

@@ -62,6 +62,7 @@ def synthesise(robot: Robot, s: Specification, tell: Callable[[str], None]) -> S
     n = len(robot.joint_names)
     goal = robot.operating_point(s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+    robot.plant(s.measured, extras=s.extras)  # refused before the work, if need be
     _check_holding(robot, s, goal, start)
     game = choose_within_peak(robot, goal, start, s, tell)
     states = len(game.problem.state_names)
@@ -85,6 +86,8 @@ def _check_holding(robot: Robot, s: Specification, goal: np.ndarray, start: np.n
     for pose in (goal, start, *s.via):
         if limits:
             check_holding(robot, pose, min(limits))
+        else:
+            robot.operating_point(pose)
 
 
 def _checked(s: Specification, game: Chosen) -> Any:
