@@ -12,7 +12,7 @@ from flexhinf.robot import catalogue, load_robot
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["design_tables", "robots_table"]
+__all__ = ["design_tables", "met_table", "robots_table"]
 
 
 def robots_table() -> Table:
@@ -52,12 +52,28 @@ def design_tables(design: Design) -> list[Table]:
     return [modes, regions]
 
 
+def met_table(design: Design) -> Table:
+    """The specification line by line: asked, found, met or NOT MET."""
+    table = _table(
+        "What was asked for, and what was found (* default)", "", "asked", "found", "unit", "outcome"
+    )
+    where = None
+    for line in design.met:
+        if line.where != where:
+            table.add_row(line.where)
+            where = line.where
+        asked = f"{'≤' if line.at_most else '≥'} {line.asked:.4g}{' ' if line.asked_for else '*'}"
+        outcome = "[green]met[/]" if line.holds else "[red]NOT MET[/]"
+        table.add_row(f"  {line.what}", asked, f"{line.found:.4g}", line.unit, outcome)
+    return table
+
+
 def _table(title: str, *columns: str) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    words = ("name", "loop", "mode", "mainly", "law", "drive", "numbers", "")
+    words = ("name", "loop", "mode", "mainly", "law", "drive", "numbers", "unit", "outcome", "")
     for column in columns:
         table.add_column(column, justify="left" if column in words else "right", no_wrap=column != "")
     return table

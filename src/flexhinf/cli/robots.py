@@ -1,0 +1,14 @@
+"""``flexhinf robots``: what ships with flexhinf."""
+
+from __future__ import annotations
+
+__all__ = ["robots"]
+
+
+def robots() -> None:
+    """List the robots that ship with flexhinf, and where their numbers come from."""
+    from rich.console import Console
+
+    from flexhinf.design.terminal import robots_table
+
+    Console().print(robots_table())

@@ -1,0 +1,58 @@
+"""A folder of its own for every command, a small robot, and the look of an error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flexhinf.cli import main
+
+ARM = """
+[[joint]]
+name = "elbow"
+limits = [-1.0, 1.0]
+[joint.link]
+mass = 1.0
+centre_of_mass = [0.2, 0.0, 0.0]
+inertia = {xx = 0.01, yy = 0.02, zz = 0.02}
+[joint.spring]
+stiffness = 100.0
+[joint.motor]
+motor_inertia = 0.1
+friction = 0.1
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def arm() -> str:
+    """The robot file of one joint, driven by a torque, without tolerances."""
+    return ARM
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """``refused(words, what, before)``: exit code 2, three parts that name `what`, and no new file; the message."""
+
+    def check(words: list[str], what: str, folder: Path) -> str:
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        assert main(words) == 2
+        told = capsys.readouterr().err
+        assert "Traceback" not in told
+        error = told[told.index("error:") :]
+        lines = [line.strip() for line in error.splitlines() if line.strip()]
+        assert what in error
+        assert lines[1].startswith("found:")
+        assert lines[2].startswith("try:")
+        assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+        return error
+
+    return check

@@ -1,0 +1,53 @@
+"""The way in and out: commands, help, exit codes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.cli import commands, main
+
+
+def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    for text in ("paper", "robots", "design", "Exit codes"):
+        assert text in shown
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("flexhinf ")
+
+
+def test_an_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["papers"]) == 2
+    assert "papers" in capsys.readouterr().err
+
+
+def test_it_runs_as_a_module() -> None:
+    outcome = subprocess.run(
+        [sys.executable, "-m", "flexhinf", "paper", "--nope"], capture_output=True, text=True, check=False
+    )
+    assert outcome.returncode == 2
+    assert "try:" in outcome.stderr
+
+
+def test_the_catalogue_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robots"]) == 0
+    shown = capsys.readouterr().out
+    for name in fh.catalogue():
+        assert name in shown
+    assert "84 assumed" in shown
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, commands.typer.Abort])
+def test_an_interruption_has_the_shells_code(
+    raised: type[BaseException], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop(*arguments: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("flexhinf.design.terminal.robots_table", stop)
+    assert main(["robots"]) == 130
+    assert "nothing was written" in capsys.readouterr().err

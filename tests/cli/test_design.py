@@ -1,0 +1,125 @@
+"""``flexhinf design``: what it tells and writes, and its exit codes."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from flexhinf.cli import main
+
+QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
+
+
+def text_of(folder: Path, file: str = "index.html") -> str:
+    return (folder / "flexhinf-design" / file).read_text(encoding="utf-8")
+
+
+def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--degrees", "2,4", "--goal", "180deg", "--rays", "200", "--no-compare-rigid", "--draws", "0"]
+    assert main(["design", "paper", *words]) in (0, 1)
+    shown = capsys.readouterr()
+    for text in ("linear", "cubic *", "not proved", "vibration", "Stable", "index.html", "overshoot", "≤ 5*"):
+        assert text in shown.out, text
+    assert "looked at along" not in shown.err
+    assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
+    again = "flexhinf design paper --pose 180deg --degrees 2,4 --draws 0 --rays 200 --no-compare-rigid"
+    assert again in text_of(folder)
+    main(["design", "vertical-rig", *QUICK])
+    assert "vertical-rig" in text_of(folder)
+    assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
+
+
+def test_the_exit_code_says_whether_the_specification_is_met(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["design", "paper", "--estimator", "none", *QUICK]
+    assert main([*words, "--overshoot", "50"]) == 0
+    shown = capsys.readouterr().out
+    assert "≤ 50 " in shown
+    assert "NOT MET" not in shown
+    assert tomllib.loads(text_of(folder, "design.toml"))["found"]["met"] is True
+    assert main([*words, "--overshoot", "0.5"]) == 1
+    assert "NOT MET" in capsys.readouterr().out
+    found = tomllib.loads(text_of(folder, "design.toml"))["found"]
+    assert found["met"] is False
+    missed = [line for line in found["specification"] if not line["holds"]]
+    assert [(line["what"], line["asked"], line["by_default"]) for line in missed] == [
+        ("overshoot", 0.5, False)
+    ]
+    assert missed[0]["found"] > 0.5
+
+
+def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--bandwidth", "0.5Hz,3", "--damping", "0.25", "--peak-voltage", "24", "--via", "0.35,0.55"]
+    loop = ["--measured", "motor_position", "--estimator", "none"]
+    true = [*loop, "--load", "0.1", "--delay", "1e-3", "--quantisation", "1e-5"]
+    code = main(["design", "planar-two-link", *words, *true, *QUICK])
+    shown = capsys.readouterr().out
+    assert code == ("NOT MET" in shown)
+    for text in ("bandwidth", "damping of vibrations", "≥ 0.25", "overshoot", "peak input", "≤ 24"):
+        assert text in shown, text
+    design = tomllib.loads(text_of(folder, "design.toml"))["design"]
+    assert design == {
+        "robot": "planar-two-link", "bandwidth": [3.141592653589793, 3.0], "damping": 0.25, "peak_effort": 24.0,
+        "via": [[0.35, 0.55]], "measured": ["motor_position"], "load": 0.1, "delay": 1e-3, "quantisation": 1e-5,
+        "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
+    }  # fmt: skip
+    again = "--via 0.35,0.55 --bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24.0"
+    assert again in text_of(folder)
+
+
+def test_the_observer_can_be_asked_for(folder: Path) -> None:
+    assert main(["design", "vertical-rig", "--estimator", "observer", "--process-noise", "1e-9", *QUICK]) == 0
+    assert tomllib.loads(text_of(folder, "design.toml"))["design"]["estimator"] == "observer"
+    assert "observer" in text_of(folder)
+
+
+def test_what_cannot_be_met_is_refused_with_the_best_found(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--bandwidth", "6", "--pose", "20deg", "--from-pose", "-20deg", "--peak-voltage", "5"]
+    assert main(["design", "paper", *words, *QUICK]) == 2
+    told = capsys.readouterr().err
+    assert "the peak of the input binds" in told
+    assert "try:" in told
+    assert list(folder.iterdir()) == []
+
+
+def test_an_interrupted_design_leaves_what_was_there(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["design", "vertical-rig", *QUICK])
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    def stop(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("flexhinf.design.design_text", stop)
+    assert main(["design", "vertical-rig", *QUICK, "--seed", "1"]) == 130
+    assert "Interrupted" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_report(
+    arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = arm.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 0.05}")
+    (folder / "arm.toml").write_text(told, encoding="utf-8")
+    assert main(["design", "arm.toml", *QUICK, "--estimator", "none"]) == 0
+    assert "looks like a fraction" in capsys.readouterr().err
+    page = text_of(folder)
+    assert "looks like a fraction" in page
+    assert "damping ratio of 0.2" in page
+
+
+def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["design", "--help"]) == 0
+    shown = capsys.readouterr().out
+    for text in ("--preset", "--via", "--peak-voltage", "rad/s: 4", "It was Hz", "observer", "Exit code"):
+        assert text in " ".join(shown.replace("│", " ").split()), text
+    for default in ("flexhinf-design", "0.001", "ukf", "1.5", "5.0", "link_position"):
+        assert f"[default: {default}]" in shown

@@ -1,0 +1,117 @@
+"""A design file makes the same design again, through the command."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flexhinf.cli import main
+
+QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid", "--estimator", "none"]
+
+
+def numbers(folder: Path) -> dict:
+    return json.loads((folder / "design.json").read_text(encoding="utf-8"))
+
+
+def file_of(folder: Path) -> dict:
+    return tomllib.loads((folder / "design.toml").read_text(encoding="utf-8"))
+
+
+def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
+    (folder / "arm.toml").write_text(
+        arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"
+    )
+    words = ["--bandwidth", "4", "--pose", "10deg", "--preset", "robust", "--seed", "3", *QUICK]
+    code = main(["design", "arm.toml", *words])
+    assert main(["design", "flexhinf-design/design.toml", "--out", "below/again"]) == code
+    first, again = folder / "flexhinf-design", folder / "below" / "again"
+    assert numbers(again) == numbers(first)
+    stated = file_of(first)["design"]
+    assert stated["robot"] == "../arm.toml"
+    assert file_of(again)["design"] == {**stated, "robot": "../../arm.toml"}
+    assert file_of(again)["found"] == file_of(first)["found"]
+    found = file_of(first)["found"]
+    assert found["preset"] == "robust"
+    assert found["robust"]["channels"] == len(found["robust"]["scalings"])
+    assert main(["design", "flexhinf-design/design.toml"]) == code  # the file lies in what is replaced
+    assert file_of(first)["design"] == stated
+    assert numbers(first) == numbers(again)
+
+
+def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
+    main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *QUICK])
+    first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["found"]
+    assert (found["preset"], found["R2"]) == ("damped", 1.0)
+    weights = ",".join(f"{name}={weight!r}" for name, weight in found["weights"].items())
+    main(["design", "vertical-rig", "--penalty", weights, "--effort", "1", *QUICK])
+    again = numbers(folder / "flexhinf-design")
+    assert again["gamma"] == pytest.approx(first["gamma"], rel=1e-6)
+    assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
+
+
+def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "mine.toml").write_text(
+        "[design]\nrobot = 'vertical-rig'\nbandwidth = 4.0\ndegrees = [2]\nrays = 0\ndraws = 0\nduration = 3.0\n"
+        "estimator = 'none'\ncompare_rigid = false\nsaturation = 50.0\n[found]\ngamma = 'nonsense'\nmet = 3\n",
+        encoding="utf-8",
+    )  # fmt: skip
+    main(
+        [
+            "design",
+            "mine.toml",
+            "--bandwidth",
+            "5rad/s",
+            "--duration",
+            "0",
+            "--saturation",
+            "0",
+            "--compare-rigid",
+        ]
+    )
+    design = file_of(folder / "flexhinf-design")["design"]
+    assert design == {
+        "robot": "vertical-rig", "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
+    }  # fmt: skip
+    page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
+    again = "design mine.toml --bandwidth 5rad/s --saturation 0.0 --duration 0.0 --compare-rigid"
+    assert again in page
+    capsys.readouterr()
+    main(["design", "mine.toml", "--penalty", "link_position=40,link_position_integral=80"])
+    assert "note: mine.toml: bandwidth gives way to --penalty" in capsys.readouterr().err
+    design = file_of(folder / "flexhinf-design")["design"]
+    assert "bandwidth" not in design
+    assert design["penalty"] == {"link_position": 40.0, "link_position_integral": 80.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("[design]\nrobot = 'paper'\ndampng = 0.3", "'damping'"),
+        ("[design]\nrobot = 'paper'\ndamping = 2", "from 0 to 1"),
+        ("[design]\nrobot = 'nowhere.toml'", "nowhere.toml"),
+        ("[design]\nbandwidth = 4", "no 'robot'"),
+        ("[desing]\nrobot = 'paper'", "[design] for 'desing'"),
+        ("[design]\nrobot = 'paper'\nbandwidth = 4\npenalty = [1, 0, 0, 0, 3]", "contradict"),
+        ("[design]\nrobot = 'paper'\nbandwidth = [4, 5]", "do not fit the joints"),
+        ("[design]\nrobot = 'paper'\nvia = [[9.0, 1.0]]", "does not fit"),
+        ("[design]\nrobot = 'paper'\nextras = ['rust']", "rust"),
+        ("[design", "no TOML"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_design_file_is_told(
+    text: str, what: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "design.toml").write_text(text, encoding="utf-8")
+    refused(["design", "design.toml"], what, folder)
+
+
+def test_volts_do_not_fit_the_robot_of_a_design_file(folder: Path, refused: Callable[..., str]) -> None:
+    (folder / "design.toml").write_text("[design]\nrobot = 'vertical-rig'", encoding="utf-8")
+    refused(["design", "design.toml", "--peak-voltage", "60"], "--peak-torque", folder)

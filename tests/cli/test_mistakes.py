@@ -1,0 +1,156 @@
+"""What is wrong with a robot, or with an option of ``flexhinf design``, is told in three parts; nothing is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flexhinf.cli import main
+
+QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0"]
+BOTH = ["--penalty", "link_position=1,link_position_integral=1"]
+URDF = """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="continuous"><parent link="base"/><child link="a"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("replaced", "by", "what"),
+    [
+        ("stiffness = 100.0", "", "stiffness"),
+        ("stiffness = 100.0", "stifness = 100.0", "stiffness"),
+        ("stiffness = 100.0", "stiffness = -1.0", "must be positive"),
+        ("stiffness = 100.0", "stiffness = 'soft'", "stiffness"),
+        ("motor_inertia = 0.1", "motor_inertia = 0.0", "must be positive"),
+        ("motor_inertia = 0.1", "", "once"),
+        ("xx = 0.01", "xx = -0.01", "positive"),
+        ("xx = 0.01", "xx = 0.1", "triangle"),
+        ("[[joint]]", "[[joint", "no TOML"),
+    ],
+)
+def test_what_is_wrong_with_a_robot_is_told(
+    replaced: str, by: str, what: str, arm: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "arm.toml").write_text(arm.replace(replaced, by), encoding="utf-8")
+    refused(["design", "arm.toml"], what, folder)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--pose", "2.0"], "outside the limits"),
+        (["--from-pose", "2.0"], "outside the limits"),
+        (["--via", "0.1", "--via", "2.0"], "outside the limits"),
+        (["--via", "0.1,0.2"], "does not fit"),
+        (["--via", "there"], "pose on the way cannot be read"),
+        (["--pose", "0.1,0.2"], "does not fit"),
+        (["--pose", "90grad"], "cannot be read"),
+        (["--preset", "smooth"], "expected paper, damped, robust, got 'smooth'"),
+        (["--bandwidth", "4xyz"], "bandwidth cannot be read"),
+        (["--bandwidth", "-4"], "bandwidth"),
+        (["--bandwidth", "0Hz"], "rad/s > 0"),
+        (["--bandwidth", "nan"], "rad/s > 0"),
+        (["--bandwidth", "4,6"], "do not fit the joints"),
+        (["--damping", "2"], "damping"),
+        (["--damping", "-0.1"], "damping"),
+        (["--damping", "high"], "--damping"),
+        (["--peak-voltage", "60"], "expected --peak-torque or --peak-effort, got --peak-voltage 60"),
+        (["--peak-torque", "60", "--peak-effort", "50"], "given twice"),
+        (["--peak-torque", "-60"], "peak effort"),
+        (["--overshoot", "-5"], "overshoot"),
+        (["--overshoot", "0"], "overshoot"),
+        (["--delay", "-1e-3"], "delay"),
+        (["--quantisation", "-1"], "quantisation"),
+        (["--quantisation", "inf"], "quantisation"),
+        (["--load", "nan"], "load"),
+        (["--load", "heavy"], "--load"),
+        (["--draws", "-3"], "draws"),
+        (["--draws", "many"], "--draws"),
+        (["--torque-noise", "-1"], "torque noise"),
+        (["--preset", "paper", "--bandwidth", "4"], "--preset paper and --bandwidth contradict"),
+        (["--preset", "paper", *BOTH], "--preset paper and --penalty contradict"),
+        (["--preset", "damped", *BOTH], "--preset damped and --penalty contradict"),
+        (["--preset", "robust", "--effort", "3"], "--preset robust and --effort contradict"),
+        ([*BOTH, "--bandwidth", "1"], "contradict"),
+        ([*BOTH, "--damping", "0.3"], "contradict"),
+        (["--preset", "robust"], "no tolerances"),
+        (["--degrees", "two"], "cannot be read"),
+        (["--degrees", "1"], "degrees"),
+        (["--penalty", "1,2,3"], "penalty"),
+        (["--penalty", "link_positon=1"], "link_positon"),
+        (["--penalty", "link_position=a"], "cannot be read"),
+        (["--gamma-ratio", "0.5"], "gamma ratio"),
+        (["--gamma-ratio", "1", "--preset", "paper"], "gamma ratio"),
+        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], "check cannot be made"),
+        (["--effort", "-1"], "effort"),
+        (["--measured", "colour"], "colour"),
+        (["--disturbances", "wind"], "wind"),
+        (["--extras", "rust"], "rust"),
+        (["--extras", "backlash"], "backlash"),
+        (["--estimator", "kalman"], "observer"),
+        (["--saturation", "-3"], "saturation"),
+        (["--period", "0"], "period"),
+        (["--elastic", "arm.toml"], "elastic"),
+        (["--colour", "red"], "--colour"),
+    ],
+    ids=lambda words: " ".join(words) if isinstance(words, list) else "",
+)
+def test_what_is_wrong_with_an_option_is_told(
+    words: list[str], what: str, arm: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "arm.toml").write_text(arm, encoding="utf-8")
+    refused(["design", "arm.toml", *words], what, folder)
+
+
+def test_torques_do_not_fit_motors_that_are_driven_by_volts(
+    folder: Path, refused: Callable[..., str]
+) -> None:
+    told = refused(["design", "planar-two-link", "--peak-torque", "60"], "'planar-two-link'", folder)
+    assert "--peak-voltage …" in told
+
+
+@pytest.mark.parametrize(
+    "words", [["--pose", "90deg"], ["--from-pose", "-90deg"], ["--via", "20deg", "--via", "90deg"]]
+)
+def test_a_pose_that_the_motor_cannot_hold_is_told(
+    words: list[str], folder: Path, refused: Callable[..., str]
+) -> None:
+    told = refused(["design", "paper", "--peak-voltage", "6", *words], "cannot hold this pose", folder)
+    assert "at most 6 V" in told
+
+
+@pytest.mark.parametrize(
+    ("urdf", "elastic", "what"),
+    [
+        ("solid arm; endsolid", "", "no XML"),
+        ("<solid/>", "", "no URDF"),
+        (URDF, None, "elastic"),
+        (URDF, "elbov", "'elbow'"),
+        (URDF.replace("<inertial>", "<!--").replace("</inertial>", "-->"), "", "inertia"),
+    ],
+    ids=["no XML", "no URDF", "no elastic data", "unknown joint", "no inertials"],
+)
+def test_what_is_wrong_with_a_urdf_is_told(
+    urdf: str, elastic: str | None, what: str, arm: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "arm.urdf").write_text(urdf, encoding="utf-8")
+    lines = arm.replace("elbow", elastic or "elbow").splitlines()
+    kept = [
+        line for line in lines if not line.startswith(("mass", "centre", "inertia", "limits", "[joint.l"))
+    ]
+    (folder / "joints.toml").write_text("\n".join(kept), encoding="utf-8")
+    beside = [] if elastic is None else ["--elastic", "joints.toml"]
+    refused(["design", "arm.urdf", *beside, *QUICK], what, folder)
+
+
+def test_a_robot_that_is_nowhere_is_told_with_the_nearest(folder: Path, refused: Callable[..., str]) -> None:
+    refused(["design", "seven-links", *QUICK], "'seven-link'", folder)
+
+
+def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    assert main(["design", "paper", *QUICK, "--out", str(tmp_path)]) == 2
+    assert "left alone" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
