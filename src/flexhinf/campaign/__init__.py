@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "Attained": "disturbance_runs",
+    "Budget": "spending",
     "DiscreteSystem": "discrete",
     "DisturbanceSearch": "disturbance_search",
+    "Expense": "spending_table",
     "LinearLoop": "linear_loop",
     "Margins": "loop_margins",
     "Modes": "modes",
@@ -16,6 +18,8 @@ _HOME = {
     "ProcessNoise": "sweep",
     "RestingLoop": "resting",
     "Swept": "sweep",
+    "budget": "spending",
+    "budget_table": "spending_table",
     "corner_population": "population",
     "corners": "population",
     "margins": "loop_margins",
@@ -24,9 +28,9 @@ _HOME = {
 }
 
 __all__ = [
-    "Attained", "DiscreteSystem", "DisturbanceSearch", "LinearLoop", "Margins", "Modes", "Population",
-    "ProcessNoise", "RestingLoop", "Swept", "corner_population", "corners", "margins", "unstable_share",
-    "worst_disturbance",
+    "Attained", "Budget", "DiscreteSystem", "DisturbanceSearch", "Expense", "LinearLoop", "Margins", "Modes",
+    "Population", "ProcessNoise", "RestingLoop", "Swept", "budget", "budget_table", "corner_population", "corners",
+    "margins", "unstable_share", "worst_disturbance",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -38,6 +42,8 @@ if TYPE_CHECKING:
     from flexhinf.campaign.modes import Modes
     from flexhinf.campaign.population import Population, corner_population, corners
     from flexhinf.campaign.resting import RestingLoop
+    from flexhinf.campaign.spending import Budget, budget
+    from flexhinf.campaign.spending_table import Expense, budget_table
     from flexhinf.campaign.sweep import ProcessNoise, Swept, unstable_share
 
 

@@ -141,7 +141,7 @@ class DisturbanceRuns:
             h = np.asarray(problem.penalty_output(x, p.named(p.vector())))
             return np.array([h @ h])
 
-        return Rows(("penalty", id(problem), problem), lambda: trace(squared, n, 0, name="penalty"))
+        return Rows(("penalty", problem), lambda: trace(squared, n, 0, name="penalty"))
 
     def cost(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """|z|² (N,) at deviations x (N, n) and u (N, m), and its derivatives by both."""
