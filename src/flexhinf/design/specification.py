@@ -38,7 +38,7 @@ class Specification:
     bandwidth : float, or one per joint, optional
         At least, rad/s: where |command → link position| falls below 1/√2, for the robot and its tolerances.
     damping : float, optional
-        Damping ratio of every vibration at least, for the robot and its tolerances.
+        Damping ratio of every oscillation at least, vibrations above all, for the robot and its tolerances.
     peak_effort : float, optional
         Of every input at most in the step, V or N·m.
     overshoot : float

@@ -1,7 +1,9 @@
-"""What a gain makes of a family of linearised robots: bandwidth, and damping of the vibrations.
+"""What a gain makes of a family of linearised robots: bandwidth, and damping of the oscillations.
 
 The command acts through the integral of the error alone, as in a step that the controller begins without a jump of
-the input. Each joint's bandwidth is where |command → link position| first falls below 1/√2.
+the input. Each joint's bandwidth is where |command → link position| first falls below 1/√2. Every oscillation counts,
+not only those that are told as vibrations of a spring: a dial of damping that is turned far slows a vibration down
+until it is one with the motion of the whole, and its damping falls.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ class Behaviour:
     bandwidth : (n,)
         Of each joint, rad/s: the smallest.
     damping : float
-        Smallest damping ratio of a vibration; infinite where nothing vibrates, negative for a loop that is unstable.
+        Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
     nominal_damping : float
         Of the nominal robot.
     """
@@ -51,7 +53,7 @@ def _damping(family: LinearFamily, loop: np.ndarray) -> float:
     modes = modes_of(loop, family.joints, *family.energy)
     if not all(mode.stable for mode in modes):
         return -np.inf
-    return min((mode.damping for mode in modes if mode.vibration), default=np.inf)
+    return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)
 
 
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:

@@ -4,7 +4,7 @@
 preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
-damped    found for a bandwidth and a damping of the vibrations, see `flexhinf.design.presets.search`
+damped    found for a bandwidth and a damping, see `flexhinf.design.presets.search`
 robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.presets.robust`
 given     as asked by ``--penalty``
 ========  ========================================================================================================

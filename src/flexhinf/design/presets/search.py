@@ -1,7 +1,7 @@
 """Weights for a behaviour: two nested searches over the linear part, every try kept to be shown.
 
 Inside, for a given dial ζ, each joint's pace ω is moved by the ratio of the wanted to the found bandwidth, until all
-fit. Outside, ζ grows from 0 by a constant factor until the vibrations are damped as wanted, and is then bisected to
+fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped as wanted, and is then bisected to
 the smallest that does. All members of the family count: the nominal robot and corners of its tolerances.
 """
 
@@ -41,7 +41,7 @@ class Wanted:
     bandwidth : (n,)
         Of each joint at least, rad/s.
     damping : float
-        Of every vibration at least.
+        Of every oscillation at least.
     """
 
     bandwidth: np.ndarray
@@ -103,6 +103,7 @@ class _Inside:
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
         self.tries: list[Try] = []
+        self.reached = 0.0  # largest share of a wanted bandwidth that any stable loop had, in all joints at once
 
     def fit(self, bandwidth: np.ndarray, knob: float) -> Try | None:
         """The candidate, or None if no pace gives the bandwidth."""
@@ -115,6 +116,7 @@ class _Inside:
             found = behaviour_of(self.family, design.gain)
             if found.damping == -np.inf:
                 return None
+            self.reached = max(self.reached, float((found.bandwidth / bandwidth).min()))
             ratio = bandwidth / np.maximum(found.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
                 break
@@ -128,7 +130,7 @@ class _Inside:
 
 
 def _damped(wanted: Wanted, inside: _Inside) -> Try:
-    """The smallest ζ with which every vibration is damped as wanted."""
+    """The smallest ζ with which every oscillation is damped as wanted."""
     knob, below = 0.0, 0.0
     best: Try | None = None
     while knob <= LARGEST:
@@ -139,7 +141,7 @@ def _damped(wanted: Wanted, inside: _Inside) -> Try:
                 return tried if knob == 0.0 else _least(wanted, inside, below, tried)
             below = knob
         knob = max(SMALLEST, knob * GROWTH)
-    raise _out_of_reach(wanted, best)
+    raise _out_of_reach(wanted, best, inside.reached)
 
 
 def _least(wanted: Wanted, inside: _Inside, below: float, above: Try) -> Try:
@@ -157,16 +159,17 @@ def _words(values: np.ndarray) -> str:
     return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
 
 
-def _out_of_reach(wanted: Wanted, best: Try | None) -> InvalidInput:
+def _out_of_reach(wanted: Wanted, best: Try | None, reached: float) -> InvalidInput:
     asked = f"a bandwidth of {_words(wanted.bandwidth)} rad/s with a damping ratio of {wanted.damping:g}"
     if best is None:
         return InvalidInput(
             "The specification cannot be met: the bandwidth binds.",
-            f"expected {asked}; no weights of the family gave it, within the tolerances",
+            f"expected {asked}; the best found that is stable within the tolerances is "
+            f"{_words(reached * wanted.bandwidth)} rad/s",
             "a smaller --bandwidth; the springs' own frequency is about the most that a joint follows",
         )
     return InvalidInput(
-        "The specification cannot be met: the damping of the vibrations binds.",
+        "The specification cannot be met: the damping of the oscillations binds.",
         f"expected {asked} for the robot and its tolerances; the best found at this bandwidth is "
         f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
         f"--damping {max(0.0, 0.95 * best.behaviour.damping):.2g}, or another --bandwidth",
