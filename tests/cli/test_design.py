@@ -60,7 +60,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     code = main(["design", "planar-two-link", *words, *true, *QUICK])
     shown = capsys.readouterr().out
     assert code == ("NOT MET" in shown)
-    for text in ("bandwidth", "damping of vibrations", "≥ 0.25", "overshoot", "peak input", "≤ 24"):
+    for text in ("bandwidth", "damping of oscillations", "≥ 0.25", "overshoot", "peak input", "≤ 24"):
         assert text in shown, text
     design = tomllib.loads(text_of(folder, "design.toml"))["design"]
     assert design == {

@@ -72,7 +72,8 @@ def _met(
 ) -> tuple[Met, ...]:
     """The specification line by line."""
     s, unit = bench.specification, bench.model.unit(bench.model.inputs[0])
-    damping = min((mode.damping for mode in linear.closed_modes if mode.vibration), default=np.inf)
+    oscillations = (mode for mode in linear.closed_modes if mode.eigenvalue.imag > 0.0)
+    damping = min((mode.damping for mode in oscillations), default=np.inf)
     lines = linear_met(s, synthesis.game.wanted, linear.bandwidth, damping)
     lines += step_met(s, runs.response, unit, "the step, nominal robot")
     if runs.mujoco is not None:

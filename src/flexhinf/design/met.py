@@ -75,7 +75,7 @@ def linear_met(s: Specification, wanted: Wanted | None, bandwidth: np.ndarray, d
     bandwidth : (n,)
         Of each joint, rad/s.
     damping : float
-        Smallest of a vibration; infinite where none is left.
+        Smallest of an oscillation; infinite where none is left.
     """
     if wanted is None:
         return []
@@ -87,7 +87,7 @@ def linear_met(s: Specification, wanted: Wanted | None, bandwidth: np.ndarray, d
             "bandwidth", float(wanted.bandwidth[worst]), float(bandwidth[worst]), "rad/s", False, where,
             s.bandwidth is not None,
         ),
-        Met("damping of vibrations", asked, damping, "", False, where, s.damping is not None),
+        Met("damping of oscillations", asked, damping, "", False, where, s.damping is not None),
     ]  # fmt: skip
 
 
