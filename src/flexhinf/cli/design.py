@@ -72,7 +72,7 @@ def design(
 
     from flexhinf import design as corridor
     from flexhinf.design.met import all_hold
-    from flexhinf.design.terminal import design_tables, met_table
+    from flexhinf.design.terminal import design_tables
     from flexhinf.report import check, write
 
     told = asked_by(context, robot, elastic)
@@ -84,7 +84,7 @@ def design(
         files = corridor.design_files(result, words(context), told.warnings)
         files["design.toml"] = corridor.design_text(result, asked.source, asked.elastic, folder)
     write(folder, files)
-    for table in (*design_tables(result), met_table(result)):
+    for table in design_tables(result):
         Console().print(table)
     for text in corridor.notes(result):
         note(text)

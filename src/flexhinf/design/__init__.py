@@ -15,11 +15,11 @@ _HOME = {
     "design_files": "page",
     "design_text": "file_text",
     "load_design": "design_file",
-    "notes": "words",
+    "notes": "page.notes",
     "shrinking": "degrees",
     "stages": "corridor",
     "try_degrees": "degrees",
-    "verdict": "words",
+    "verdict": "page.words",
 }
 
 __all__ = [
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from flexhinf.design.design_file import Asked, asked_of, load_design
     from flexhinf.design.file_text import design_text
     from flexhinf.design.page import design_files
+    from flexhinf.design.page.notes import notes
+    from flexhinf.design.page.words import verdict
     from flexhinf.design.result import Design
     from flexhinf.design.specification import Specification
-    from flexhinf.design.words import notes, verdict
 
 
 def __getattr__(name: str) -> Any:

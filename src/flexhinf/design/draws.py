@@ -17,6 +17,9 @@ __all__ = ["Draws", "drawn_steps"]
 #: Runs side by side.
 THREADS = 2
 
+#: Of each run so many instants are kept, at most.
+KEPT = 400
+
 
 @dataclass(frozen=True, eq=False)
 class Draws:
@@ -32,12 +35,18 @@ class Draws:
         Slowest of all joints, s; infinite where one never settles.
     peak : (N,)
         Largest input of all joints.
+    time : (T,)
+        Of the positions that are kept, s.
+    positions : (N, T, n)
+        Link positions; NaN from where a run diverged.
     """
 
     values: list[Any]
     overshoot: np.ndarray
     settling: np.ndarray
     peak: np.ndarray
+    time: np.ndarray
+    positions: np.ndarray
 
     def __len__(self) -> int:
         return len(self.values)
@@ -89,13 +98,24 @@ def drawn_steps(
         return step_response(loop, begin, bench.goal, bench.noise, duration, s.seed + 1 + k)
 
     found = []
+    time = _kept(duration, s.period)
+    positions = np.full((count, len(time), len(bench.goal)), np.nan)
     with ThreadPoolExecutor(THREADS) as pool:
         for k, response in enumerate(pool.map(one, range(count))):
             found.append(_merits(response))
+            passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * s.period))
+            at = np.searchsorted(response.run.time, time[:passed] - 0.5 * s.period)
+            positions[k, :passed] = response.positions[at]
             if (k + 1) % max(1, count // 10) == 0:
                 tell(f"robots within the tolerances: {k + 1} of {count}")
     merits = np.array(found).reshape(-1, 3)
-    return Draws(values, merits[:, 0], merits[:, 1], merits[:, 2])
+    return Draws(values, merits[:, 0], merits[:, 1], merits[:, 2], time, positions)
+
+
+def _kept(duration: float, period: float) -> np.ndarray:
+    """Instants of samples (T,), evenly apart."""
+    samples = round(duration / period)
+    return period * np.arange(0, samples, max(1, -(-samples // KEPT)))
 
 
 def _merits(response: Response) -> tuple[float, float, float]:

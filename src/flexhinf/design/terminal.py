@@ -5,14 +5,30 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from flexhinf.design.page.asked import cost_rows
+from flexhinf.design.page.corners import sweep_rows
+from flexhinf.design.page.drawn import spread_rows
+from flexhinf.design.page.margins import margin_rows
+from flexhinf.design.page.units import units_of
+from flexhinf.design.page.weights import robust_rows, some_tries, try_rows
+from flexhinf.design.page.words import law_name
 from flexhinf.design.result import Design
-from flexhinf.design.words import law_name
+from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = ["design_tables", "met_table", "robots_table"]
+
+#: Columns of words; numbers are aligned to the right.
+LEFT = (
+    "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit",
+    "outcome",
+)  # fmt: skip
+
+#: Columns that may take several lines.
+WRAPPED = ("", "in", "pace, rad/s")
 
 
 def robots_table() -> Table:
@@ -29,7 +45,77 @@ def robots_table() -> Table:
 
 
 def design_tables(design: Design) -> list[Table]:
-    """What oscillates without and with the law, and what each degree gives."""
+    """In the order of the page: specification, inputs, weights, tolerances, modes, margins, regions."""
+    found = [met_table(design), _cost(design)]
+    if design.game.found is not None:
+        found.append(_search(design))
+    if design.game.robustness is not None:
+        found.append(_robust(design))
+    if design.draws is not None and len(design.draws):
+        found.append(_tolerances(design))
+    found += [_modes(design), _margins(design)]
+    if design.tolerances is not None:
+        found.append(_corners(design))
+    return [*found, _regions(design)]
+
+
+def met_table(design: Design) -> Table:
+    """The specification line by line: asked, found, met or NOT MET."""
+    title = f"{design.robot.name}: what was asked for, and what was found (* default)"
+    table = _table(title, "", "asked", "found", "unit", "outcome")
+    where = None
+    for line in design.met:
+        if line.where != where:
+            table.add_row(line.where)
+            where = line.where
+        asked = f"{'≤' if line.at_most else '≥'} {line.asked:.4g}{' ' if line.asked_for else '*'}"
+        outcome = "[green]met[/]" if line.holds else "[red]NOT MET[/]"
+        table.add_row(f"  {line.what}", asked, number(line.found, 3), line.unit, outcome)
+    return table
+
+
+def _cost(design: Design) -> Table:
+    unit = units_of(design).effort
+    table = _table("What it costs the motors", "in", f"largest input, {unit}", "joint")
+    for what, value, joint in cost_rows(design):
+        table.add_row(what, "–" if value is None else number(value, 3), joint)
+    return table
+
+
+def _search(design: Design) -> Table:
+    """Some tries of the search."""
+    rows = try_rows(design)
+    title = f"Search for the weights: {len(rows)} tries, some of them (* used)"
+    table = _table(title, "dial ζ", "pace, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
+    for knob, pace, bandwidth, worst, nominal, gamma, is_used in some_tries(rows):
+        dial = f"{knob:.3f}{' *' if is_used else '  '}"
+        table.add_row(dial, pace, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
+    return table
+
+
+def _robust(design: Design) -> Table:
+    r = design.game.robustness
+    assert r is not None
+    title = f"The tolerances' price: {r.channels} channels, {100.0 * r.share:.3g} % of the tolerances covered"
+    table = _table(title, "", "without", "with", "cost, %")
+    for what, plain, robust in robust_rows(design):
+        table.add_row(what, number(plain), number(robust), f"{100.0 * (robust / plain - 1.0):.1f}")
+    return table
+
+
+def _tolerances(design: Design) -> Table:
+    draws = design.draws
+    assert draws is not None
+    settle = f"{len(draws) - draws.unsettled} settle, {draws.diverged} diverge"
+    title = f"The step on {len(draws)} robots within their tolerances: {settle}"
+    table = _table(title, "", "nominal", "median", "95 % below", "worst")
+    for name, unit, *values in spread_rows(design):
+        cells = ("–" if value is None else number(value, 3) for value in values)
+        table.add_row(f"{name}, {unit}", *cells)
+    return table
+
+
+def _modes(design: Design) -> Table:
     title = (
         f"{design.robot.name}: γ* = {design.gamma_star:.5g}, γ = {design.solution.gamma:.5g}; what oscillates"
     )
@@ -38,6 +124,29 @@ def design_tables(design: Design) -> list[Table]:
         for mode in found:
             if mode.eigenvalue.imag:
                 modes.add_row(loop, mode.name, mode.joint, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
+    return modes
+
+
+def _margins(design: Design) -> Table:
+    alone = design.specification.estimator == "none"
+    heads = ("true state",) if alone else ("with the estimator", "true state")
+    table = _table("The sampled loop at the goal", "", *heads)
+    for row in margin_rows(design):
+        table.add_row(*row[: 1 + len(heads)])
+    return table
+
+
+def _corners(design: Design) -> Table:
+    tolerances = design.tolerances
+    assert tolerances is not None
+    title = f"{len(tolerances.population)} corners of the tolerances, the sampled loop: unstable, over R^v"
+    table = _table(title, "", "unstable", "%", "fastest growth, 1/s")
+    for row in sweep_rows(design):
+        table.add_row(row.what, str(row.unstable), f"{row.percent:.1f}", number(row.rate, 3))
+    return table
+
+
+def _regions(design: Design) -> Table:
     unit = design.problem.plant.unit(design.problem.integrate[0])
     columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
     regions = _table("Where each solution can be trusted: sampled, not proved (* used)", *columns)
@@ -49,23 +158,7 @@ def design_tables(design: Design) -> list[Table]:
             looked = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *looked, f"{c.residual:.0e}", *times)
-    return [modes, regions]
-
-
-def met_table(design: Design) -> Table:
-    """The specification line by line: asked, found, met or NOT MET."""
-    table = _table(
-        "What was asked for, and what was found (* default)", "", "asked", "found", "unit", "outcome"
-    )
-    where = None
-    for line in design.met:
-        if line.where != where:
-            table.add_row(line.where)
-            where = line.where
-        asked = f"{'≤' if line.at_most else '≥'} {line.asked:.4g}{' ' if line.asked_for else '*'}"
-        outcome = "[green]met[/]" if line.holds else "[red]NOT MET[/]"
-        table.add_row(f"  {line.what}", asked, f"{line.found:.4g}", line.unit, outcome)
-    return table
+    return regions
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -73,7 +166,6 @@ def _table(title: str, *columns: str) -> Table:
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    words = ("name", "loop", "mode", "mainly", "law", "drive", "numbers", "unit", "outcome", "")
     for column in columns:
-        table.add_column(column, justify="left" if column in words else "right", no_wrap=column != "")
+        table.add_column(column, justify="left" if column in LEFT else "right", no_wrap=column not in WRAPPED)
     return table

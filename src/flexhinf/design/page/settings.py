@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
+from flexhinf.design.page.weights_of import effort_unit, state_weights
 from flexhinf.design.result import Design
 from flexhinf.design.specification import Specification
 from flexhinf.report import Setting
@@ -41,33 +42,14 @@ def _option(design: Design, name: str) -> str:
 def _synthesis(design: Design) -> list[Setting]:
     s, problem = design.specification, design.problem
     penalty = problem.penalty
-    given = (
-        getattr(penalty.states, "states", None)
-        if callable(penalty.states)
-        else penalty.weights(problem.state_names)
-    )
-    weights = [] if given is None else list(zip(problem.state_names, np.asarray(given, dtype=float)))
-    torques = getattr(penalty.states, "torques", ())
-    rates = getattr(penalty.states, "rates", ())
     rows = [
         Setting("preset", design.game.preset, "", "option --preset" if s.preset else "by what was asked for"),
         Setting("pose", design.goal, "rad or m", "the robot's home" if s.pose is None else "option --pose"),
         *(
-            Setting(f"weight of {n.replace('_', ' ')}", float(w), "", design.game.source)
-            for n, w in weights
-            if w
+            Setting(f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, design.game.source)
+            for w in state_weights(design)
         ),
-        *(
-            Setting(f"weight of joint torque {joint}", float(w), "1/(N·m)", design.game.source)
-            for joint, w in zip(design.robot.joint_names, torques)
-            if w
-        ),
-        *(
-            Setting(f"weight of the rate of joint torque {joint}", float(w), "s/(N·m)", design.game.source)
-            for joint, w in zip(design.robot.joint_names, rates)
-            if w
-        ),
-        Setting("R2", np.asarray(penalty.effort), "", design.game.effort_source),
+        Setting("R2", np.asarray(penalty.effort), effort_unit(design), design.game.effort_source),
         Setting("disturbances", list(problem.disturbance_names), "", _option(design, "disturbances")),
         Setting("integrated errors", list(problem.integrate), "", "ours"),
         Setting("γ*", design.gamma_star, "", "bisection, relative 1e-8"),

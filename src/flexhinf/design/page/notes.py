@@ -1,0 +1,245 @@
+"""What the reader must not miss, each with the section it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.campaign import Margins
+from flexhinf.design.page.units import units_of
+from flexhinf.design.page.words import HARDLY_DAMPED, peak_input, vibrations
+from flexhinf.design.result import Design
+from flexhinf.report import Note, number
+
+__all__ = ["Remark", "noise_volts", "notes", "remarks", "section_notes"]
+
+#: An estimation error at a vibration with less damping than this is hardly corrected.
+HARDLY_SEEN = 0.01
+
+#: A loop that stands less extra delay than so many periods, or whose S peaks above this, is near its edge.
+LEAST_PERIODS, LARGEST_SENSITIVITY = 3.0, 2.0
+
+#: Noise of the sensors that costs the motors more than this share of the step's peak input.
+NOISE_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A note.
+
+    Attributes
+    ----------
+    section : str
+        Anchor of the section it is shown in.
+    about : str
+        In a word or two, for the top of the page.
+    text : str
+    """
+
+    section: str
+    about: str
+    text: str
+
+
+def notes(design: Design) -> list[str]:
+    """What the reader must not miss."""
+    return [remark.text for remark in remarks(design)]
+
+
+def remarks(design: Design) -> list[Remark]:
+    """The same with their places, in the order of the page."""
+    return [
+        *_runs(design),
+        *_modes(design),
+        *_margins(design),
+        *_corners(design),
+        *_regions(design),
+        *_rigid(design),
+    ]
+
+
+def section_notes(design: Design, section: str) -> list[Note]:
+    """Of one section, as blocks."""
+    return [
+        Note(remark.text[:1].upper() + remark.text[1:])
+        for remark in remarks(design)
+        if remark.section == section
+    ]
+
+
+def _runs(design: Design) -> Iterator[Remark]:
+    if design.response.diverged is not None:
+        yield Remark(
+            "step", "the step diverges",
+            f"The step diverges at {design.response.diverged:.3g} s: start nearer to the goal, or change the penalty.",
+        )  # fmt: skip
+    draws = design.draws
+    if draws is not None and draws.diverged:
+        yield Remark(
+            "draws", "robots that diverge",
+            f"{draws.diverged} of {len(draws)} robots within their tolerances diverge: the design does not serve them. "
+            "--preset robust makes the tolerances part of the game.",
+        )  # fmt: skip
+    if design.disturbed.response.diverged is not None:
+        yield Remark(
+            "load",
+            "the load run diverges",
+            "With torques on the links the loop diverges; try a smaller --load.",
+        )
+    else:
+        slow = [
+            name
+            for name, m in zip(design.robot.joint_names, design.disturbed.metrics)
+            if m["recovery_time_s"] is None
+        ]
+        if slow:
+            yield Remark(
+                "load", "loads not recovered from",
+                f"{', '.join(slow)}: not recovered from the torque on the links by the end of the run.",
+            )  # fmt: skip
+    if design.move.response.diverged is not None:
+        yield Remark(
+            "move",
+            "the move diverges",
+            "Following the move, the loop diverges: a slower one, or a smaller way.",
+        )
+
+
+def _modes(design: Design) -> Iterator[Remark]:
+    after = vibrations(design.closed_modes)
+    if after and min(after) < HARDLY_DAMPED:
+        yield Remark(
+            "modes", "a vibration that rings",
+            f"A vibration keeps a damping ratio of {min(after):.2g}: these weights hardly act on it. "
+            "--damping 0.3 looks for weights that do, with the preset damped.",
+        )  # fmt: skip
+    unseen = [mode for mode in design.estimator_modes if mode.vibration and mode.damping < HARDLY_SEEN]
+    if unseen:
+        worst = min(unseen, key=lambda mode: mode.damping)
+        yield Remark(
+            "modes", "a vibration the estimator hardly sees",
+            f"The estimator hardly sees {len(unseen)} vibration{'s' if len(unseen) > 1 else ''}: its error at "
+            f"{worst.frequency:.3g} Hz ({worst.joint}) is damped by {worst.damping:.1g} only, and noise keeps it "
+            "ringing, in the robot too. Measure link positions or joint torques, or raise --process-noise.",
+        )  # fmt: skip
+
+
+def _margins(design: Design) -> Iterator[Remark]:
+    found, period = design.margins, design.specification.period
+    if not found.stable:
+        yield Remark(
+            "margins", "the sampled loop is unstable",
+            "Linearised at the goal, the sampled loop with its estimator is unstable: the nonlinear runs show how far "
+            "it goes. A shorter --period, a faster estimator (--torque-noise) or a slower law (--bandwidth).",
+        )  # fmt: skip
+        return
+    if found.delay_margin_s < LEAST_PERIODS * period:
+        yield Remark(
+            "margins", "a small delay margin",
+            f"The loop stands {number(1e3 * found.delay_margin_s, 2)} ms of extra delay, "
+            f"{number(found.delay_margin_s / period, 2)} periods: one computing step late and a slow bus may use that "
+            f"up, and it would oscillate at {number(found.delay_frequency / (2.0 * np.pi), 3)} Hz. A shorter --period, "
+            "or less --damping or --bandwidth.",
+        )  # fmt: skip
+    if found.peak_sensitivity > LARGEST_SENSITIVITY:
+        yield Remark("margins", "a high peak sensitivity", _sensitive(design, found, design.state_margins))
+    volts, peak = noise_volts(design), peak_input(design.response)
+    if volts is not None and volts.max() > NOISE_SHARE * peak:
+        yield Remark(
+            "margins", "noise at the motors",
+            f"The sensors' noise costs {number(float(volts.max()), 2)} {units_of(design).effort} rms at rest, "
+            f"{number(100.0 * float(volts.max()) / peak, 2)} % of the step's peak input: "
+            "a slower estimator (smaller --torque-noise), better sensors, or less bandwidth.",
+        )  # fmt: skip
+
+
+def _sensitive(design: Design, found: Margins, state: Margins) -> str:
+    text = (
+        f"The sensitivity peaks at {number(found.peak_sensitivity, 3)} "
+        f"({number(found.sensitivity_frequency / (2.0 * np.pi), 3)} Hz), where up to 2 is usual: the open loop passes "
+        f"the point of instability at a distance of {number(1.0 / found.peak_sensitivity, 2)}. "
+    )
+    if state.peak_sensitivity > LARGEST_SENSITIVITY or design.specification.estimator == "none":
+        own = (
+            f"With the true state fed back it is {number(state.peak_sensitivity, 3)}: "
+            if _estimated(design)
+            else ""
+        )
+        return text + own + "the law itself asks for too much. Less --bandwidth, or less --damping."
+    return text + (
+        f"The estimator raises it: with the true state fed back it is {number(state.peak_sensitivity, 3)}. A larger "
+        "--torque-noise makes the estimator faster (and noise at the motors larger), a lower --bandwidth or "
+        "--damping makes the law need less of it."
+    )
+
+
+def _estimated(design: Design) -> bool:
+    return design.specification.estimator != "none"
+
+
+def noise_volts(design: Design) -> np.ndarray | None:
+    """RMS of each input (m,) at rest from the noise of all sensors together; None with the true state fed back."""
+    noise = design.bench.noise
+    if noise is None or not design.margins.stable:
+        return None
+    return np.sqrt(np.sum((design.margins.noise_to_input * noise) ** 2, axis=1))
+
+
+def _corners(design: Design) -> Iterator[Remark]:
+    found = design.tolerances
+    if found is None or not found.unstable_anywhere:
+        return
+    many, faster = len(found.population), "--torque-noise, another --estimator, or --preset robust"
+    if found.unstable:
+        yield Remark(
+            "corners", "corners of the tolerances that are unstable",
+            f"{found.unstable} of {many} plants at corners of the tolerances are unstable with the estimator as it is, "
+            f"{int((found.with_state.rates >= 0.0).sum())} with the true state fed back: {faster}.",
+        )  # fmt: skip
+        return
+    yield Remark(
+        "corners", "corners that another R^v makes unstable",
+        f"With the estimator as it is no corner is unstable, but at another R^v up to {found.unstable_anywhere} of {many} "
+        f"are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
+    )  # fmt: skip
+
+
+def _regions(design: Design) -> Iterator[Remark]:
+    for low, high in design.shrinking:
+        yield Remark(
+            "region",
+            "a degree that shrinks the region",
+            f"degree {high} allows a smaller step than degree {low}.",
+        )
+    if design.inside is False:
+        yield Remark(
+            "region", "a start outside the sampled region",
+            "The step starts, with the integrals that the controller chooses there so that the input does not jump, "
+            "outside the region in which nothing was found against the solution of degree "
+            f"{design.chosen.degree} (V there is above {design.chosen.level:.4g}); the simulation shows what happens. "
+            "The table's steps start at the integrals where V is smallest.",
+        )  # fmt: skip
+    s = design.specification
+    if not design.chosen.looked:
+        asked = (
+            f"The regions were not looked at: {len(design.problem.state_names)} states take minutes. "
+            "Ask for it with --rays 50."
+        )
+        text = asked if s.rays is None else "The regions were not looked at, as asked."
+        yield Remark("region", "regions not looked at", text)
+    elif s.rays is None and design.rays < 4000:
+        yield Remark(
+            "region", "few rays",
+            f"The regions were looked at along {design.rays} rays only, for the number of states; --rays asks for "
+            "more.",
+        )  # fmt: skip
+
+
+def _rigid(design: Design) -> Iterator[Remark]:
+    if design.specification.compare_rigid and design.rigid is None:
+        yield Remark(
+            "law", "no rigid design",
+            "No rigid design was made: a penalty that is code says nothing about a rigid robot.",
+        )  # fmt: skip
