@@ -16,7 +16,7 @@ from flexhinf.design.met import Met, all_hold
 from flexhinf.design.result import Design
 from flexhinf.design.specification import Specification
 from flexhinf.design.toml_text import toml_table, toml_value
-from flexhinf.design.words import verdict, vibrations
+from flexhinf.design.page.words import verdict, vibrations
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import catalogue
