@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.law_rows import LawRows
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Trajectory
 
@@ -107,7 +106,7 @@ def budget(run: Trajectory, loop: Loop, level: float = np.inf, initial_input: An
     before = controller.input_before(initial_input)
     integral = _integrals(run, controller, x, before)
     moved = np.hstack([x, integral]) - law.operating_point
-    wanted = law.operating_input + LawRows(law)(moved)[0]
+    wanted = law.operating_input + law.law(moved)
     late = loop.channel.delay
     applied = np.vstack([np.tile(before, (late, 1)), run.signals["input"]])[: len(x) - 1]
     first, last = applied - wanted[:-1], applied - wanted[1:]
@@ -127,7 +126,7 @@ def _running(parts: np.ndarray) -> np.ndarray:
 
 def _checked(loop: Loop) -> Any:
     law: Any = loop.controller.law
-    if not (hasattr(law, "value") and hasattr(law, "expansion")):
+    if not all(hasattr(law, name) for name in ("value", "law", "expansion")):
         raise InvalidInput(
             "The law has no value function to keep below a level.",
             f"got {type(law).__name__}",
