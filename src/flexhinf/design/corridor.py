@@ -8,6 +8,7 @@ import numpy as np
 
 from flexhinf.design.bench import Bench
 from flexhinf.design.degrees import rays_of, tried_degrees
+from flexhinf.design.guarantee import guarantee
 from flexhinf.design.linearised import Linearised, linearise
 from flexhinf.design.met import Met, corners_met, linear_met, step_met, within_tolerances
 from flexhinf.design.result import Design
@@ -45,12 +46,15 @@ def design(
     linear = linearise(bench, synthesis)
     tell("corners of the tolerances")
     tolerances = tolerance_corners(bench, synthesis.solution)
+    tell("the worst disturbance, and what the parts of the controller spend")
+    promised = guarantee(bench, synthesis, linear)
     runs = run_all(bench, synthesis, linear, tell)
     return Design(
         robot=robot,
         specification=s,
         bench=bench,
         tolerances=tolerances,
+        guarantee=promised,
         inside=_inside(bench, synthesis),
         met=_met(bench, synthesis, linear, runs, tolerances),
         **vars(synthesis),
@@ -90,4 +94,4 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
-    return 6 + solved + len(s.via) + sum(more)
+    return 7 + solved + len(s.via) + sum(more)

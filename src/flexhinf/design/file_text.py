@@ -13,10 +13,10 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.design.file_fields import FIELDS
 from flexhinf.design.met import Met, all_hold
+from flexhinf.design.page.words import verdict, vibrations
 from flexhinf.design.result import Design
 from flexhinf.design.specification import Specification
 from flexhinf.design.toml_text import toml_table, toml_value
-from flexhinf.design.page.words import verdict, vibrations
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import catalogue

@@ -7,6 +7,7 @@ from functools import cached_property
 
 from flexhinf.design.bench import Bench
 from flexhinf.design.degrees import shrinking
+from flexhinf.design.guarantee import Guarantee
 from flexhinf.design.linearised import Linearised
 from flexhinf.design.met import Met
 from flexhinf.design.runs import Runs
@@ -30,6 +31,8 @@ class Design(Synthesis, Linearised, Runs):
         Law, estimator and true plant of all runs.
     tolerances : Tolerances or None
         Corners of the tolerances in the linearised loop; None for a robot that states none.
+    guarantee : Guarantee
+        The gain that the worst disturbance found attains, and what the controller's parts spend of the region.
     inside : bool or None
         Whether the step starts inside the region of the chosen solution; None if that was not looked at.
     met : tuple of Met
@@ -40,6 +43,7 @@ class Design(Synthesis, Linearised, Runs):
     specification: Specification
     bench: Bench
     tolerances: Tolerances | None
+    guarantee: Guarantee
     inside: bool | None
     met: tuple[Met, ...]
 

@@ -19,6 +19,9 @@ __all__ = ["Tolerances", "tolerance_corners"]
 #: Corners, and ratios q / R^n, for up to so many states; fewer with more.
 CORNERS = ((15, 400, tuple(10.0**k for k in range(-4, 13, 2))), (10_000, 60, (1e-2, 1e2, 1e6)))
 
+#: With a delay each plant's loop is put together by itself: fewer of both.
+DELAYED = (100, (1e-2, 1e2, 1e6))
+
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
@@ -68,6 +71,8 @@ def tolerance_corners(bench: Bench, law: Law) -> Tolerances | None:
     if not robot.uncertain:
         return None
     count, ratios = next((c, r) for most, c, r in CORNERS if len(law.state_names) <= most)
+    if s.delay:
+        count, ratios = min(count, DELAYED[0]), DELAYED[1]
     known = bench.true_plant.parameters.values
 
     def at(signs: object) -> dict[str, object]:

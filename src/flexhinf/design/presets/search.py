@@ -103,7 +103,9 @@ class _Inside:
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
         self.tries: list[Try] = []
-        self.reached = 0.0  # largest share of a wanted bandwidth that any stable loop had, in all joints at once
+        self.reached = (
+            0.0  # largest share of a wanted bandwidth that any stable loop had, in all joints at once
+        )
 
     def fit(self, bandwidth: np.ndarray, knob: float) -> Try | None:
         """The candidate, or None if no pace gives the bandwidth."""
