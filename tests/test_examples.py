@@ -38,3 +38,16 @@ def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
         assert linear < 0.5 < 1.4 < cubic < quintic
     assert cases[1].steps[6] > cases[0].steps[6]
     assert (tmp_path / "regions.svg").read_text().count("<svg") == 1
+
+
+def test_example_specified_design(repository: Path) -> None:
+    design = runpy.run_path(str(repository / "examples" / "specified_design.py"))["main"](20)
+    assert all(line.holds for line in design.met)
+    assert design.tolerances.unstable_anywhere == 0
+    assert design.game.robustness.share == 1.0
+
+
+def test_example_moving_reference(repository: Path) -> None:
+    errors = runpy.run_path(str(repository / "examples" / "moving_reference.py"))["main"]()
+    assert errors["sine"] < 0.2
+    assert errors["move"] < 2.0

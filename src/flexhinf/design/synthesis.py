@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
+from flexhinf.design.estimator import estimator_for
 from flexhinf.design.presets.choose import Chosen
 from flexhinf.design.response import default_start
 from flexhinf.design.schedule import law_of
@@ -62,8 +63,7 @@ def synthesise(robot: Robot, s: Specification, tell: Callable[[str], None]) -> S
     n = len(robot.joint_names)
     goal = robot.operating_point(s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
-    robot.plant(s.measured, extras=s.extras)  # refused before the work, if need be
-    _check_holding(robot, s, goal, start)
+    _refuse_early(robot, s, goal, start)
     game = choose_within_peak(robot, goal, start, s, tell)
     states = len(game.problem.state_names)
     degrees, rays = tried_degrees(states, s), rays_of(states, s)
@@ -81,7 +81,11 @@ def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
     return max(choices, key=lambda c: (c.step_amplitude, -c.degree) if c.looked else (0.0, c.degree))
 
 
-def _check_holding(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
+def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
+    """What does not fit is refused before the work: extras, sensors and estimator, poses that cannot be held."""
+    robot.plant(s.measured, extras=s.extras)
+    rest, begin = robot.operating_point(goal), robot.operating_point(start)[0]
+    estimator_for(s.estimator, robot.plant(s.measured), rest, begin, s.period, s.noises, s.measurement_noise)
     limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
     for pose in (goal, start, *s.via):
         if limits:
