@@ -25,9 +25,13 @@ name = "belt"
 kind = "prismatic"
 axis = [1.0, 0.0, 0.0]
 limits = [-0.5, 0.5]
-link = { mass = { value = 4.0, tolerance = 5 }, centre_of_mass = { value = [0.0, 0.0, 0.0] }, inertia = { xx = 0.02, yy = 0.02, zz = 0.02 } }
 spring = { stiffness = { value = 6.0e3, tolerance = 12 } }
 motor = { motor_inertia = { value = 2.5, tolerance = 3 }, friction = { value = 40.0, tolerance = 15 } }
+
+[joint.link]
+mass = { value = 4.0, tolerance = 5 }
+centre_of_mass = { value = [0.0, 0.0, 0.0] }
+inertia = { xx = 0.02, yy = 0.02, zz = 0.02 }
 
 [[joint]]
 name = "arm"

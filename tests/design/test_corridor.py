@@ -32,7 +32,9 @@ def quick(name: str, **options: object) -> Design:
 @pytest.mark.oracle
 def test_a_small_step_is_that_of_the_linear_loop() -> None:
     """The integrals begin where the input that held the robot at the start goes on: K (x, e) = u(0) − u*."""
-    result = quick("spatial-three-link", estimator="none", period=1e-4, duration=1.0, start=(-0.02, 0.48, 0.98))
+    result = quick(
+        "spatial-three-link", estimator="none", period=1e-4, duration=1.0, start=(-0.02, 0.48, 0.98)
+    )
     gain = result.solution.gain
     a = closed_loop(result.problem, gain)
     x = np.zeros(len(a))

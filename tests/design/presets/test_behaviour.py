@@ -31,7 +31,13 @@ def _gain(family: LinearFamily, rng: np.random.Generator, price: float) -> np.nd
 
 @pytest.mark.parametrize(
     ("name", "price"),
-    [("paper", 1e-3), ("quanser-rotflex", 0.1), ("cart", 1e-6), ("planar-two-link", 1e-3), ("seven-link", 1e-6)],
+    [
+        ("paper", 1e-3),
+        ("quanser-rotflex", 0.1),
+        ("cart", 1e-6),
+        ("planar-two-link", 1e-3),
+        ("seven-link", 1e-6),
+    ],
 )
 def test_each_bandwidth_is_the_first_crossing_of_the_frequency_response(
     robot_of: Callable[[str], Any], name: str, price: float
@@ -63,7 +69,9 @@ def test_the_damping_is_the_smallest_of_the_members_vibrations(
     rng, family = np.random.default_rng(2), _family(robot_of(name))
     gain = 0.0 * _gain(family, rng, 1.0)
     joints = len(family.joints)
-    gain[:, :joints] = -np.diag(1e-3 * _stiffness_per_input(family))  # hardly anything: the robot's own vibrations
+    gain[:, :joints] = -np.diag(
+        1e-3 * _stiffness_per_input(family)
+    )  # hardly anything: the robot's own vibrations
     gain[:, -joints:] = 1e-2 * gain[:, :joints]
     found = behaviour_of(family, gain)
     ratios = []

@@ -79,7 +79,9 @@ def test_members_are_all_corners_linearised_by_differences_at_their_own_rests(
         assert len(matches) == 1, signs
         found.remove(matches[0])
         assert k > 0 or matches == [0]
-    assert family.a[:, n:, :joints] == pytest.approx(np.broadcast_to(np.eye(joints), (len(family.a), joints, joints)))
+    assert family.a[:, n:, :joints] == pytest.approx(
+        np.broadcast_to(np.eye(joints), (len(family.a), joints, joints))
+    )
     assert not np.any(family.a[:, n:, joints:])
     assert not np.any(family.a[:, :, n:])
     assert not np.any(family.b[:, n:])
