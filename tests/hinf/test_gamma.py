@@ -10,6 +10,8 @@ import pytest
 
 from flexhinf.errors import NotDetectable, NotStabilisable
 from flexhinf.hinf import smallest_gamma
+from flexhinf.hinf.gamma import is_feasible, linear_smallest_gamma
+from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 
@@ -108,3 +110,33 @@ def test_double_integrator_without_weight_is_named():
     plant = _linear([[-1, 0, 0], [0, 0, 1], [0, 0, 0]], np.eye(3), np.eye(3), [[1, 0, 0]], np.eye(3))
     with pytest.raises(NotDetectable, match="'x2'"):
         smallest_gamma(plant)
+
+
+@pytest.mark.oracle
+def test_feasible_is_what_forty_digits_say(arm):
+    linear = LinearPart.of(arm.expand(1))
+    for gamma in (50.0, 123.0, 123.0167, 123.0169, 124.0, 1e4, float("inf")):
+        wanted = gamma == float("inf") or bool(_smallest_eigenvalue(arm.expand(1), gamma) > 0)
+        assert is_feasible(linear, gamma) is wanted
+
+
+def test_feasible_levels_are_all_those_above_one(random_plant):
+    for seed in range(5):
+        linear = LinearPart.of(random_plant(np.random.default_rng(seed), 3).expand(1))
+        star = linear_smallest_gamma(linear)
+        assert is_feasible(linear, star * (1.0 + 1e-6))
+        assert not is_feasible(linear, star * (1.0 - 1e-6))
+        assert [is_feasible(linear, share * star) for share in (0.1, 0.9, 1.1, 10.0)] == [
+            False,
+            False,
+            True,
+            True,
+        ]
+
+
+def test_a_rough_level_is_rough_and_never_too_low(arm):
+    linear = LinearPart.of(arm.expand(1))
+    star = linear_smallest_gamma(linear)
+    for width in (1e-1, 1e-3, 1e-6):
+        rough = linear_smallest_gamma(linear, width)
+        assert star * (1.0 - 1e-9) <= rough <= star * (1.0 + width)

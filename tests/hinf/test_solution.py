@@ -132,3 +132,19 @@ def test_report_tells_method_residual_and_memory(solved):
         assert word in report
     assert [record.degree for record in solved.records] == [2, 3, 4]
     assert all(record.residual <= 1e-14 for record in solved.records)
+
+
+def test_the_gain_is_the_slope_of_the_law_at_the_operating_point(solved, general):
+    """By central differences of the whole law, of degree 3 and with g2(x) too."""
+    for solution in (solved, general[1]):
+        n = len(solution.P)
+        slope = np.array([(solution.law(1e-5 * e) - solution.law(-1e-5 * e)) / 2e-5 for e in np.eye(n)]).T
+        assert solution.gain.shape == slope.shape
+        assert solution.gain == pytest.approx(slope, rel=1e-6, abs=1e-7 * np.abs(slope).max())
+
+
+def test_the_gain_stabilises_and_does_not_depend_on_the_degree(solved, arm):
+    plant = solved.expansion
+    loop = plant.f_parts[1] + plant.g2_parts[0][..., 0] @ solved.gain
+    assert np.linalg.eigvals(loop).real.max() < 0.0
+    assert linear_law(arm, solved.gamma).gain == pytest.approx(solved.gain, rel=1e-12)

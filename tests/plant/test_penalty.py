@@ -62,3 +62,34 @@ def test_efforts_that_are_no_numbers_are_refused(effort):
 def test_weights_that_do_not_fit_are_refused(states):
     with pytest.raises(InvalidInput):
         Penalty(states).weights(NAMES)
+
+
+def test_a_matrix_gives_rows_of_h():
+    rows = np.array([[1.0, -2.0, 0.0], [0.0, 0.5, 3.0]])
+    x = np.array([2.0, 3.0, 4.0])
+    penalty = Penalty(rows, 2.0)
+    np.testing.assert_array_equal(penalty.evaluate(x, NAMES, None), [-4.0, 13.5])
+    np.testing.assert_array_equal(Penalty(rows.tolist()).evaluate(x, NAMES, None), [-4.0, 13.5])
+    np.testing.assert_array_equal(penalty.matrix, rows)
+    assert penalty.expanded({"a": ("b", "c")}) is penalty
+    assert Penalty({"a": 1.0}).matrix is None
+    assert Penalty([1.0, 2.0, 3.0]).matrix is None
+
+
+def test_a_matrix_goes_through_a_problem_as_weights_do():
+    """Rows of a diagonal matrix are weights by name: the same h, expansion and smallest level."""
+    import flexhinf as fh
+
+    arm = fh.paper_arm()
+    named = arm.problem(Penalty({"link_position": 60.0, "link_position_integral": 300.0}, 10.0))
+    rows = arm.problem(Penalty(np.array([[60.0, 0, 0, 0, 0], [0, 0, 0, 0, 300.0]]), 10.0))
+    x = np.random.default_rng(0).normal(size=(6, 5))
+    np.testing.assert_allclose(rows.fields(x)[3], named.fields(x)[3], rtol=1e-14)
+    np.testing.assert_allclose(rows.expand(3).h_parts[1], named.expand(3).h_parts[1], atol=1e-15)
+    assert fh.smallest_gamma(rows) == pytest.approx(fh.smallest_gamma(named), rel=1e-9)
+
+
+@pytest.mark.parametrize("rows", [np.eye(2), np.zeros((0, 3)), [[1.0, np.nan, 0.0]], np.ones((1, 4))])
+def test_matrices_that_do_not_fit_the_states_are_refused(rows):
+    with pytest.raises(InvalidInput, match="matrix of finite numbers with a column for each"):
+        Penalty(rows).evaluate(np.ones(3), NAMES, None)
