@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from flexhinf.design.page.asked import cost_rows
-from flexhinf.design.page.corners import sweep_rows
+from flexhinf.design.page.corners import sweep_cells, sweep_words
 from flexhinf.design.page.drawn import spread_rows
 from flexhinf.design.page.margins import margin_rows
 from flexhinf.design.page.units import units_of
@@ -137,12 +137,12 @@ def _margins(design: Design) -> Table:
 
 
 def _corners(design: Design) -> Table:
-    tolerances = design.tolerances
-    assert tolerances is not None
-    title = f"{len(tolerances.population)} corners of the tolerances, the sampled loop: unstable, over R^v"
-    table = _table(title, "", "unstable", "%", "fastest growth, 1/s")
-    for row in sweep_rows(design):
-        table.add_row(row.what, str(row.unstable), f"{row.percent:.1f}", number(row.rate, 3))
+    title = f"Corners of the tolerances, the sampled loop: {sweep_words(design)}; over R^v:"
+    table = _table(
+        title, "q/R^n", "all states: unstable", "growth, 1/s", "velocities: unstable", "growth, 1/s"
+    )
+    for row in sweep_cells(design):
+        table.add_row(*row)
     return table
 
 

@@ -20,7 +20,7 @@ def asked_section(design: Design, warnings: Any = ()) -> Section:
     """The specification, then the inputs; warnings of the robot's file stand here."""
     told = [Note(" ".join(line.strip() for line in text.splitlines())) for text in warnings]
     about = [remark.about for remark in remarks(design)]
-    short = [*compared(design), *([f"Noted below: {', '.join(about)}."] if about else [])]
+    short = [*([f"Noted below: {', '.join(about)}."] if about else []), *compared(design)]
     blocks = [
         *([Bullets(tuple(short))] if short else []),
         *told,

@@ -66,7 +66,7 @@ def _words(design: Design, draws: Draws) -> str:
     )
 
 
-def spread_rows(design: Design) -> list[tuple[str, str, float | None, float, float, float]]:
+def spread_rows(design: Design) -> list[tuple[str, str, float | None, *tuple[float, ...]]]:
     """Figure of merit, unit, nominal, median, 95th percentile and worst; infinite for runs without one."""
     draws, unit = design.draws, units_of(design).effort
     assert draws is not None

@@ -65,7 +65,7 @@ def fan_figure(design: Design, worst: int) -> list[Figure]:
         Figure(
             "figure-draws",
             figure_to_svg(figure),
-            f"Link positions as distance from the goal{shown}: {len(ended)} robots drawn within their tolerances{gone}. "
+            f"Link positions as distance from the goal{shown}: {len(ended)} robots within their tolerances{gone}. "
             f"Below {closer}, with the band of ±2 % of the step.",
             "The step within the tolerances",
         )

@@ -40,13 +40,14 @@ def asked_words(design: Design) -> str:
     slides = robot.links.slides
     return (
         f"{about}{joint_words(len(robot.joint_names)).capitalize()}, {robot.drive} driven; measured: "
-        f"{measured}.{extras} Step from {pose_words(design.start, slides)} to {pose_words(design.goal, slides)}. {_wanted(design)}"
+        f"{measured}.{extras} Step from {pose_words(design.start, slides)} to {pose_words(design.goal, slides)}. "
+        f"{_wanted(design)}"
     )
 
 
 def _wanted(design: Design) -> str:
     """The limits, each once, those that were asked for first."""
-    lines = {line.what: line for line in reversed(design.met) if line.what != "runs that do not settle"}
+    lines = {line.what: line for line in reversed(design.met) if line.asked}
     words: dict[bool, list[str]] = {True: [], False: []}
     for line in design.met:
         if lines.pop(line.what, None) is not None:
@@ -68,13 +69,17 @@ def key_numbers(design: Design) -> list[KeyNumber]:
     volts = noise_volts(design)
     noise = "" if volts is None else f"; noise {number(float(volts.max()), 2)} {unit} rms"
     numbers = [
-        KeyNumber("settling time", _short(settling), "s", _worst(design, draws and draws.settling, "s")),
-        KeyNumber("overshoot", _short(overshoot, 2), "%", _worst(design, draws and draws.overshoot, "%")),
+        KeyNumber(
+            "settling time", _short(settling), "s", _worst(None if draws is None else draws.settling, "s")
+        ),
+        KeyNumber(
+            "overshoot", _short(overshoot, 2), "%", _worst(None if draws is None else draws.overshoot, "%")
+        ),
         KeyNumber(
             "peak input",
             _short(peak_input(design.response)),
             unit,
-            _worst(design, draws and draws.peak, unit) + noise,
+            _worst(None if draws is None else draws.peak, unit) + noise,
         ),
         KeyNumber(
             "damping of vibrations",
@@ -93,7 +98,7 @@ def _short(value: float | None, digits: int = 3) -> float | None:
     return None if value is None else float(f"{value:.{digits}g}")
 
 
-def _worst(design: Design, values: np.ndarray | None, unit: str) -> str:
+def _worst(values: np.ndarray | None, unit: str) -> str:
     """Of the robots drawn."""
     if values is None or not len(values):
         return "nominal robot"

@@ -201,8 +201,8 @@ def _corners(design: Design) -> Iterator[Remark]:
         return
     yield Remark(
         "corners", "corners that another R^v makes unstable",
-        f"With the estimator as it is no corner is unstable, but at another R^v up to {found.unstable_anywhere} of {many} "
-        f"are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
+        f"With the estimator as it is no corner is unstable, but at another R^v up to {found.unstable_anywhere} of "
+        f"{many} are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ def weights_section(design: Design) -> Section:
     if design.game.found is not None:
         blocks += [Paragraph(_search(design)), search_figure(design), _tries(design)]
     if design.game.robustness is not None:
-        blocks += [_robust(design), Paragraph(_robust_words(design)), _scalings(design)]
+        blocks += [_robust(design), Paragraph(_robust_words(design))]
     return Section("Where the weights come from", (*blocks, *_weights(design)), "weights")
 
 
@@ -75,8 +75,8 @@ def _raised(design: Design) -> str:
     if wanted.damping <= asked:
         return ""
     return (
-        f" The damping was raised from {asked:g} to {number(wanted.damping, 3)}, until as few corners of the tolerances "
-        "as possible are unstable with the estimator, over all R^v that are looked at."
+        f" The damping was raised from {asked:g} to {number(wanted.damping, 3)}, until as few corners of the "
+        "tolerances as possible are unstable with the estimator, over all R^v that are looked at."
     )
 
 
@@ -159,17 +159,15 @@ def _robust_words(design: Design) -> str:
         f"{r.channels} channels stand for the tolerances; the game has a solution for {whole}"
         + ("" if r.share >= 1.0 else ", and nothing follows for robots outside that share")
         + ". Within it the level holds for every robot, on the linear part and with the true state fed back; draws of "
-        "the nonlinear loop with its estimator are below."
+        f"the nonlinear loop with its estimator are below. Scalings s of the channels, each seen s times and entering "
+        f"1/s times as strong: {_scalings(design)}."
     )
 
 
-def _scalings(design: Design) -> Table:
+def _scalings(design: Design) -> str:
     assert design.game.robustness is not None
-    rows = [
-        (group.replace("_", " "), *ends) for group, ends in sorted(design.game.robustness.scalings.items())
-    ]
-    caption = "The scalings s of the channels: each is seen s times and enters 1/s times as strong"
-    return Table(("tolerance of", "smallest s", "largest s"), rows, caption, "table-scalings")
+    found = sorted(design.game.robustness.scalings.items())
+    return ", ".join(f"{group.replace('_', ' ')} {range_of(ends)}" for group, ends in found)
 
 
 def _weights(design: Design) -> list[Any]:

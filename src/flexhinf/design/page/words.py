@@ -147,9 +147,10 @@ def line_words(line: Met) -> str:
 def specification_words(lines: Sequence[Met]) -> str:
     """Whether the specification is met, and what is not."""
     missed = [line for line in lines if not line.holds]
+    ours = "" if any(line.asked_for for line in lines) else ", all of them our defaults"
     if not missed:
-        return f"Specification met ({len(lines)} of {len(lines)} lines)"
-    told = f"Specification NOT MET ({len(missed)} of {len(lines)} lines missed)"
+        return f"Specification met ({len(lines)} of {len(lines)} lines{ours})"
+    told = f"Specification NOT MET ({len(missed)} of {len(lines)} lines missed{ours})"
     more = f", and {len(missed) - 2} more" if len(missed) > 2 else ""
     return f"{told}: {'; '.join(line_words(line) for line in missed[:2])}{more}"
 
