@@ -111,3 +111,16 @@ def test_of_several_the_active_one_is_given_the_reference(monkeypatch, threshold
         r, x = np.array([x_d, 0.6]), np.array([x_d + 0.3])
         k = law.evaluate_about(np.array([0.3, 0.0]), r[:1], r[1:], law.law_data)
         np.testing.assert_allclose(step.step(x, r), r[1:] + k, rtol=1e-12)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_composed_or_not_a_run_that_begins_bumplessly_is_the_same(monkeypatch, several):
+    law = Schedule([Cubed(), Cubed(7.0, 1.0)]) if several else Cubed()
+    runs = []
+    for threshold in (controller.ONE_TRACE, 0):
+        monkeypatch.setattr(controller, "ONE_TRACE", threshold)
+        step = Controller(law, None, H, moving=True, start="bumpless")
+        run = Loop(plant(), step).run(commands, duration=1.0, initial_state=[0.2], initial_input=[0.3])
+        runs.append(run.signals["input"])
+    np.testing.assert_allclose(runs[1], runs[0], atol=1e-12)
+    np.testing.assert_allclose(runs[0][0], 0.3, atol=1e-12)

@@ -80,7 +80,8 @@ def controller_step(
         partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
         memory.started, data.period, point, *moving,
     )  # fmt: skip
-    law_of = law.on(run, data.law, active, (r[: len(estimate)], rest) if mode.moving else None)
+    about = run.call(partial(_split, len(estimate)), r) if mode.moving and law.placed else None
+    law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": r, "active": active}
     if mode.takes_over:
@@ -95,6 +96,11 @@ def controller_step(
     if estimator is not None:
         after["belief"] = _predicted(run, estimator, belief, u, data)
     return u, estimate, after
+
+
+def _split(states: int, r: Any) -> tuple[Any, Any]:
+    """State and input of a moving reference, in memory of their own: loops inside a sample may read them."""
+    return r[:states], r[states:]
 
 
 def _first(started: Any) -> Any:
