@@ -115,8 +115,9 @@ def test_of_several_the_active_one_is_given_the_reference(monkeypatch, threshold
 
 @pytest.mark.parametrize("several", [False, True])
 def test_composed_or_not_a_run_that_begins_bumplessly_is_the_same(monkeypatch, several):
-    law = Schedule([Cubed(), Cubed(7.0, 1.0)]) if several else Cubed()
-    runs = []
+    near, far, runs = Cubed(), Cubed(7.0, 1.0), []
+    far.operating_point = np.array([0.9, 0.0])
+    law = Schedule([near, far]) if several else near
     for threshold in (controller.ONE_TRACE, 0):
         monkeypatch.setattr(controller, "ONE_TRACE", threshold)
         step = Controller(law, None, H, moving=True, start="bumpless")

@@ -1,0 +1,111 @@
+"""The design that the others are compared with: the same weights, game, level and degree as ``flexhinf design``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.design.bench import Bench
+from flexhinf.design.disturbed import default_load
+from flexhinf.design.modes import closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.design.move import planned
+from flexhinf.design.presets.behaviour import behaviour_of
+from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.response import run_length
+from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.loop import JerkLimited
+from flexhinf.plant import GeneralisedPlant
+from flexhinf.robot import Robot
+
+__all__ = ["Reference", "reference_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The design's own law, and what its loop fixes for all others.
+
+    Attributes
+    ----------
+    robot, specification
+    synthesis : Synthesis
+        Its law, weights, game and degrees.
+    bench : Bench
+        Estimator, noise, delay and true plant of all runs.
+    """
+
+    robot: Robot
+    specification: Specification
+    synthesis: Synthesis
+    bench: Bench
+
+    @property
+    def problem(self) -> GeneralisedPlant:
+        """The nominal problem about the goal."""
+        return self.synthesis.problem
+
+    @cached_property
+    def rest(self) -> tuple[np.ndarray, np.ndarray]:
+        """State and input of the model at the goal."""
+        return self.problem.operating_point[: self.problem.plant.n], self.problem.operating_input
+
+    @cached_property
+    def energy(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness and inertia at the goal, to tell vibrations from other modes."""
+        return stiffness_and_inertia(self.problem.plant, self.rest)
+
+    @cached_property
+    def bandwidth(self) -> np.ndarray:
+        """Of each joint, rad/s, as ``flexhinf design`` has it."""
+        family = LinearFamily.of(self.robot, self.bench.goal, members=0)
+        return behaviour_of(family, self.synthesis.solution.gain).bandwidth
+
+    @cached_property
+    def duration(self) -> float:
+        """Of the steps, s: as asked, or by the slowest mode of this law."""
+        if self.specification.duration is not None:
+            return self.specification.duration
+        loop = closed_loop(self.problem, self.synthesis.solution.gain)
+        modes = modes_of(loop, self.robot.joint_names, *self.energy)
+        return run_length(min(-mode.eigenvalue.real for mode in modes))
+
+    @cached_property
+    def plan(self) -> JerkLimited:
+        """The move that all laws follow."""
+        return planned(self.bench, self.bandwidth)
+
+    @cached_property
+    def load(self) -> np.ndarray:
+        """Torques on the links, (n,): as asked, or by the peak of this design's own step."""
+        asked = self.specification.load
+        if asked is not None:
+            return np.full(len(self.bench.goal), asked)
+        peak = np.abs(self.bench.step(self.duration).run.signals["input"]).max(axis=0)
+        return default_load(JointScales.of(self.problem.plant, self.rest).per_input, peak)
+
+    @property
+    def unit(self) -> str:
+        """Of the inputs."""
+        return self.problem.plant.unit(self.problem.input_names[0])
+
+    @property
+    def slides(self) -> bool:
+        """Whether the first joint slides: positions are then told in m."""
+        return bool(self.robot.links.slides[0])
+
+
+def reference_of(robot: Robot, specification: Specification, tell: Callable[[str], None]) -> Reference:
+    """The design of a specification, without its report.
+
+    Raises
+    ------
+    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
+        As `flexhinf.design.design`.
+    """
+    found = synthesise(robot, specification, tell)
+    bench = Bench(robot, specification, found.problem.plant, found.law, found.goal, found.start)
+    return Reference(robot, specification, found, bench)

@@ -1,0 +1,152 @@
+"""The runs of a comparison: the same for all laws, all in error coordinates, on one kernel per law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.bench import Bench
+from flexhinf.design.disturbed import BEGINNING, Disturbed
+from flexhinf.design.draws import THREADS
+from flexhinf.design.move import Move
+from flexhinf.design.response import Response, run_to
+from flexhinf.loop import Controller, Moving, Step
+from flexhinf.plant import Law, Plant
+from flexhinf.robot.signals import signal_names
+
+__all__ = ["Runner", "drawn_values", "unlimited"]
+
+
+def unlimited(bench: Bench) -> Bench:
+    """The same bench without limits of the input: what laws are tuned on."""
+    return replace(bench, specification=replace(bench.specification, saturation=None))
+
+
+def drawn_values(bench: Bench, count: int) -> tuple[Mapping[str, Any], ...]:
+    """Parameters of `count` robots, uniform within their tolerances; those of ``flexhinf design`` for this seed."""
+    rng = np.random.default_rng([bench.specification.seed, 7])
+    return tuple(bench.robot.draw(rng) for _ in range(count))
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """One law on a bench.
+
+    Parameters
+    ----------
+    bench : Bench
+        With the law's estimator.
+    law : Law
+    sub_steps : int, optional
+        Of the true plant: the same for all laws.
+    """
+
+    bench: Bench
+    law: Law
+    sub_steps: int | None = None
+
+    @cached_property
+    def _from_start(self) -> Controller:
+        return self.bench.controller(self.bench.start, moving=True, law=self.law)
+
+    @cached_property
+    def taken(self) -> int:
+        """Runge–Kutta steps per period of the nominal true plant."""
+        return self.bench.loop(self._from_start, sub_steps=self.sub_steps).sub_steps
+
+    def step(
+        self,
+        duration: float,
+        noise: bool = True,
+        begin: np.ndarray | None = None,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
+    ) -> Response:
+        """The goal commanded at once: the law sees the whole error at the first sample.
+
+        Parameters
+        ----------
+        duration : float
+            s.
+        noise : bool
+        begin : (n,), optional
+            Where it starts, instead of the bench's start.
+        values : mapping, optional
+            Parameters of the true plant, which rests at the start with them.
+        seed : int
+            Added to the specification's.
+        """
+        bench = self.bench
+        at = bench.start if begin is None else begin
+        controller = self._from_start if begin is None else bench.controller(at, moving=True, law=self.law)
+        return self._run(controller, at, duration, values, seed, noise)
+
+    def continued_step(self, duration: float) -> Response:
+        """The same, begun by the controller so that the input continues from what held the robot."""
+        bench, s = self.bench, self.bench.specification
+        controller = Controller(
+            self.law, bench.estimator(bench.start), s.period, s.saturation, moving=True, start="bumpless"
+        )
+        return self._run(controller, bench.start, duration)
+
+    def loaded(self, load: np.ndarray, duration: float) -> Disturbed:
+        """At rest at the goal, with constant torques (n,) on all links from a tenth of the run on."""
+        bench = self.bench
+        at = round(BEGINNING * duration / bench.specification.period) * bench.specification.period
+        names = signal_names("link_torque", bench.robot.joint_names)
+        torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
+        controller = bench.controller(bench.goal, moving=True, law=self.law)
+        return Disturbed(self._run(controller, bench.goal, duration, disturbance=torques), load, at)
+
+    def move(self, plan: Any, values: Mapping[str, Any] | None = None, seed: int = 0) -> Move:
+        """A planned move with feedforward, and half its time more at the goal."""
+        bench, period = self.bench, self.bench.specification.period
+        duration = round(1.5 * plan.duration / period) * period
+        reference = Moving(plan, bench.robot.inverse_dynamics)
+        run = self._run(self._from_start, bench.start, duration, values, seed, reference=reference)
+        return Move(plan, run)
+
+    def drawn(
+        self, drawn: Sequence[Mapping[str, Any]], duration: float, plan: Any
+    ) -> list[tuple[Response, Move]]:
+        """Step and move of every robot of a list, each with noise of its own: the same list for all laws."""
+
+        def one(k: int) -> tuple[Response, Move]:
+            return self.step(duration, values=drawn[k], seed=1 + k), self.move(plan, drawn[k], 1 + k)
+
+        if drawn:
+            self.bench.loop(self._from_start, sub_steps=self.taken).kernel  # noqa: B018  compiled before the threads
+        with ThreadPoolExecutor(THREADS) as pool:
+            return list(pool.map(one, range(len(drawn))))
+
+    def plant(self, values: Mapping[str, Any] | None) -> Plant:
+        """The true plant with these parameters, those that it has."""
+        plant = self.bench.true_plant
+        if values is None:
+            return plant
+        known = {name: value for name, value in values.items() if name in plant.parameters.values}
+        return plant.with_parameters(**known)
+
+    def _run(
+        self,
+        controller: Controller,
+        at: np.ndarray,
+        duration: float,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        noise: bool = True,
+        **options: Any,
+    ) -> Response:
+        bench = self.bench
+        steps = self.sub_steps if values is None else self.taken
+        loop = bench.loop(controller, self.plant(values), steps)
+        x, u = bench.rest(at, values)
+        return run_to(
+            loop, bench.goal, x[: len(bench.goal)], noise=bench.noise if noise else None, duration=duration,
+            initial_state=x, initial_input=u, seed=bench.specification.seed + seed, **options,
+        )  # fmt: skip

@@ -1,0 +1,102 @@
+"""Every setting of a comparison with who says so: those of the design, and those that make it a fair one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.baselines.gains import INTEGRAL_RATE
+from flexhinf.design.compare.linear import SMOOTH
+from flexhinf.design.compare.names import REFERENCE
+from flexhinf.design.compare.result import Comparison
+from flexhinf.design.compare.shown import corners
+from flexhinf.design.compare.tuned import EVALUATIONS, TOLERANCE
+from flexhinf.design.disturbed import BEGINNING, LOAD_SHARE
+from flexhinf.design.settings import setting_groups as design_groups
+from flexhinf.report import Setting
+
+__all__ = ["setting_groups"]
+
+
+@dataclass(frozen=True, eq=False)
+class _AsDesign:
+    """What the settings of a design are read from."""
+
+    robot: Any
+    specification: Any
+    game: Any
+    problem: Any
+    goal: np.ndarray
+    start: np.ndarray
+    gamma_star: float
+    choices: Any
+    rays: int
+    sub_steps: tuple[int, int]
+    duration: float
+
+
+def setting_groups(comparison: Comparison) -> dict[str, list[Setting]]:
+    """For the report: the comparison first, then the design's."""
+    reference = comparison.reference
+    synthesis, bench = reference.synthesis, reference.bench
+    estimator = bench.estimator(bench.start)
+    model = 0 if estimator is None else estimator.sub_steps
+    told: Any = _AsDesign(
+        reference.robot, reference.specification, synthesis.game, reference.problem, bench.goal, bench.start,
+        synthesis.game.gamma_star, synthesis.choices, synthesis.rays, (model, comparison.sub_steps), reference.duration,
+    )  # fmt: skip
+    return {"Comparison": _comparison(comparison), **design_groups(told)}
+
+
+def _comparison(comparison: Comparison) -> list[Setting]:
+    reference, target = comparison.reference, comparison.target
+    s = reference.specification
+    unit = reference.unit if target.mode == "peak" else "rad/s"
+    torque = "N" if reference.slides else "N·m"
+    rows = [
+        Setting("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
+        Setting("reference", REFERENCE, "", "the law of flexhinf design with these options"),
+        Setting("tuned to the same", target.mode, "", "option --tune"),
+    ]
+    if target.value is not None:
+        rows += [
+            Setting("target", target.value, unit, f"the {target.mode} of {REFERENCE}"),
+            Setting("target is met within", f"{100 * TOLERANCE:g} %", "", "ours"),
+            Setting("tries of a search at most", EVALUATIONS, "", "ours"),
+            Setting("tuned on", _tuned_on(comparison), "", "ours"),
+        ]
+    return [
+        *rows,
+        Setting("loop", "error coordinates about the goal or the move, the same for all laws", "", "ours"),
+        Setting("estimator", "the design's for all laws; lqg has a linear Kalman filter", "", "ours"),
+        Setting("damping ratio of pd, pid, torque", 0.7, "", "ours"),
+        Setting("pole of integrals over the bandwidth", INTEGRAL_RATE, "", "ours: pid, torque-i"),
+        Setting("rotor inertia that torque makes felt", "a quarter of the motor's", "", "ours"),
+        Setting("poles of flatness", "Bessel filter", "", "Thomson 1949"),
+        Setting(
+            "load", reference.load, torque,
+            f"{100 * LOAD_SHARE:g} % of what the motors give at the peak of the design's own step"
+            if s.load is None
+            else "option --load",
+        ),
+        Setting("load begins at", f"{100 * BEGINNING:g} %", "of a run of twice the length", "ours"),
+        Setting("plan of the move", float(reference.plan.duration), "s", "jerk limited, at the pace of the reference"),
+        Setting(
+            "robots within their tolerances", len(comparison.drawn), "",
+            f"uniform, seed ({s.seed}, 7); noise of robot k: seed {s.seed} + 1 + k; the same for all laws",
+        ),
+        Setting(
+            "corners of the tolerances", corners(comparison), "", "with each tolerance alone, and the nominal robot"
+        ),
+        Setting("extras in linearised loops", [e for e in s.extras if e in SMOOTH], "", "smooth at rest"),
+    ]  # fmt: skip
+
+
+def _tuned_on(comparison: Comparison) -> str:
+    if comparison.target.mode == "bandwidth":
+        return "the linearised loop with its estimator: slowest joint"
+    part = comparison.target.share
+    way = "the raw step" if part == 1.0 else f"the last {100 * part:.3g} % of the raw step's way"
+    return f"{way}: nominal robot, estimator, no noise, no limits of the input"
