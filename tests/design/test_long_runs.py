@@ -24,7 +24,9 @@ def bench_of(preset: str, goal: float, **asked: object) -> Bench:
     return Bench(ARM, s, game.nominal.plant, law, np.array([goal]), START)
 
 
-def away_from_rest(bench: Bench, values: dict[str, object], rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def away_from_rest(
+    bench: Bench, values: dict[str, object], rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Times and distances of the link from the goal in a run of 30 s without noise that begins near the rest."""
     plant = bench.true_plant.with_parameters(**values)
     start = rest[: plant.n].copy()

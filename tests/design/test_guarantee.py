@@ -1,0 +1,72 @@
+"""γ from above, attained from below, and what the controller's parts spend of the region."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.campaign import budget
+from flexhinf.design import Design, Specification, design
+from flexhinf.design.guarantee import looked_for
+
+TORQUES = ("link_torque", "motor_torque")
+
+
+@pytest.fixture(scope="module")
+def made() -> Design:
+    """About 90°, torques at link and motor as disturbances, a step that starts inside the region."""
+    asked = Specification(
+        pose=[np.pi / 2], start=[np.pi / 2 - 0.3], preset="damped", disturbances=TORQUES, degrees=(4,), rays=500,
+        draws=0, compare_rigid=False, saturation=40.0, delay=1e-3,
+    )  # fmt: skip
+    return design(fh.paper_arm(), asked)
+
+
+def test_no_disturbance_found_attains_more_than_gamma(made: Design) -> None:
+    found = made.guarantee.attained
+    assert found is not None
+    assert found.largest_value <= made.chosen.level
+    assert 0.9 * made.gamma_star < found.gain < made.solution.gamma
+    d, state = found.disturbance, found.trajectory.signals["state"]
+    assert d.shape[1] == 2
+    assert np.abs(state[:, 0] - np.pi / 2).max() > 1e-3  # it moves
+
+
+def test_the_parts_spend_one_after_the_other(made: Design) -> None:
+    rows = made.guarantee.expenses
+    assert [row.name for row in rows] == ["sampling", "delay", "estimator", "saturation"]
+    assert all(row.budget.level == made.chosen.level for row in rows)
+    totals = [row.budget.total for row in rows]
+    np.testing.assert_allclose(np.cumsum([row.added for row in rows]), totals, rtol=1e-9, atol=1e-12)
+    assert 0.0 < totals[0] < totals[1]
+    assert made.inside
+    assert rows[-1].budget.kept
+
+
+def test_the_last_row_is_the_step_of_the_report_without_extras(made: Design) -> None:
+    bench = made.bench
+    controller = bench.controller(bench.start)
+    loop = bench.loop(controller)
+    x, u = bench.rest(bench.start)
+    run = loop.run(
+        noise=bench.noise,
+        duration=made.duration,
+        initial_state=x,
+        initial_input=u,
+        seed=bench.specification.seed,
+    )
+    np.testing.assert_array_equal(run.signals["state"], made.response.run.signals["state"])
+    spent = budget(run, loop, made.chosen.level, u).total
+    assert spent == pytest.approx(made.guarantee.expenses[-1].budget.total, rel=1e-9)
+
+
+def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
+    assert looked_for(5, 500)
+    assert not looked_for(5, 0)
+    assert not looked_for(35, 50)
+    asked = Specification(preset="damped", degrees=(2,), rays=0, draws=0, compare_rigid=False)
+    found = design(fh.load_robot("quanser-rotflex"), asked).guarantee
+    assert found.attained is None
+    assert [row.name for row in found.expenses] == ["sampling", "estimator"]
+    assert all(np.isinf(row.budget.level) for row in found.expenses)
