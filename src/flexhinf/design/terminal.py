@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from flexhinf.design.page.asked import cost_rows
 from flexhinf.design.page.corners import sweep_cells, sweep_words
 from flexhinf.design.page.drawn import spread_rows
+from flexhinf.design.page.guarantee import budget_rows
 from flexhinf.design.page.margins import margin_rows
 from flexhinf.design.page.units import units_of
 from flexhinf.design.page.weights import robust_rows, some_tries, try_rows
@@ -24,8 +25,11 @@ __all__ = ["design_tables", "met_table", "robots_table"]
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
     "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit",
-    "outcome",
+    "outcome", "part",
 )  # fmt: skip
+
+#: With more joints than these, swings are left to the page.
+MANY = 3
 
 #: Columns that may take several lines.
 WRAPPED = ("", "in", "pace, rad/s")
@@ -56,6 +60,8 @@ def design_tables(design: Design) -> list[Table]:
     found += [_modes(design), _margins(design)]
     if design.tolerances is not None:
         found.append(_corners(design))
+    if design.guarantee.expenses:
+        found.append(_budget(design))
     return [*found, _regions(design)]
 
 
@@ -122,7 +128,7 @@ def _modes(design: Design) -> Table:
     modes = _table(title, "loop", "mode", "mainly", "Hz", "damping")
     for loop, found in (("without control", design.open_modes), ("with this law", design.closed_modes)):
         for mode in found:
-            if mode.eigenvalue.imag:
+            if mode.eigenvalue.imag and (mode.vibration or len(design.robot.joint_names) <= MANY):
                 modes.add_row(loop, mode.name, mode.joint, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
     return modes
 
@@ -143,6 +149,21 @@ def _corners(design: Design) -> Table:
     )
     for row in sweep_cells(design):
         table.add_row(*row)
+    return table
+
+
+def _budget(design: Design) -> Table:
+    """γ from above and below in the title, then what the parts of the controller spend."""
+    attained = design.guarantee.attained
+    title = "What the controller's parts spend of the region in the step"
+    if attained is not None:
+        gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found, γ = {number(design.solution.gamma)} promised"
+        title = f"{gain}\n{title}"
+    table = _table(title, "part", "spends", "with all above", "left of the level", "lasts")
+    for row in budget_rows(design):
+        left = number(row["left"]) if math.isfinite(row["left"]) else "–"
+        lasts = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
+        table.add_row(row["part"], number(row["added"], 3), number(row["spent"], 3), left, lasts)
     return table
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from flexhinf.design.page.asked import asked_section
 from flexhinf.design.page.corners import corners_section
 from flexhinf.design.page.drawn import drawn_section
+from flexhinf.design.page.guarantee import attained_section, budget_section
 from flexhinf.design.page.headline import asked_words, key_numbers, title_of
 from flexhinf.design.page.law import law_section
 from flexhinf.design.page.load import load_section
@@ -43,6 +44,8 @@ SECTIONS = (
     modes_section,
     margins_section,
     corners_section,
+    attained_section,
+    budget_section,
     region_section,
     rigid_section,
     rest_section,

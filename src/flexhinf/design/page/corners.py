@@ -8,6 +8,7 @@ import numpy as np
 
 from flexhinf.campaign import Swept
 from flexhinf.campaign.sweep import ALL_STATES, VELOCITIES
+from flexhinf.design.page.changes import change_words
 from flexhinf.design.page.notes import section_notes
 from flexhinf.design.result import Design
 from flexhinf.design.tolerances import Tolerances
@@ -100,10 +101,11 @@ def sweep_words(design: Design) -> str:
 def _words(design: Design, tolerances: Tolerances) -> str:
     population, worst = tolerances.population, tolerances.own.worst
     kinds = {kind: int((population.kinds == kind).sum()) for kind in ("corner", "single")}
+    furthest = change_words(design, population.values[worst])
     text = (
         f"{kinds['corner']} corners of the tolerances, {kinds['single']} plants with one number at one end, and the "
         "nominal one: is the sampled loop at the goal, linearised, stable with each? "
-        f"{sweep_words(design).capitalize()}. The worst for the loop as designed is {population.describe(worst)}; "
+        f"{sweep_words(design).capitalize()}. The worst for the loop as designed is {furthest}; "
         f"there its slowest mode {_grows(float(tolerances.own.rates[worst]))}."
     )
     if not tolerances.swept:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.draws import Draws
+from flexhinf.design.page.changes import change_words
 from flexhinf.design.page.drawn_figure import fan_figure, spread_figure
 from flexhinf.design.page.notes import section_notes
 from flexhinf.design.page.units import units_of
@@ -14,10 +15,7 @@ from flexhinf.design.page.words import largest_overshoot, peak_input, slowest_se
 from flexhinf.design.result import Design
 from flexhinf.report import Paragraph, Section, Table, number
 
-__all__ = ["draw_words", "drawn_section", "spread_rows", "worst_draw"]
-
-#: So many parameters of the worst robot are told, those furthest from nominal in shares of their tolerance first.
-TOLD = 4
+__all__ = ["drawn_section", "spread_rows", "worst_draw"]
 
 
 def drawn_section(design: Design) -> Section | None:
@@ -38,31 +36,13 @@ def worst_draw(draws: Draws) -> int:
     return int(np.lexsort((draws.overshoot, draws.settling))[-1])
 
 
-def draw_words(design: Design, k: int) -> str:
-    """A robot by its parameters furthest from nominal."""
-    draws, nominal = design.draws, design.bench.true_plant.parameters.values
-    assert draws is not None
-    changes = []
-    for name, value in draws.values[k].items():
-        if name not in nominal:
-            continue
-        new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, nominal[name]))
-        for i in np.flatnonzero(old != 0.0):
-            place = f" {i + 1}" if len(new) > 1 else ""
-            changes.append((100.0 * (new[i] / old[i] - 1.0), name.replace("_", " ") + place))
-    largest = sorted(changes, key=lambda change: -abs(change[0]))[:TOLD]
-    return ", ".join(
-        f"{name} {number(change, 2) if change < 0 else '+' + number(change, 2)} %" for change, name in largest
-    )
-
-
 def _words(design: Design, draws: Draws) -> str:
     count = len(design.robot.uncertain)
     worst = worst_draw(draws)
     return (
         f"{count} numbers of the robot are drawn uniformly within their tolerances, {len(draws)} times; the controller "
         "and its estimator stay as designed for the nominal robot, and noise differs from robot to robot. The robot "
-        f"that settles last (number {worst + 1}): {draw_words(design, worst)}."
+        f"that settles last (number {worst + 1}): {change_words(design, draws.values[worst])}."
     )
 
 

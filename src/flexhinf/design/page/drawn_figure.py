@@ -26,6 +26,9 @@ __all__ = ["fan_figure", "spread_figure"]
 #: So many joints are drawn: those whose robots differ most, over the largest step.
 PANELS = 3
 
+#: Fewer robots than this have no histogram.
+FEW = 15
+
 #: What is shown close to the goal, over the step.
 CLOSE = 0.12
 
@@ -40,8 +43,7 @@ def fan_figure(design: Design, worst: int) -> list[Figure]:
     away = draws.positions[ended] - design.goal
     joints = _most_spread(away)
     place = int(np.flatnonzero(ended == worst)[0]) if worst in ended else None
-    steps = design.goal - design.start
-    near = int(np.argmax(np.abs(steps)))
+    steps, near = design.goal - design.start, _last_apart(away, design)
     figure, axes = new_figure(len(joints) + 1)
     names = design.robot.joint_names
     for axis, joint in zip(axes, [*joints, near]):
@@ -78,8 +80,15 @@ def _most_spread(away: np.ndarray) -> list[int]:
     return sorted(np.argsort(-spread)[:PANELS].tolist())
 
 
+def _last_apart(away: np.ndarray, design: Design) -> int:
+    """The joint whose robots are furthest apart in the second half of the run, over its step."""
+    steps = np.abs(design.goal - design.start)
+    late = np.ptp(away[:, away.shape[1] // 2 :], axis=0).max(axis=0)
+    return int(np.argmax(np.where(steps > 0.0, late / np.where(steps > 0.0, steps, 1.0), -1.0)))
+
+
 def spread_figure(design: Design) -> list[Figure]:
-    """Histograms of overshoot, settling time and peak input; none where no run settled."""
+    """Histograms of overshoot, settling time and peak input; none for a few robots, or where no run settled."""
     draws, s, units = design.draws, design.specification, units_of(design)
     assert draws is not None
     merits = (
@@ -87,7 +96,7 @@ def spread_figure(design: Design) -> list[Figure]:
         ("settling time", "s", draws.settling, slowest_settling(design.response), None),
         ("peak input", units.effort, draws.peak, peak_input(design.response), s.peak_effort),
     )
-    if not any(np.isfinite(values).any() for _, _, values, _, _ in merits[:2]):
+    if len(draws) < FEW or not any(np.isfinite(values).any() for _, _, values, _, _ in merits[:2]):
         return []
     figure, axes = side_by_side(3, 2.5)
     with house_style():

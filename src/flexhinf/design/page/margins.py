@@ -39,7 +39,7 @@ def margin_rows(design: Design) -> list[tuple[str, str, str]]:
     loops = (design.margins, design.state_margins)
     period, one = design.specification.period, design.margins.gain_margins is not None
     tracked = ", ".join(name.removeprefix("link_position_") for name in design.margins.positions)
-    several = len(design.margins.positions) > 1
+    several = 1 < len(design.margins.positions) <= 3
 
     def row(what: str, of: Any) -> tuple[str, str, str]:
         first, second = (of(m) if m.stable else "unstable" for m in loops)
@@ -54,9 +54,16 @@ def margin_rows(design: Design) -> list[tuple[str, str, str]]:
         *([row("gain may fall to, rise to", _gains)] if one else []),
         row(
             f"bandwidth{f' ({tracked})' if several else ''}, rad/s",
-            lambda m: ", ".join(number(float(w), 3) for w in m.bandwidth),
+            lambda m: _bandwidths(m.bandwidth),
         ),
     ]  # fmt: skip
+
+
+def _bandwidths(found: np.ndarray) -> str:
+    """Of every joint, or their range where there are many."""
+    if len(found) > 3 and np.isfinite(found).all():
+        return range_of(found)
+    return ", ".join(number(float(w), 3) for w in found)
 
 
 def _gains(m: Margins) -> str:
@@ -108,7 +115,7 @@ def _noise(design: Design) -> Table:
             (
                 name.replace("_", " "),
                 f"{number(float(sigma), 3)} {plant.unit(name)}",
-                f"{number(float(gains[worst, k]), 3)} {units.effort}/{plant.unit(name)}",
+                f"{number(float(gains[worst, k]))} {units.effort}/{plant.unit(name)}",
                 float(gains[worst, k] * sigma),
                 inputs[worst],
             )

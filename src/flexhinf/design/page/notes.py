@@ -24,6 +24,9 @@ LEAST_PERIODS, LARGEST_SENSITIVITY = 3.0, 2.0
 #: Noise of the sensors that costs the motors more than this share of the step's peak input.
 NOISE_SHARE = 0.05
 
+#: A peak input in the first samples that is so much larger than all after them is the estimator's.
+STARTING, MUCH = 20, 1.5
+
 
 @dataclass(frozen=True)
 class Remark:
@@ -55,6 +58,7 @@ def remarks(design: Design) -> list[Remark]:
         *_modes(design),
         *_margins(design),
         *_corners(design),
+        *_guarantee(design),
         *_regions(design),
         *_rigid(design),
     ]
@@ -75,6 +79,9 @@ def _runs(design: Design) -> Iterator[Remark]:
             "step", "the step diverges",
             f"The step diverges at {design.response.diverged:.3g} s: start nearer to the goal, or change the penalty.",
         )  # fmt: skip
+    started = _started(design)
+    if started:
+        yield Remark("step", "a peak input at the estimator's start", started)
     draws = design.draws
     if draws is not None and draws.diverged:
         yield Remark(
@@ -105,6 +112,24 @@ def _runs(design: Design) -> Iterator[Remark]:
             "the move diverges",
             "Following the move, the loop diverges: a slower one, or a smaller way.",
         )
+
+
+def _started(design: Design) -> str:
+    """That the peak input is the estimator's first samples, if it is."""
+    sizes = np.abs(design.response.run.signals["input"]).max(axis=1)
+    at = int(np.argmax(sizes))
+    if not _estimated(design) or not 0 < at < STARTING or len(sizes) <= STARTING:
+        return ""
+    later = float(sizes[STARTING:].max())
+    if sizes[at] < MUCH * later:
+        return ""
+    unit, period = units_of(design).effort, design.specification.period
+    return (
+        f"The peak input of {number(float(sizes[at]), 3)} {unit} falls {number(1e3 * at * period, 2)} ms after the "
+        "start, where the filter has not yet found its gain and noise passes the law: from "
+        f"{number(1e3 * STARTING * period, 3)} ms on it is {number(later, 3)} {unit}. "
+        "Let the estimator run before the law takes over."
+    )
 
 
 def _modes(design: Design) -> Iterator[Remark]:
@@ -204,6 +229,26 @@ def _corners(design: Design) -> Iterator[Remark]:
         f"With the estimator as it is no corner is unstable, but at another R^v up to {found.unstable_anywhere} of "
         f"{many} are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
     )  # fmt: skip
+
+
+def _guarantee(design: Design) -> Iterator[Remark]:
+    found = design.guarantee.attained
+    if found is not None and found.gain > design.solution.gamma:
+        yield Remark(
+            "attained", "a disturbance beyond γ",
+            f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.solution.gamma)}: the "
+            "law does not keep its level there, as the truncated V or the sampling period leaves too much out.",
+        )  # fmt: skip
+    if not design.guarantee.expenses:
+        return
+    budget = design.guarantee.expenses[-1].budget
+    if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
+        yield Remark(
+            "budget", "a budget that does not last",
+            f"The step begins inside the region, but its parts spend {number(budget.total, 3)} of the "
+            f"{number(budget.level - budget.start, 3)} that are left: for this step nothing follows from the region. "
+            "A shorter --period, a faster estimator, or a smaller step.",
+        )  # fmt: skip
 
 
 def _regions(design: Design) -> Iterator[Remark]:

@@ -15,6 +15,7 @@ from flexhinf.design.modes import Mode
 from flexhinf.design.page.asked import cost_rows
 from flexhinf.design.page.corners import sweep_rows
 from flexhinf.design.page.drawn import worst_draw
+from flexhinf.design.page.guarantee import budget_rows
 from flexhinf.design.page.notes import noise_volts, notes
 from flexhinf.design.page.weights_of import state_weights
 from flexhinf.design.page.words import verdict
@@ -49,6 +50,8 @@ def numbers_of(design: Design) -> dict[str, Any]:
         "state_margins": _margins(design.state_margins),
         "noise_at_the_inputs": noise_volts(design),
         "corners": None if design.tolerances is None else [row._asdict() for row in sweep_rows(design)],
+        "attained": _attained(design),
+        "budget": budget_rows(design),
         "degrees": [
             {"degree": c.degree, "level": c.level, "step": c.step_amplitude, "limit": c.limit}
             for c in design.choices
@@ -137,6 +140,13 @@ def _margins(m: Margins) -> dict[str, Any]:
         "bandwidth": m.bandwidth,
         "gain_margins": m.gain_margins,
     }
+
+
+def _attained(design: Design) -> dict[str, Any] | None:
+    found = design.guarantee.attained
+    if found is None:
+        return None
+    return {"gain": found.gain, "energy": found.energy, "largest_value": found.largest_value}
 
 
 def _runs(design: Design) -> dict[str, Any]:

@@ -171,14 +171,29 @@ def _scalings(design: Design) -> str:
 
 
 def _weights(design: Design) -> list[Any]:
-    found = state_weights(design)
+    found, several = state_weights(design), len(design.robot.joint_names) > 1
     effort = np.asarray(design.problem.r2, dtype=float)
     diagonal = np.diagonal(effort) if effort.ndim == 2 else np.atleast_1d(effort)
     price = f"R2 = {range_of(diagonal)} {effort_unit(design)} ({design.game.effort_source})."
     if not found:
         return [Paragraph(f"The penalty of the states is code. {price}")]
-    rows = [(weight.signal.replace("_", " "), number(weight.value), weight.unit) for weight in found]
-    table = Table(
-        ("weight of", "value", "unit"), rows, "The weights: h(x) has one entry each", "table-weights"
-    )
+    rows = [(name, values, unit) for (name, unit), values in _by_group(design).items()]
+    caption = "The weights: h(x) has one entry for each" + (", in the order of the joints" if several else "")
+    table = Table(("weight of", "value", "unit"), rows, caption, "table-weights")
     return [table, Paragraph(price)]
+
+
+def _by_group(design: Design) -> dict[tuple[str, str], str]:
+    """By signal without its joint, and unit: the weight of each joint, or the one of all."""
+    joints, groups = design.robot.joint_names, dict[tuple[str, str], list[float]]()
+    for weight in state_weights(design):
+        joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
+        name = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
+        groups.setdefault((name.replace("_", " "), weight.unit), []).append(weight.value)
+    return {key: _weight_words(values, len(joints)) for key, values in groups.items()}
+
+
+def _weight_words(values: list[float], joints: int) -> str:
+    if len(set(values)) == 1 and len(values) == joints:
+        return number(values[0])
+    return ", ".join(number(value) for value in values)
