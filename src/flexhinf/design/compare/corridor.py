@@ -98,7 +98,7 @@ class _Shared:
         duration = self.reference.duration
         runs = Runs(
             runner.step(duration),
-            runner.continued_step(duration),
+            runner.continued_step(duration) if maker.kind.integral else None,
             runner.loaded(self.load, 2.0 * duration),
             runner.move(self.plan),
         )

@@ -64,7 +64,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
         figure_to_svg(figure),
         "Error of the true link position in the nonlinear loop, estimator and noise included. Left: the raw step. "
         "Middle: the torque on the links at the goal. Right: the planned move, link position minus plan. "
-        f"{REFERENCE} is in every row (thick); the axes of a column are the same, lines that leave it go on.{which}",
+        f"{REFERENCE} is in every row (thick). Axes are the same down a column; lines that leave a panel go on.{which}",
         "Laws on the same loop",
     )
 
@@ -108,10 +108,6 @@ def _worst_joint(errors: dict[str, Signal]) -> int:
     return int(np.argmax(np.median(sizes, axis=0)))
 
 
-def _units(comparison: Comparison) -> tuple[str, str]:
-    return ("m", "mm") if comparison.reference.slides else ("rad", "mrad")
-
-
 def _errors(comparison: Comparison, of: Callable[[Row], Signal]) -> dict[str, Signal]:
     return {row.name: of(row) for row in comparison.compared}
 
@@ -127,7 +123,7 @@ def _step(comparison: Comparison) -> _Panel:
     end = min(duration, max(AFTER * last, 0.1 * duration))
     return _Panel(
         "step",
-        f"position − goal ({_units(comparison)[0]})",
+        f"position − goal ({comparison.reference.units['position']})",
         "time (s)",
         _errors(comparison, error),
         1.0,
@@ -142,7 +138,7 @@ def _load(comparison: Comparison) -> _Panel:
         return loaded.response.run.time - loaded.at, loaded.response.positions - loaded.response.goal
 
     end = _step(comparison).times[1]
-    label = f"position − goal ({_units(comparison)[1]})"
+    label = f"position − goal ({comparison.reference.units['error']})"
     return _Panel(
         "load", label, "time after the load (s)", _errors(comparison, error), 1e3, (-0.05 * end, end)
     )
@@ -154,7 +150,7 @@ def _move(comparison: Comparison) -> _Panel:
         return row.runs.move.response.run.time, row.runs.move.error
 
     end = 1.5 * float(comparison.reference.plan.duration)
-    label = f"position − plan ({_units(comparison)[1]})"
+    label = f"position − plan ({comparison.reference.units['error']})"
     return _Panel("move", label, "time (s)", _errors(comparison, error), 1e3, (0.0, end))
 
 

@@ -33,12 +33,13 @@ class Linear:
     damping : float or None
         Smallest of a vibration; None where nothing vibrates.
     delay_margin : float
-        s; infinite if no delay makes it unstable.
+        Beyond the delay of the specification, s; infinite if no delay makes it unstable.
     peak_sensitivity : float
     input_noise : float
         RMS of the noisiest input for the specification's measurement noise, V or N·m.
     bandwidth : float
-        Of the slowest joint, from its command moved with all of x_d and u_d, rad/s; NaN for an unstable loop.
+        Of the slowest joint, from its command moved with all of x_d and u_d, rad/s, without the specification's
+        delay; NaN for an unstable loop.
     unstable, corners : int
         Of the corners of the tolerances.
     """
@@ -96,23 +97,21 @@ def linear_figures(
     FlexhinfError
         If the loop has no rest that it could be linearised at.
     """
-    loop = resting_loop(bench, law)
+    loop, delay = resting_loop(bench, law), bench.specification.delay
     linear = loop.linear()
-    found = margins(linear)
-    s = bench.specification
-    noise = bench.noise if bench.noise is not None else np.zeros(len(linear.c))
-    rms = (
-        np.sqrt((found.noise_to_input[:, : len(noise)] * noise) ** 2 @ np.ones(len(noise)))
-        if found.stable
-        else [np.inf]
-    )
+    found, stable = margins(linear), linear.system(delay).stable
+    peak, rms = np.inf, np.inf
+    if stable:
+        peak = linear.part("w", "u+w", delay).norm()[0]
+        noise = np.zeros(len(linear.c)) if bench.noise is None else bench.noise
+        rms = float(np.linalg.norm(linear.part("v", "u", delay).rms() * noise, axis=1).max())
     unstable = int((loop.modes(corners).rate >= 0.0).sum()) if corners else 0
     return Linear(
-        found.stable,
-        _damping(linear, bench.robot.joint_names, energy, s.delay),
-        found.delay_margin_s,
-        found.peak_sensitivity,
-        float(np.max(rms)),
+        stable,
+        _damping(linear, bench.robot.joint_names, energy, delay),
+        found.delay_margin_s - delay if stable else 0.0,
+        peak,
+        rms,
         float(found.bandwidth.min()),
         unstable,
         len(corners),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["GROUPS", "MERITS", "Merit", "best", "judged", "wins"]
+__all__ = ["COST", "GROUPS", "MERITS", "Merit", "best", "judged", "wins"]
 
 #: Two numbers are the same within this relative difference.
 SAME = 0.05
@@ -62,17 +62,17 @@ MERITS = (
     Merit("continued_overshoot_percent", CONTINUED, "overshoot", "%", least=0.5),
     Merit("continued_settling_s", CONTINUED, "settling time", "s", least=0.01),
     Merit("load_deviation", LOAD, "largest deviation", "length"),
-    Merit("load_remaining", LOAD, "deviation that remains", "length", least=1e-4),
+    Merit("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
     Merit("move_error", MOVE, "largest error", "length", least=1e-4),
     Merit("move_peak_input", MOVE, "peak input", "input"),
     Merit("drawn_unsettled", DRAWN, "steps not settled", "", least=0.5),
-    Merit("drawn_overshoot_percent", DRAWN, "overshoot, median", "%", least=0.5, brief=False),
-    Merit("drawn_worst_overshoot_percent", DRAWN, "overshoot, worst", "%", least=0.5),
-    Merit("drawn_settling_s", DRAWN, "settling time, median", "s", least=0.01, brief=False),
-    Merit("drawn_worst_settling_s", DRAWN, "settling time, worst", "s", least=0.01),
-    Merit("drawn_worst_peak_input", DRAWN, "peak input, worst", "input", brief=False),
-    Merit("drawn_move_error", DRAWN, "error of the move, median", "length", least=1e-4, brief=False),
-    Merit("drawn_worst_move_error", DRAWN, "error of the move, worst", "length", least=1e-4),
+    Merit("drawn_overshoot_percent", DRAWN, "median overshoot", "%", least=0.5, brief=False),
+    Merit("drawn_worst_overshoot_percent", DRAWN, "worst overshoot", "%", least=0.5),
+    Merit("drawn_settling_s", DRAWN, "median settling time", "s", least=0.01, brief=False),
+    Merit("drawn_worst_settling_s", DRAWN, "worst settling time", "s", least=0.01),
+    Merit("drawn_worst_peak_input", DRAWN, "worst peak input", "input", brief=False),
+    Merit("drawn_move_error", DRAWN, "median move error", "length", least=1e-4, brief=False),
+    Merit("drawn_worst_move_error", DRAWN, "worst move error", "length", least=1e-4),
     Merit("damping", LINEAR, "damping of vibrations", "", 1, 0.005),
     Merit("delay_margin_s", LINEAR, "delay margin", "ms", 1),
     Merit("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),

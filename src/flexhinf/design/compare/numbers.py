@@ -62,7 +62,7 @@ def _joints(runs: Runs) -> dict[str, Any]:
     """Figures of each joint."""
     return {
         "step": _plain(runs.step.metrics),
-        "continued": _plain(runs.continued.metrics),
+        "continued": None if runs.continued is None else _plain(runs.continued.metrics),
         "load": _plain(runs.loaded.metrics),
         "move": _plain(runs.move.metrics),
     }

@@ -14,7 +14,7 @@ from flexhinf.design.compare.settings import setting_groups
 from flexhinf.design.compare.shown import cell, in_words, knob, reached, unit_of
 from flexhinf.design.compare.table import MeritTable
 from flexhinf.design.compare.words import against, bests, notes, opponent, same, verdict, versus
-from flexhinf.design.words import law_name
+from flexhinf.design.page.words import law_name
 from flexhinf.report import (
     Column,
     KeyNumber,
@@ -37,7 +37,7 @@ KEYS = (
 )  # fmt: skip
 
 #: Figures in which another law is told to be worse or better, each.
-TOLD = 5
+TOLD = 4
 
 #: What a law needs to know of the state, in the order of the model.
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -93,9 +93,14 @@ class Reference:
         return self.problem.plant.unit(self.problem.input_names[0])
 
     @property
-    def slides(self) -> bool:
-        """Whether the first joint slides: positions are then told in m."""
-        return bool(self.robot.links.slides[0])
+    def units(self) -> Mapping[str, str]:
+        """Of positions, of small ones, and of torques at the links; both kinds for joints of both kinds."""
+        slides = tuple(bool(slide) for slide in self.robot.links.slides)
+        kinds = {"position": ("rad", "m"), "error": ("mrad", "mm"), "torque": ("N·m", "N")}
+        return {
+            name: " or ".join(unit for unit, there in zip(pair, (not all(slides), any(slides))) if there)
+            for name, pair in kinds.items()
+        }
 
 
 def reference_of(robot: Robot, specification: Specification, tell: Callable[[str], None]) -> Reference:

@@ -51,14 +51,16 @@ class Runs:
 
     Attributes
     ----------
-    step, continued : Response
-        The goal commanded at once, from integrals at zero, and from the last input.
+    step : Response
+        The goal commanded at once, integrals at zero.
+    continued : Response or None
+        The same, integrals such that the input continues from the last one; None for a law without integrals.
     loaded : Disturbed
     move : Move
     """
 
     step: Response
-    continued: Response
+    continued: Response | None
     loaded: Disturbed
     move: Move
 
@@ -109,7 +111,8 @@ class Row:
         if self.runs is None:
             return found
         found |= _named("step", step_figures(self.runs.step))
-        found |= _named("continued", step_figures(self.runs.continued))
+        if self.runs.continued is not None:
+            found |= _named("continued", step_figures(self.runs.continued))
         found["load_deviation"], found["load_remaining"] = load_figures(self.runs.loaded)
         found["move_error"], found["move_peak_input"] = move_figures(self.runs.move)
         if self.drawn is not None:

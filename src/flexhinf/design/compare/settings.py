@@ -14,7 +14,7 @@ from flexhinf.design.compare.result import Comparison
 from flexhinf.design.compare.shown import corners
 from flexhinf.design.compare.tuned import EVALUATIONS, TOLERANCE
 from flexhinf.design.disturbed import BEGINNING, LOAD_SHARE
-from flexhinf.design.settings import setting_groups as design_groups
+from flexhinf.design.page.settings import setting_groups as design_groups
 from flexhinf.report import Setting
 
 __all__ = ["setting_groups"]
@@ -54,7 +54,6 @@ def _comparison(comparison: Comparison) -> list[Setting]:
     reference, target = comparison.reference, comparison.target
     s = reference.specification
     unit = reference.unit if target.mode == "peak" else "rad/s"
-    torque = "N" if reference.slides else "N·m"
     rows = [
         Setting("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
         Setting("reference", REFERENCE, "", "the law of flexhinf design with these options"),
@@ -76,7 +75,7 @@ def _comparison(comparison: Comparison) -> list[Setting]:
         Setting("rotor inertia that torque makes felt", "a quarter of the motor's", "", "ours"),
         Setting("poles of flatness", "Bessel filter", "", "Thomson 1949"),
         Setting(
-            "load", reference.load, torque,
+            "load", reference.load, reference.units["torque"],
             f"{100 * LOAD_SHARE:g} % of what the motors give at the peak of the design's own step"
             if s.load is None
             else "option --load",

@@ -12,13 +12,13 @@ __all__ = ["SHORT", "cell", "corners", "group_title", "in_words", "knob", "reach
 
 #: Titles of groups where there is little room.
 SHORT = {
-    STEP: "raw step", CONTINUED: "step from the last input", LOAD: "torque on the links", MOVE: "planned move",
+    STEP: "raw step", CONTINUED: "step, input continued", LOAD: "torque on the links", MOVE: "planned move",
     DRAWN: "within the tolerances", LINEAR: "linearised loop", COST: "cost",
 }  # fmt: skip
 
 #: Where a figure is from, in a sentence.
 WHERE = {
-    STEP: " of the raw step", CONTINUED: " of the step from the last input", LOAD: " under the load",
+    STEP: " of the raw step", CONTINUED: " of the step that continues the input", LOAD: " under the load",
     MOVE: " of the move", DRAWN: " within the tolerances", LINEAR: "", COST: "",
 }  # fmt: skip
 
@@ -28,7 +28,7 @@ def unit_of(merit: Merit, comparison: Comparison) -> str:
     if merit.unit == "input":
         return comparison.reference.unit
     if merit.unit == "length":
-        return "mm" if comparison.reference.slides else "mrad"
+        return comparison.reference.units["error"]
     if merit.key == "drawn_unsettled":
         return f"of {len(comparison.drawn)}"
     if merit.key == "unstable_corners":
@@ -72,11 +72,11 @@ def group_title(group: str, comparison: Comparison) -> str:
     """What was run for a group of figures."""
     reference = comparison.reference
     bench, plan = reference.bench, reference.plan
-    torque, length = ("N", "m") if reference.slides else ("N·m", "rad")
+    torque, length = reference.units["torque"], reference.units["position"]
     loads = ", ".join(number(float(value), 3) for value in reference.load)
     return {
         STEP: f"Raw step {_poses(bench.start)} → {_poses(bench.goal)} {length}, commanded at once: the input jumps",
-        CONTINUED: "The same step, begun so that the input continues from the last one",
+        CONTINUED: "The same step, begun with integrals that let the input continue",
         LOAD: f"Torque of {loads} {torque} on the links, at the goal",
         MOVE: f"Planned move of {number(float(plan.duration), 3)} s over the same way, with feedforward",
         DRAWN: f"{len(comparison.drawn)} robots within their tolerances: raw step and move",

@@ -48,10 +48,10 @@ def lines(comparison: Comparison, rows: Sequence[Row], short: bool = False) -> l
         found.append(Line(label, unit, tuple(cells), tuple(False for _ in rows)))
 
     told("price of the input, R2 ×", "", [knob(row, PRICE) for row in rows])
-    told("bandwidth of the gains", "rad/s", [knob(row, BANDWIDTH) for row in rows])
+    told("bandwidth of gains", "rad/s", [knob(row, BANDWIDTH) for row in rows])
     if comparison.target.value is not None:
         what, unit = ("peak input", comparison.reference.unit) if mode == "peak" else ("bandwidth", "rad/s")
-        told(f"{what} it is tuned to", unit, [reached(row) for row in rows])
+        told(f"{what} tuned to", unit, [reached(row) for row in rows])
     for group in GROUPS:
         kept = [
             merit

@@ -59,7 +59,7 @@ def _part(comparison: Comparison, rows: Sequence[Row], first: bool) -> Table:
         box=SIMPLE_HEAD,
         show_edge=False,
         pad_edge=False,
-        padding=(0, GAP, 0, 0),
+        padding=(0, GAP - 1, 0, 0),
     )
     table.add_column("", no_wrap=True)
     for row in rows:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexhinf.design.compare.merits import Merit, best, judged, wins
+from flexhinf.design.compare.merits import COST, Merit, best, judged, wins
 from flexhinf.design.compare.names import REFERENCE
 from flexhinf.design.compare.result import Comparison, Row
 from flexhinf.design.compare.shown import cell, in_words, unit_of
@@ -92,7 +92,8 @@ def _named(comparison: Comparison, other: Row, merits: Sequence[Merit]) -> str:
     """The clearest figure of each group, in numbers."""
     chosen: dict[str, Merit] = {}
     for merit in merits:
-        chosen.setdefault(merit.group, merit)
+        if merit.group != COST:
+            chosen.setdefault(merit.group, merit)
     return "; ".join(against(comparison, other, merit) for merit in list(chosen.values())[:NAMED])
 
 

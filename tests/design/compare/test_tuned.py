@@ -1,0 +1,128 @@
+"""Laws are tuned to what the reference costs, or does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.baselines import MotorPD
+from flexhinf.design.compare import Comparison, tuned
+from flexhinf.design.compare.makers import maker_of
+from flexhinf.design.compare.reference import reference_of
+from flexhinf.design.compare.tuned import Target, target_of, tuned_law
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop import Controller, Loop
+
+
+@pytest.fixture(scope="module")
+def reference(asked: Callable[..., Any]) -> Any:
+    return reference_of(fh.load_robot("vertical-rig"), asked(saturation=0.4), lambda text: None)
+
+
+def raw_peak(reference: Any, law: Any) -> float:
+    """By a loop of our own: no noise, no limits."""
+    bench = reference.bench
+    controller = Controller(law, bench.estimator(bench.start), bench.specification.period, moving=True)
+    x, u = bench.rest(bench.start)
+    run = Loop(bench.true_plant, controller).run(duration=1.5, initial_state=x, initial_input=u)
+    return float(np.abs(run.signals["input"]).max())
+
+
+def test_the_target_is_the_peak_of_the_reference_without_limits(reference: Any) -> None:
+    target = target_of("peak", reference)
+    assert target.share == 1.0
+    assert target.value == pytest.approx(raw_peak(reference, reference.synthesis.law), rel=1e-9)
+    assert target.value > 0.4  # beyond the limit of the loop
+
+
+@pytest.mark.parametrize(
+    "name", ["hinf", "nlqr", "lqr", "lqr-gravity", "pd", "pid", "torque", "flatness", "nl-hinf-6"]
+)
+def test_every_law_gets_there(reference: Any, name: str) -> None:
+    target = target_of("peak", reference)
+    found = tuned_law(maker_of(name, reference), target)
+    assert found.met
+    assert found.response == pytest.approx(target.value, rel=0.02)
+    assert raw_peak(reference, found.law) == pytest.approx(target.value, rel=0.02)
+
+
+def test_more_price_is_less_input_and_more_bandwidth_is_more(reference: Any) -> None:
+    for name, sign in (("lqr", -1.0), ("hinf", -1.0), ("pd", 1.0), ("flatness", 1.0)):
+        maker = maker_of(name, reference)
+        low, high = (raw_peak(reference, maker.law(maker.start * factor)) for factor in (0.7, 1.4))
+        assert sign * (high - low) > 0.0
+
+
+def test_at_price_one_a_law_of_the_design_s_degree_is_the_design_s(reference: Any) -> None:
+    own = reference.synthesis.solution
+    np.testing.assert_allclose(maker_of("nl-hinf-4", reference).law(1.0).law_data, own.law_data, rtol=1e-12)
+    linear = maker_of("hinf", reference).law(1.0)
+    np.testing.assert_allclose(linear.gain, own.gain, rtol=1e-9)
+
+
+def test_a_target_out_of_reach_is_said_with_the_best_found(reference: Any) -> None:
+    """A PD must hold the arm up before it moves: less than that peak there is not."""
+    near = target_of("peak", reference)
+    out_of_reach = Target("peak", 0.05 * float(near.value or 0.0), 1.0, reference)
+    found = tuned_law(maker_of("pd", reference), out_of_reach)
+    assert not found.met
+    assert found.reason
+    assert found.response == pytest.approx(raw_peak(reference, found.law), rel=1e-6)
+
+
+def test_by_bandwidth(made: Callable[..., Comparison]) -> None:
+    both = made(["pd", "lqr"], "bandwidth", draws=0)
+    wanted = both.target.value
+    assert wanted == pytest.approx(both.first.figures["bandwidth_rad_s"])
+    for row in both.others:
+        assert row.figures["bandwidth_rad_s"] == pytest.approx(wanted, rel=0.02)
+
+
+def test_untuned_laws_are_as_they_start(reference: Any) -> None:
+    target = target_of("none", reference)
+    found = tuned_law(maker_of("pd", reference), target)
+    expected = MotorPD.tuned(reference.problem, float(reference.bandwidth[0]))
+    np.testing.assert_allclose(found.law.law_data, expected.law_data)
+    assert found.response is None
+
+
+def test_a_reference_that_does_not_survive_is_tuned_on_a_shorter_step(
+    reference: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = reference.bench
+
+    def peak(bench_: Any, law: Any, duration: float, begin: np.ndarray) -> float:
+        return np.inf if abs(begin[0] - bench.goal[0]) > 0.3 else 2.0
+
+    monkeypatch.setattr(tuned, "_peak", peak)
+    target = target_of("peak", reference)
+    assert target.share == 0.5
+    np.testing.assert_allclose(target.begin, bench.goal + 0.5 * (bench.start - bench.goal))
+    monkeypatch.setattr(tuned, "_peak", lambda *arguments: np.inf)
+    with pytest.raises(NumericalFailure, match="--from-pose"):
+        target_of("peak", reference)
+
+
+def test_there_are_three_ways_to_tune(reference: Any) -> None:
+    with pytest.raises(InvalidInput, match="peak, bandwidth, none"):
+        target_of("overshoot", reference)
+
+
+def test_with_many_states_the_linear_part_is_tuned_and_the_law_itself_is_told(
+    reference: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flexhinf.design.compare import makers
+
+    monkeypatch.setattr(makers, "MANY_STATES", 4)
+    maker = maker_of("nlqr", reference)
+    assert maker.by_linear_part
+    found = tuned_law(maker, target_of("peak", reference))
+    assert found.law.degree == 4
+    assert found.response == pytest.approx(raw_peak(reference, found.law), rel=1e-6)
+    robust = replace(reference)
+    assert not maker_of("lqr", robust).by_linear_part
