@@ -15,6 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
+from flexhinf.cli.compare import compare
 from flexhinf.cli.design import design
 from flexhinf.cli.paper import paper
 from flexhinf.cli.robots import robots
@@ -24,7 +25,7 @@ from flexhinf.errors import FlexhinfError
 __all__ = ["COMMANDS", "app", "main"]
 
 #: In the order of the help.
-COMMANDS = (paper, robots, design)
+COMMANDS = (paper, robots, design, compare)
 
 app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
 

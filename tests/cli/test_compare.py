@@ -1,0 +1,78 @@
+"""``flexhinf compare``: files, exit codes, and mistakes before any work."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flexhinf.cli import main
+from flexhinf.report import is_report
+
+WORDS = [
+    "compare", "vertical-rig", "--goal", "0.8", "--from-pose", "0.3", "--degrees", "2", "--rays", "0",
+    "--estimator", "ekf", "--draws", "2", "--duration", "1",
+]  # fmt: skip
+
+
+def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*WORDS, "--laws", "pd, lqr"]) == 0
+    told = capsys.readouterr()
+    assert "Against pd at the same peak input of the raw step" in told.out
+    assert "nl-hinf" in told.out
+    out = folder / "flexhinf-compare"
+    assert is_report(out)
+    found = json.loads((out / "comparison.json").read_text(encoding="utf-8"))
+    assert [law["name"] for law in found["laws"]] == ["nl-hinf", "pd", "lqr"]
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "flexhinf compare vertical-rig" in page
+    assert "--laws &#x27;pd, lqr&#x27;" in page
+
+
+def test_a_design_file_is_what_the_others_are_compared_with(
+    folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "arm.toml").write_text(arm, encoding="utf-8")
+    design = ["design", "arm.toml", "--goal", "0.3", "--degrees", "2", "--rays", "0", "--bandwidth", "4"]
+    assert main([*design, "--no-compare-rigid", "--duration", "1"]) in (0, 1)
+    assert (
+        main(["compare", "flexhinf-design/design.toml", "--laws", "pd", "--tune", "none", "--out", "against"])
+        == 0
+    )
+    found = json.loads((folder / "against" / "comparison.json").read_text(encoding="utf-8"))
+    assert found["design"]["preset"] == "damped"
+    assert found["goal"] == [0.3]
+    assert found["tune"]["mode"] == "none"
+    assert found["drawn"] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--laws", "pd,lqr-gravty"], "lqr-gravity"),
+        (["--laws", "nl-hinf-1"], "nl-hinf-2"),
+        (["--tune", "volts"], "peak, bandwidth, none"),
+        (["--peak-voltage", "3"], "--peak-torque"),
+    ],
+)
+def test_mistakes_come_before_the_work(
+    folder: Path, refused: Callable[..., str], words: list[str], what: str
+) -> None:
+    assert what in refused([*WORDS, *words], what, folder)
+    assert not (folder / "flexhinf-compare").exists()
+
+
+def test_interrupted_nothing_is_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from flexhinf.design.compare import corridor
+
+    def stopped(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(corridor, "tuned_law", stopped)
+    assert main([*WORDS, "--laws", "pd"]) == 130
+    assert "Interrupted" in capsys.readouterr().err
+    assert not list(folder.iterdir())
