@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from flexhinf.design.page.asked import cost_rows
-from flexhinf.design.page.corners import sweep_cells, sweep_words
+from flexhinf.design.page.corners import sweep_cells, sweep_rows, sweep_words
 from flexhinf.design.page.drawn import spread_rows
 from flexhinf.design.page.guarantee import budget_rows
 from flexhinf.design.page.margins import margin_rows
@@ -25,8 +25,11 @@ __all__ = ["design_tables", "met_table", "robots_table"]
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
     "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit",
-    "outcome", "part",
+    "outcome", "part", "largest input",
 )  # fmt: skip
+
+#: Of a terminal; a title is not broken before it.
+WIDTH = 80
 
 #: With more joints than these, swings are left to the page.
 MANY = 3
@@ -81,10 +84,9 @@ def met_table(design: Design) -> Table:
 
 
 def _cost(design: Design) -> Table:
-    unit = units_of(design).effort
-    table = _table("What it costs the motors", "in", f"largest input, {unit}", "joint")
-    for what, value, joint in cost_rows(design):
-        table.add_row(what, "–" if value is None else number(value, 3), joint)
+    table = _table("What it costs the motors", "in", "largest input", "joint")
+    for cost in cost_rows(design):
+        table.add_row(cost.what, cost.words, cost.joint)
     return table
 
 
@@ -143,11 +145,16 @@ def _margins(design: Design) -> Table:
 
 
 def _corners(design: Design) -> Table:
-    title = f"Corners of the tolerances, the sampled loop: {sweep_words(design)}; over R^v:"
+    cells, title = sweep_cells(design), f"Corners of the tolerances, the sampled loop: {sweep_words(design)}"
+    if not cells:
+        table = _table(title, "loop", "unstable", "growth, 1/s")
+        for found in sweep_rows(design):
+            table.add_row(found.form, str(found.unstable), number(found.rate, 3))
+        return table
     table = _table(
-        title, "q/R^n", "all states: unstable", "growth, 1/s", "velocities: unstable", "growth, 1/s"
+        title, "q/Rⁿ", "all states: unstable", "growth, 1/s", "velocities: unstable", "growth, 1/s"
     )
-    for row in sweep_cells(design):
+    for row in cells:
         table.add_row(*row)
     return table
 
@@ -168,14 +175,22 @@ def _budget(design: Design) -> Table:
 
 
 def _regions(design: Design) -> Table:
-    unit = design.problem.plant.unit(design.problem.integrate[0])
-    columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
+    columns = (
+        "degree",
+        "law",
+        "V ≤",
+        f"step, {units_of(design).position}",
+        "°",
+        "residual",
+        "solve, s",
+        "check, s",
+    )
     regions = _table("Where each solution can be trusted: sampled, not proved (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         looked: tuple[Any, ...] = ("–", "–", "–")
         if c.looked:
-            degrees = f"{math.degrees(c.step_amplitude):.3g}" if unit == "rad" else "–"
+            degrees = f"{math.degrees(c.step_amplitude):.3g}" if units_of(design).position == "rad" else "–"
             looked = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *looked, f"{c.residual:.0e}", *times)
@@ -186,7 +201,14 @@ def _table(title: str, *columns: str) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        min_width=min(WIDTH, max(map(len, title.split("\n")))),
+    )
     for column in columns:
         table.add_column(column, justify="left" if column in LEFT else "right", no_wrap=column not in WRAPPED)
     return table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from flexhinf.design.page.words import compared
 from flexhinf.design.result import Design
 from flexhinf.report import Bullets, Column, Note, Paragraph, Section, Table, number
 
-__all__ = ["asked_section", "cost_rows", "line_cells"]
+__all__ = ["Cost", "asked_section", "cost_rows", "line_cells"]
 
 
 def asked_section(design: Design, warnings: Any = ()) -> Section:
@@ -66,25 +66,42 @@ def _reading(design: Design) -> list[Paragraph]:
     return []
 
 
-def cost_rows(design: Design) -> list[tuple[str, float | None, str]]:
-    """What, the largest input, and whose joint it is; None where it is not known."""
-    joints, bench = design.robot.joint_names, design.bench
+class Cost(NamedTuple):
+    """What, the largest input, whose joint it is, and its unit."""
 
-    def row(what: str, values: np.ndarray) -> tuple[str, float, str]:
+    what: str
+    value: float
+    joint: str
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """The input with its unit."""
+        return f"{number(self.value, 3)} {self.unit}"
+
+
+def cost_rows(design: Design) -> list[Cost]:
+    """The largest inputs of everything that was run, until it diverged where it did."""
+    joints, bench, draws = design.robot.joint_names, design.bench, design.draws
+    units = [bench.model.unit(name) for name in bench.model.inputs]
+
+    def row(what: str, values: np.ndarray) -> Cost:
         sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(joints)).max(axis=0)
-        return what, float(sizes.max()), joints[int(np.argmax(sizes))]
+        worst = int(np.argmax(sizes))
+        return Cost(what, float(sizes[worst]), joints[worst], units[worst])
 
-    def run(what: str, response: Any) -> tuple[str, float, str]:
+    def run(what: str, response: Any) -> Cost:
         ended = "" if response.diverged is None else " (until it diverged)"
         return row(what + ended, response.run.signals["input"])
 
-    rows: list[tuple[str, float | None, str]] = [
+    rows = [
         row("to rest at the start", bench.rest(design.start)[1]),
         row("to rest at the goal", bench.rest(design.goal)[1]),
         run("the step, nominal robot", design.response),
     ]
-    if design.draws is not None and len(design.draws):
-        rows.append((f"the step, worst of {len(design.draws)} robots", float(design.draws.peak.max()), ""))
+    if draws is not None and len(draws):
+        what = f"the step, worst of {len(draws)} robots"
+        rows.append(Cost(what, float(draws.peak.max()), "", units_of(design).effort))
     if design.mujoco is not None:
         rows.append(run("the step on MuJoCo's plant", design.mujoco))
     rows += [
@@ -99,12 +116,16 @@ def _cost(design: Design) -> Table:
     s, unit = design.specification, units_of(design).effort
     limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
     many = len(design.robot.joint_names) > 1
-    columns: list[Any] = ["in", f"largest input, {unit}", *(["joint"] if many else [])]
+    columns: list[Any] = ["in", "largest input", *(["joint"] if many else [])]
     columns += [Column("of the limit", "%", 1)] if limits else []
-    rows = []
-    for what, value, joint in cost_rows(design):
-        share = [100.0 * value / min(limits) if value is not None else None] if limits else []
-        shown = None if value is None else number(value, 3)
-        rows.append((what, shown, *([joint or "–"] if many else []), *share))
+    rows = [
+        (
+            cost.what,
+            cost.words,
+            *([cost.joint or "–"] if many else []),
+            *([100.0 * cost.value / min(limits)] if limits else []),
+        )
+        for cost in cost_rows(design)
+    ]
     limit = f"; the limit is {min(limits):g} {unit}" if limits else ""
     return Table(columns, rows, f"What it costs the motors{limit}", "table-cost")

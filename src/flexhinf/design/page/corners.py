@@ -23,9 +23,9 @@ class SweepRow(NamedTuple):
     Attributes
     ----------
     form : {"as designed", "true state", "all states", "velocities only"}
-        The last two: where q stands in R^v.
+        The last two: where q stands in Rᵛ.
     ratio : float or None
-        q / R^n, of these two.
+        q / Rⁿ, of these two.
     unstable : int
         Plants.
     percent, rate : float
@@ -68,7 +68,7 @@ def _row(form: str, ratio: float | None, swept: Swept) -> SweepRow:
 
 
 def sweep_cells(design: Design) -> list[tuple[str, str, str, str, str]]:
-    """q / R^n, then plants that are unstable and fastest growth of either form."""
+    """q / Rⁿ, then plants that are unstable and fastest growth of either form."""
     rows = sweep_rows(design)
     found = {(row.form, row.ratio): row for row in rows}
     ratios = dict.fromkeys(row.ratio for row in rows if row.ratio is not None)
@@ -111,8 +111,7 @@ def _words(design: Design, tolerances: Tolerances) -> str:
     if not tolerances.swept:
         return text
     return (
-        text
-        + " R^v of an estimator is a guess, and its gain depends on q/R^n alone: the guess is swept over."
+        text + " Rᵛ of an estimator is a guess, and its gain depends on q/Rⁿ alone: the guess is swept over."
     )
 
 
@@ -124,11 +123,11 @@ def _grows(rate: float) -> str:
 
 def _table(design: Design) -> Table:
     columns = (
-        "q/R^n",
+        "q/Rⁿ",
         "q on all states: unstable",
         "fastest growth, 1/s",
         "q on velocities: unstable",
         "fastest growth, 1/s",
     )
-    caption = "Plants with which the loop is unstable over R^v; a negative growth decays"
+    caption = "Plants with which the loop is unstable over Rᵛ; a negative growth decays"
     return Table(columns, sweep_cells(design), caption, "table-corners")

@@ -45,12 +45,13 @@ def _attained_words(design: Design) -> str:
 def level_rows(design: Design) -> list[tuple[str, float]]:
     """Levels from the smallest feasible to the checked one, and what was attained."""
     s, found = design.specification, design.guarantee.attained
-    rows = [
+    attained = [] if found is None else [("attained by the worst disturbance found", found.gain)]
+    return [
         ("smallest level γ*, linear part", design.gamma_star),
+        *attained,
         ("γ of the law", design.solution.gamma),
         ("γ of the inequality that was checked in the region", s.checked_gamma_ratio * design.gamma_star),
     ]
-    return rows if found is None else [("attained by the worst disturbance found", found.gain), *rows]
 
 
 def _levels(design: Design) -> Table:

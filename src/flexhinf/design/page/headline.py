@@ -90,7 +90,7 @@ def key_numbers(design: Design) -> list[KeyNumber]:
     ]
     if not design.chosen.looked:
         return numbers
-    trusted = step_words(design.chosen.step_amplitude, design.problem.plant.unit(design.problem.integrate[0]))
+    trusted = step_words(design.chosen.step_amplitude, units_of(design).position)
     return [*numbers, KeyNumber("sampled step", trusted, note="largest rest to rest, all joints; not proved")]
 
 

@@ -225,8 +225,8 @@ def _corners(design: Design) -> Iterator[Remark]:
         )  # fmt: skip
         return
     yield Remark(
-        "corners", "corners that another R^v makes unstable",
-        f"With the estimator as it is no corner is unstable, but at another R^v up to {found.unstable_anywhere} of "
+        "corners", "corners that another Rᵛ makes unstable",
+        f"With the estimator as it is no corner is unstable, but at another Rᵛ up to {found.unstable_anywhere} of "
         f"{many} are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
     )  # fmt: skip
 

@@ -41,7 +41,7 @@ def numbers_of(design: Design) -> dict[str, Any]:
         "states": list(design.problem.state_names),
         "operating_point": [float(value) for value in x],
         "operating_input": [float(value) for value in u],
-        "inputs": {what: value for what, value, _ in cost_rows(design)},
+        "inputs": {cost.what: cost.value for cost in cost_rows(design)},
         "weights": _weights(design),
         "open_modes": [_mode(m) for m in design.open_modes],
         "closed_modes": [_mode(m) for m in design.closed_modes],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from flexhinf.design.page.notes import section_notes
-from flexhinf.design.page.units import step_words
+from flexhinf.design.page.units import step_words, units_of
 from flexhinf.design.page.words import law_name
 from flexhinf.design.result import Design
 from flexhinf.report import Column, Paragraph, Section, Table
@@ -31,7 +31,7 @@ def _words(design: Design) -> str:
 
 
 def _table(design: Design) -> Table:
-    unit = design.problem.plant.unit(design.problem.integrate[0])
+    unit = units_of(design).position
     rows = [
         (
             c.degree,

@@ -80,7 +80,7 @@ def _estimator(design: Design) -> list[Setting]:
     for name, variance in zip(plant.outputs, noise_variances(plant, s.measurement_noise)):
         rows.append(
             Setting(
-                f"R^n of {name.replace('_', ' ')}",
+                f"Rⁿ of {name.replace('_', ' ')}",
                 float(variance),
                 f"({plant.unit(name)})²",
                 _option(design, "measurement_noise"),
@@ -89,8 +89,8 @@ def _estimator(design: Design) -> list[Setting]:
     return [
         *rows,
         Setting("simulated noise", "white, of these variances", "", "ours"),
-        Setting("R^v on every state", s.noises[0], "per sample", _option(design, "process_noise")),
-        Setting("R^v on the velocities beside", s.noises[1], "per sample", _option(design, "torque_noise")),
+        Setting("Rᵛ on every state", s.noises[0], "per sample", _option(design, "process_noise")),
+        Setting("Rᵛ on the velocities beside", s.noises[1], "per sample", _option(design, "torque_noise")),
         Setting("initial estimate", "the rest at the start of the step", "", "ours"),
         Setting("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
         Setting("model", "the nominal robot without extras", "", "ours"),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.page.weights_figure import search_figure
-from flexhinf.design.page.weights_of import effort_unit, state_weights
+from flexhinf.design.page.weights_of import Weight, effort_unit, state_weights
 from flexhinf.design.page.words import range_of
 from flexhinf.design.presets.choose import DAMPING
 from flexhinf.design.result import Design
@@ -59,11 +59,11 @@ def _search(design: Design) -> str:
     assert wanted is not None
     assert found is not None
     return (
-        f"R2 is fixed; each joint has a pace ω, and all vibrations one dial ζ. For each ζ the paces are moved until "
-        f"every joint has its bandwidth of {range_of(wanted.bandwidth)} rad/s; ζ grows from 0 until every vibration "
-        f"is damped by {wanted.damping:g}, then is bisected to the least that does: {len(found.tries)} tries on the "
-        "linear part. Every try is judged by its worst over the nominal robot and corners of its tolerances, which is "
-        f"why the nominal robot gets more than was asked for.{_raised(design)}"
+        "R2 is fixed; each joint has a pace ω, and all vibrations share one dial ζ. For each ζ the paces are moved "
+        f"until every joint has its bandwidth of {range_of(wanted.bandwidth)} rad/s; ζ grows from 0 until every "
+        f"oscillation is damped by {wanted.damping:g}, then is bisected to the least that does: {len(found.tries)} "
+        "tries on the linear part. Every try is judged by its worst over the nominal robot and corners of its "
+        f"tolerances, which is why the nominal robot gets more than was asked for.{_raised(design)}"
     )
 
 
@@ -76,7 +76,7 @@ def _raised(design: Design) -> str:
         return ""
     return (
         f" The damping was raised from {asked:g} to {number(wanted.damping, 3)}, until as few corners of the "
-        "tolerances as possible are unstable with the estimator, over all R^v that are looked at."
+        "tolerances as possible are unstable with the estimator, over all Rᵛ that are looked at."
     )
 
 
@@ -184,13 +184,19 @@ def _weights(design: Design) -> list[Any]:
 
 
 def _by_group(design: Design) -> dict[tuple[str, str], str]:
-    """By signal without its joint, and unit: the weight of each joint, or the one of all."""
-    joints, groups = design.robot.joint_names, dict[tuple[str, str], list[float]]()
+    """By signal without its joint, and unit: the weight of each joint, or the one of all; by joint in mixed units."""
+    joints, groups = design.robot.joint_names, dict[str, list[Weight]]()
     for weight in state_weights(design):
         joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
         name = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
-        groups.setdefault((name.replace("_", " "), weight.unit), []).append(weight.value)
-    return {key: _weight_words(values, len(joints)) for key, values in groups.items()}
+        groups.setdefault(name.replace("_", " "), []).append(weight)
+    found: dict[tuple[str, str], str] = {}
+    for name, weights in groups.items():
+        if len({weight.unit for weight in weights}) == 1:
+            found[name, weights[0].unit] = _weight_words([weight.value for weight in weights], len(joints))
+        else:
+            found |= {(w.signal.replace("_", " "), w.unit): number(w.value) for w in weights}
+    return found
 
 
 def _weight_words(values: list[float], joints: int) -> str:

@@ -36,12 +36,12 @@ def search_figure(design: Design) -> Figure:
             axis.set_xlabel("dial ζ")
         left.set_ylim(bottom=0.0)
         left.legend(loc="best")
-    label(left, "damping of the vibrations", "")
+    label(left, "smallest damping ratio", "")
     label(right, "γ*", "")
     return Figure(
         "figure-search",
         figure_to_svg(figure),
-        "All at the wanted bandwidth: the smallest damping ratio of a vibration and γ* over the dial ζ; dotted the ζ "
+        "All at the wanted bandwidth: the smallest damping ratio of an oscillation and γ* over ζ; dotted the ζ "
         "that is used.",
         "The search",
     )
