@@ -34,7 +34,7 @@ class Draws:
     settling : (N,)
         Slowest of all joints, s; infinite where one never settles.
     peak : (N,)
-        Largest input of all joints.
+        Largest input of all joints; infinite where the run diverged.
     time : (T,)
         Of the positions that are kept, s.
     positions : (N, T, n)
@@ -120,9 +120,9 @@ def _kept(duration: float, period: float) -> np.ndarray:
 
 def _merits(response: Response) -> tuple[float, float, float]:
     """Largest overshoot, slowest settling, peak input."""
-    peak = float(np.abs(response.run.signals["input"]).max())
     if response.diverged is not None:
-        return np.inf, np.inf, peak
+        return np.inf, np.inf, np.inf
+    peak = float(np.abs(response.run.signals["input"]).max())
     moved = [m for m in response.metrics if m["overshoot_percent"] is not None]
     times = [np.inf if m["settling_time_s"] is None else m["settling_time_s"] for m in moved]
     return max((m["overshoot_percent"] for m in moved), default=0.0), max(times, default=0.0), peak

@@ -86,7 +86,10 @@ def _slower(
 
 
 def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, game: Chosen) -> float:
-    """Largest input of the step, of the nominal robot and of a few within its tolerances; infinite if one diverges."""
+    """Largest input of the step, of the nominal robot and of a few within its tolerances; infinite if one diverges.
+
+    What holds each of them at the goal counts too: a slow step may end before it is there.
+    """
     degree = max(tried_degrees(len(game.problem.state_names), s))
     law = solve_hji(game.problem, game.gamma, degree)
     bench = Bench(robot, s, game.nominal.plant, law, goal, start)
@@ -95,11 +98,12 @@ def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, gam
     response = bench.step(length)
     if response.diverged is not None:
         return np.inf
-    peak = float(np.abs(response.run.signals["input"]).max())
+    peak = max(float(np.abs(u).max()) for u in (response.run.signals["input"], bench.rest(goal)[1]))
     if not robot.uncertain or s.draws == 0:
         return peak
     drawn = drawn_steps(bench, DRAWN, length, response.run.settings["sub_steps"])
-    return np.inf if drawn.diverged else max(peak, float(drawn.peak.max()))
+    held = max(float(np.abs(bench.rest(goal, values)[1]).max()) for values in drawn.values)
+    return np.inf if drawn.diverged else max(peak, held, float(drawn.peak.max()))
 
 
 def _beyond(
