@@ -11,6 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
+from flexhinf.design.bench import Bench
 from flexhinf.design.presets.choose import Chosen, choose
 
 #: A cart on a soft belt carries an arm: one joint slides, one turns, and their inputs are a force and a torque.
@@ -102,3 +103,23 @@ def game_of(robot_of: Callable[[str], Any]) -> Callable[..., Chosen]:
         return known[key]
 
     return chosen
+
+
+@pytest.fixture(scope="session")
+def bench_of(robot_of: Callable[[str], Any], game_of: Callable[..., Chosen]) -> Callable[..., Bench]:
+    """A bench: robot, goal, start, degree of its law, what the game is chosen for, and other options of the bench."""
+    known: dict[Any, Any] = {}
+
+    def made(
+        name: str, goal: Any = None, start: Any = None, degree: int = 2, game: Any = (), **options: Any
+    ) -> Bench:
+        robot = robot_of(name)
+        pose = np.array(robot.home if goal is None else goal, dtype=float)
+        begin = pose - 0.1 if start is None else np.array(start, dtype=float)
+        chosen = game_of(name, pose, begin, **{"preset": "damped", **dict(game)})
+        key = (id(chosen), degree)
+        if key not in known:
+            known[key] = fh.solve_hji(chosen.problem, chosen.gamma, degree)
+        return Bench(robot, Specification(**options), chosen.nominal.plant, known[key], pose, begin)
+
+    return made

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import fsolve
 
 import flexhinf as fh
 from flexhinf.design import Design, Specification, design, design_files, notes, stages, verdict
@@ -64,8 +65,15 @@ def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
 def test_the_degree_with_the_largest_step_is_used_and_the_start_is_judged(two: Design) -> None:
     largest = max(two.choices, key=lambda c: c.step_amplitude)
     assert two.chosen is largest
-    deviation = np.append(two.response.run.signals["state"][0] - two.problem.operating_point[:8], [0, 0])
-    assert two.inside is bool(two.solution.value(deviation) <= two.chosen.level)
+    x, held = two.robot.operating_point(two.start)
+    away = x - two.problem.operating_point[:8]
+
+    def misfit(integrals: np.ndarray) -> np.ndarray:  # the integrals with which the input goes on
+        return two.solution.law(np.append(away, integrals)) + two.problem.operating_input - held
+
+    integrals = fsolve(misfit, np.zeros(2), xtol=1e-12)
+    assert two.bench.departure(two.solution) == pytest.approx(np.append(away, integrals), abs=1e-7)
+    assert two.inside is bool(two.solution.value(np.append(away, integrals)) <= two.chosen.level)
     assert any("outside the region" in note for note in notes(two)) is not two.inside
 
 
