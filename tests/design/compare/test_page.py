@@ -85,7 +85,7 @@ def test_words_stand_for_what_has_no_number(rig: Comparison) -> None:
     assert cell(by_key["damping"], None, rig) == "–"
     assert cell(by_key["load_deviation"], 0.0441, rig) == "44.1"
     assert cell(by_key["delay_margin_s"], 0.00537, rig) == "5.37"
-    assert cell(by_key["input_noise"], 0.00076, rig) == "0.00076"
+    assert cell(by_key["input_noise"], 0.00076, rig) == "0.760"
 
 
 @pytest.mark.parametrize("width", [80, 100, 120])

@@ -65,6 +65,17 @@ def test_at_price_one_a_law_of_the_design_s_degree_is_the_design_s(reference: An
     np.testing.assert_allclose(linear.gain, own.gain, rtol=1e-9)
 
 
+@pytest.mark.parametrize("preset", ["damped", "robust"])
+def test_the_level_moves_with_the_price(asked: Callable[..., Any], preset: str) -> None:
+    reference = reference_of(fh.load_robot("vertical-rig"), asked(preset=preset), lambda text: None)
+    maker = maker_of("hinf", reference)
+    near, own = maker.law(1.0 + 1e-6), maker.law(1.0)
+    np.testing.assert_allclose(near.gain, own.gain, rtol=1e-4)  # type: ignore[attr-defined]
+    assert maker.law(10.0).gamma > own.gamma > maker.law(0.1).gamma  # type: ignore[attr-defined]
+    found = tuned_law(maker, Target("peak", 0.7 * raw_peak(reference, own), 1.0, reference))
+    assert found.met
+
+
 def test_a_target_out_of_reach_is_said_with_the_best_found(reference: Any) -> None:
     """A PD must hold the arm up before it moves: less than that peak there is not."""
     near = target_of("peak", reference)

@@ -140,15 +140,13 @@ def _linear_part(name: str, reference: Reference) -> Callable[[float], Law]:
 
 
 def _of_game(reference: Reference, price: float, degree: int) -> Law:
-    """The design's own game with another price of the input: at the same γ/γ*, or γ where it covers tolerances."""
+    """The design's own game with another price of the input, its level moved with the smallest feasible one."""
     game = reference.synthesis.game
     if price == 1.0:
         return solve_hji(game.problem, game.gamma, degree)
     problem = _priced(game.problem, price)
-    if game.robustness is not None:  # the channels of the tolerances are made for this γ
-        return solve_hji(problem, game.gamma, degree)
-    ratio = reference.specification.gamma_ratio
-    return solve_hji(problem, ratio * smallest_gamma(problem), degree)
+    moved = smallest_gamma(problem) / reference.own_gamma_star
+    return solve_hji(problem, game.gamma * moved, degree)
 
 
 def _priced(problem: GeneralisedPlant, price: float) -> GeneralisedPlant:

@@ -32,8 +32,8 @@ class Merit:
         Its name in ``comparison.json``, with the unit.
     group : str
     label : str
-    unit : {"input", "length", "%", "s", "ms", "rad/s", ""}
-        "input": V or N·m; "length": mrad or mm, of a value in rad or m.
+    unit : {"input", "small input", "length", "%", "s", "ms", "rad/s", ""}
+        "input": V or N·m; the small ones are shown in thousandths: "small input", "length" (of rad or m), "ms" (of s).
     better : int
         −1: the less the better; 1: the more; 0: neither.
     least : float
@@ -76,7 +76,7 @@ MERITS = (
     Merit("damping", LINEAR, "damping of vibrations", "", 1, 0.005),
     Merit("delay_margin_s", LINEAR, "delay margin", "ms", 1),
     Merit("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
-    Merit("input_noise", LINEAR, "input noise, rms", "input"),
+    Merit("input_noise", LINEAR, "input noise, rms", "small input"),
     Merit("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
     Merit("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
     Merit("operations", COST, "operations per sample", "", digits=4),

@@ -18,6 +18,7 @@ from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import run_length
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.hinf import smallest_gamma
 from flexhinf.loop import JerkLimited
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
@@ -57,6 +58,11 @@ class Reference:
     def energy(self) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness and inertia at the goal, to tell vibrations from other modes."""
         return stiffness_and_inertia(self.problem.plant, self.rest)
+
+    @cached_property
+    def own_gamma_star(self) -> float:
+        """Smallest level of the problem as it is solved; of a robust game, with channels that stay as they are."""
+        return smallest_gamma(self.synthesis.game.problem)
 
     @cached_property
     def bandwidth(self) -> np.ndarray:

@@ -27,6 +27,8 @@ def unit_of(merit: Merit, comparison: Comparison) -> str:
     """As it is shown."""
     if merit.unit == "input":
         return comparison.reference.unit
+    if merit.unit == "small input":
+        return f"m{comparison.reference.unit}"
     if merit.unit == "length":
         return comparison.reference.units["error"]
     if merit.key == "drawn_unsettled":
@@ -49,7 +51,7 @@ def cell(merit: Merit, value: float | None, comparison: Comparison) -> str:
         if "settling" in merit.key:
             return f"> {comparison.reference.duration:g}"
         return "∞" if merit.key == "delay_margin_s" else "diverges"
-    if merit.unit in ("length", "ms"):
+    if merit.unit in ("length", "ms", "small input"):
         value *= 1e3
     if merit.unit == "%":
         return number(value, decimals=1)
