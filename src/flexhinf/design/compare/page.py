@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexhinf.design.compare.figure import comparison_figure
-from flexhinf.design.compare.merits import MERITS, Merit
+from flexhinf.design.compare.merits import MERITS, Merit, best
 from flexhinf.design.compare.names import BANDWIDTH, PRICE, REFERENCE
 from flexhinf.design.compare.numbers import numbers_of
 from flexhinf.design.compare.result import Comparison, Row
@@ -32,9 +32,12 @@ __all__ = ["comparison_files", "comparison_page"]
 
 #: Figures at the top of the page.
 KEYS = (
-    "step_overshoot_percent", "continued_settling_s", "continued_peak_input", "load_deviation",
-    "drawn_worst_move_error", "unstable_corners",
+    "step_overshoot_percent", "step_settling_s", "load_deviation", "drawn_worst_move_error", "unstable_corners",
+    "input_noise",
 )  # fmt: skip
+
+#: The reference's name with hyphens at which no line breaks.
+WHOLE = REFERENCE.replace("-", "\u2011")
 
 #: Figures in which another law is told to be worse or better, each.
 TOLD = 4
@@ -73,8 +76,8 @@ def comparison_page(comparison: Comparison, command: Sequence[str], warnings: Se
     )
     return Page(
         f"Control laws compared on {robot.name}",
-        asked,
-        verdict(comparison),
+        asked.replace(REFERENCE, WHOLE),
+        verdict(comparison).replace(REFERENCE, WHOLE),
         sections,
         Settings(setting_groups(comparison)),
         Provenance(tuple(command), s.seed),
@@ -90,21 +93,21 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
         if mine is None:
             continue
         note = "" if other is None else f"{other.name}: {cell(merit, other.figures[merit.key], comparison)}"
-        top = _best_other(comparison, merit)
-        note += f"; best: {top}" if top else ""
-        label = f"{REFERENCE}: {in_words(merit, comparison)}"
+        top = _best(comparison, merit)
+        note = "; ".join(text for text in (note, top) if text)
+        label = f"{WHOLE}: {in_words(merit, comparison)}"
         found.append(KeyNumber(label, cell(merit, mine, comparison), unit_of(merit, comparison), note))
     return found
 
 
-def _best_other(comparison: Comparison, merit: Merit) -> str:
-    """The best of all laws, with its name."""
-    known = [(row.figures[merit.key], row.name) for row in comparison.compared]
-    values = [(merit.better * -value, value, name) for value, name in known if value is not None]
-    if not values:
-        return ""
-    _, value, name = min(values)
-    return f"{cell(merit, value, comparison)} ({name})"
+def _best(comparison: Comparison, merit: Merit) -> str:
+    """The best of all laws, with its name; or that none is better."""
+    rows = comparison.compared
+    marks = best(merit, [row.figures[merit.key] for row in rows])
+    tops = [row for row, top in zip(rows, marks) if top]
+    if not tops or comparison.first in tops:
+        return "none is better"
+    return f"best: {cell(merit, tops[0].figures[merit.key], comparison)} ({tops[0].name})"
 
 
 def _balance(comparison: Comparison) -> list[Any]:
