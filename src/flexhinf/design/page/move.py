@@ -67,7 +67,7 @@ def _figure(design: Design) -> Figure:
     return Figure(
         "figure-move",
         figure_to_svg(figure),
-        "The move: link positions and the plan (dotted), what is between them, and the inputs, which jump where the "
+        "Link positions and the plan (dotted), what is between them, and the inputs, which jump where the "
         "snap of the plan does.",
         "The move",
     )

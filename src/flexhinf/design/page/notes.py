@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from flexhinf.design.result import Design
 from flexhinf.report import Note, number
 
 __all__ = ["Remark", "noise_volts", "notes", "remarks", "section_notes"]
+
+_OPTION = re.compile(r"--[a-z]+(-[a-z]+)*")
 
 #: An estimation error at a vibration with less damping than this is hardly corrected.
 HARDLY_SEEN = 0.01
@@ -65,9 +68,9 @@ def remarks(design: Design) -> list[Remark]:
 
 
 def section_notes(design: Design, section: str) -> list[Note]:
-    """Of one section, as blocks."""
+    """Of one section, as blocks; options are set as code."""
     return [
-        Note(remark.text[:1].upper() + remark.text[1:])
+        Note(_OPTION.sub(r"`\g<0>`", remark.text[:1].upper() + remark.text[1:]))
         for remark in remarks(design)
         if remark.section == section
     ]
