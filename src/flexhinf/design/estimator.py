@@ -13,6 +13,7 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
+    stationary_covariance,
     stationary_gain,
 )
 from flexhinf.plant import Plant
@@ -26,7 +27,7 @@ __all__ = [
     "process_covariance",
 ]
 
-#: Belief at the start: the robot rests there, as known to a milliradian (mm), and to 1 mrad/s.
+#: Belief at the start where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
 INITIAL_VARIANCE = 1e-6
 
 #: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
@@ -93,17 +94,36 @@ def estimator_for(
         return None
     _check_seen(plant, rest)
     made = KINDS[kind]
-    noise = noise_variances(plant, measurement_noise)
+    process, measurement = process_covariance(plant, noises), noise_variances(plant, measurement_noise)
+    belief = initial_covariance(plant, rest, period, process, measurement)
     options = {"about": rest[0]} if kind == "observer" else {}
-    return made(
-        plant,
-        period,
-        process_covariance(plant, noises),
-        noise,
-        mean=start,
-        covariance=INITIAL_VARIANCE,
-        **options,
-    )
+    return made(plant, period, process, measurement, mean=start, covariance=belief, **options)
+
+
+def initial_covariance(
+    plant: Plant,
+    rest: tuple[np.ndarray, np.ndarray],
+    period: float,
+    process: np.ndarray,
+    measurement: np.ndarray,
+) -> np.ndarray:
+    """P0 (n, n): that of a filter that has run at the goal for long, so that its gain has no beginning.
+
+    Without process noise such a filter would be certain: then it is `INITIAL_VARIANCE` for each state.
+
+    Parameters
+    ----------
+    plant, rest, period
+        As for `estimator_for`.
+    process, measurement : (n, n), (p,)
+        R^v, and the diagonal of R^n.
+    """
+    from scipy.linalg import expm
+
+    if not process.any():
+        return INITIAL_VARIANCE * np.eye(plant.n)
+    a, _, _, c = plant.linearise(*rest)
+    return stationary_covariance((expm(a * period), c), process, np.diag(measurement))
 
 
 def process_covariance(plant: Plant, noises: tuple[float, float]) -> np.ndarray:

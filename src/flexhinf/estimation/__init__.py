@@ -5,7 +5,7 @@ from flexhinf.estimation.extended import ExtendedKalmanFilter
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
 from flexhinf.estimation.sigma_points import SigmaPoints
-from flexhinf.estimation.stationary import linear_model, stationary_gain
+from flexhinf.estimation.stationary import linear_model, stationary_covariance, stationary_gain
 from flexhinf.estimation.unscented import UnscentedKalmanFilter
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "SigmaPoints",
     "UnscentedKalmanFilter",
     "linear_model",
+    "stationary_covariance",
     "stationary_gain",
 ]

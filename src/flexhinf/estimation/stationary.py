@@ -11,7 +11,7 @@ from flexhinf.scalars import jacobian
 if TYPE_CHECKING:
     from flexhinf.estimation.filter import RecursiveFilter
 
-__all__ = ["linear_model", "stationary_gain"]
+__all__ = ["linear_model", "stationary_covariance", "stationary_gain"]
 
 #: Doublings of the Riccati recursion at most: 2⁴⁰ samples.
 DOUBLINGS = 40
@@ -27,7 +27,16 @@ def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple
 def stationary_gain(
     model: tuple[np.ndarray, np.ndarray], process_noise: np.ndarray, measurement_noise: np.ndarray
 ) -> np.ndarray:
-    """The Kalman gain (n, p) of a linear model (F, H) after very many samples.
+    """The Kalman gain (n, p) of a linear model (F, H) after very many samples; see `stationary_covariance`."""
+    c, r = model[1], measurement_noise
+    covariance = stationary_covariance(model, process_noise, r)
+    return np.linalg.solve(c @ covariance @ c.T + r, c @ covariance).T
+
+
+def stationary_covariance(
+    model: tuple[np.ndarray, np.ndarray], process_noise: np.ndarray, measurement_noise: np.ndarray
+) -> np.ndarray:
+    """The covariance (n, n) of a prediction of a linear model (F, H) after very many samples.
 
     The Riccati recursion is doubled [anderson1979]: each turn goes as far as all turns before it together, so
     R^v = 0 and a model that is only just detectable need no special case.
@@ -51,4 +60,4 @@ def stationary_gain(
         information = (information + information.T) / 2.0
         if np.abs(growth).max() <= 1e-15 * np.abs(covariance).max():
             break
-    return np.linalg.solve(c @ covariance @ c.T + r, c @ covariance).T
+    return covariance

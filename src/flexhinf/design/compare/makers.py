@@ -12,7 +12,7 @@ from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, Mot
 from flexhinf.design.bench import Bench
 from flexhinf.design.compare.names import BANDWIDTH, REFERENCE, Kind, degree_of, kind_of
 from flexhinf.design.compare.reference import Reference
-from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances, process_covariance
+from flexhinf.design.estimator import initial_covariance, noise_variances, process_covariance
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, linear_plant
@@ -33,13 +33,15 @@ class LinearBench(Bench):
     def estimator(self, at: np.ndarray) -> Any:
         """The linear Kalman filter, believing at first that the robot rests at a pose (n,)."""
         s, rest = self.specification, self.robot.operating_point(self.goal)
+        process = process_covariance(self.model, s.noises)
+        measurement = noise_variances(self.model, s.measurement_noise)
         return ExtendedKalmanFilter(
             linear_plant(self.model, *rest),
             s.period,
-            process_covariance(self.model, s.noises),
-            noise_variances(self.model, s.measurement_noise),
+            process,
+            measurement,
             mean=self.robot.operating_point(at)[0],
-            covariance=INITIAL_VARIANCE,
+            covariance=initial_covariance(self.model, rest, s.period, process, measurement),
         )
 
 

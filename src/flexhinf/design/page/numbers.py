@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Margins
-from flexhinf.design.estimator import INITIAL_VARIANCE, noise_variances
+from flexhinf.design.estimator import noise_variances
 from flexhinf.design.met import Met
 from flexhinf.design.modes import Mode
 from flexhinf.design.page.asked import cost_rows
@@ -59,9 +59,15 @@ def numbers_of(design: Design) -> dict[str, Any]:
         "starts_inside": design.inside,
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
-        "initial_variance": INITIAL_VARIANCE,
+        "initial_variance": _initial_variance(design),
     }
     return finite(found)
+
+
+def _initial_variance(design: Design) -> list[float] | None:
+    """Diagonal of P0, one per state of the estimator; None without one."""
+    estimator = design.bench.estimator(design.start)
+    return None if estimator is None else np.diag(estimator.initial.covariance).tolist()
 
 
 def finite(value: Any) -> Any:

@@ -71,6 +71,12 @@ def _checked(s: Specification) -> Any:
     return "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
 
 
+def _belief(s: Specification) -> str:
+    if not max(s.noises):
+        return f"{INITIAL_VARIANCE:g} I"
+    return "that of the filter after very many samples at rest at the goal"
+
+
 def _estimator(design: Design) -> list[Setting]:
     s, plant = design.specification, design.problem.plant
     rows = [Setting("estimator", s.estimator, "", _option(design, "estimator"))]
@@ -92,7 +98,7 @@ def _estimator(design: Design) -> list[Setting]:
         Setting("Rᵛ on every state", s.noises[0], "per sample", _option(design, "process_noise")),
         Setting("Rᵛ on the velocities beside", s.noises[1], "per sample", _option(design, "torque_noise")),
         Setting("initial estimate", "the rest at the start of the step", "", "ours"),
-        Setting("P0", f"{INITIAL_VARIANCE:g} I", "", "ours"),
+        Setting("P0", _belief(s), "", "ours"),
         Setting("model", "the nominal robot without extras", "", "ours"),
         *(
             [Setting("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")]
