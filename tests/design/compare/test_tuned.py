@@ -12,6 +12,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import MotorPD
 from flexhinf.design.compare import Comparison, tuned
+from flexhinf.design.compare.linear import stable_at_rest
 from flexhinf.design.compare.makers import maker_of
 from flexhinf.design.compare.reference import reference_of
 from flexhinf.design.compare.tuned import Target, target_of, tuned_law
@@ -84,6 +85,17 @@ def test_a_target_out_of_reach_is_said_with_the_best_found(reference: Any) -> No
     assert not found.met
     assert found.reason
     assert found.response == pytest.approx(raw_peak(reference, found.law), rel=1e-6)
+
+
+def test_no_law_is_tuned_to_an_unstable_loop(asked: Callable[..., Any]) -> None:
+    """With a long delay the peak of the reference asks for gains that the loop does not bear."""
+    reference = reference_of(fh.load_robot("vertical-rig"), asked(delay=0.03), lambda text: None)
+    target = Target("peak", 8.0, 1.0, reference)
+    for name in ("pd", "flatness"):
+        found = tuned_law(maker_of(name, reference), target)
+        assert not found.met
+        assert "unstable" in found.reason
+        assert stable_at_rest(reference.bench, found.law)
 
 
 def test_by_bandwidth(made: Callable[..., Comparison]) -> None:

@@ -12,9 +12,10 @@ from flexhinf.campaign import RestingLoop, corner_population, margins
 from flexhinf.campaign.linear_loop import LinearLoop
 from flexhinf.design.bench import Bench
 from flexhinf.design.modes import named_modes
+from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law
 
-__all__ = ["Linear", "bandwidth_of", "corners_of", "linear_bench", "linear_figures"]
+__all__ = ["Linear", "bandwidth_of", "corners_of", "linear_bench", "linear_figures", "stable_at_rest"]
 
 #: Corners of the tolerances, for up to so many states, and with more.
 CORNERS = ((15, 400), (10_000, 60))
@@ -76,6 +77,14 @@ def bandwidth_of(bench: Bench, law: Law) -> float:
     """Of the slowest joint, rad/s; infinite for an unstable loop: nothing to tune to."""
     found = margins(resting_loop(bench, law))
     return float(found.bandwidth.min()) if found.stable else np.inf
+
+
+def stable_at_rest(bench: Bench, law: Law) -> bool:
+    """Whether the linearised loop with its estimator is stable at the goal; True where it cannot be linearised."""
+    try:
+        return resting_loop(bench, law).linear().system(bench.specification.delay).stable
+    except FlexhinfError:
+        return True
 
 
 def linear_figures(

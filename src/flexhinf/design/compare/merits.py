@@ -73,7 +73,7 @@ MERITS = (
     Merit("drawn_worst_peak_input", DRAWN, "worst peak input", "input", brief=False),
     Merit("drawn_move_error", DRAWN, "median move error", "length", least=1e-4, brief=False),
     Merit("drawn_worst_move_error", DRAWN, "worst move error", "length", least=1e-4),
-    Merit("damping", LINEAR, "damping of vibrations", "", 1, 0.005),
+    Merit("damping", LINEAR, "damping of vibrations", "", 1, 0.0005),
     Merit("delay_margin_s", LINEAR, "delay margin", "ms", 1),
     Merit("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
     Merit("input_noise", LINEAR, "input noise, rms", "small input"),

@@ -1,8 +1,8 @@
 """Each law tuned to what the reference costs, or does: the one number of `flexhinf.baselines.tune`.
 
 By the peak of the input in the raw step (nominal plant, estimator, no noise, no limits of the input), or by the
-bandwidth of the linearised loop with its estimator. A law that cannot get there is compared as near as it gets, and
-the table says so.
+bandwidth of the linearised loop with its estimator. A law that cannot get there with a stable linearised loop is
+compared as near as it gets, and the table says so.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from flexhinf.baselines import Tuning, tune
 from flexhinf.design.bench import Bench
-from flexhinf.design.compare.linear import bandwidth_of
+from flexhinf.design.compare.linear import bandwidth_of, stable_at_rest
 from flexhinf.design.compare.makers import Maker
 from flexhinf.design.compare.reference import Reference
 from flexhinf.design.compare.runs import Runner, unlimited
@@ -29,6 +29,9 @@ MODES = ("peak", "bandwidth", "none")
 
 #: If the reference does not survive the step, so much of the way is left for tuning, in turn.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)
+
+#: Relative width within which a target is met.
+TOLERANCE = 0.02
 
 #: Tries of a search at most.
 EVALUATIONS = 30
@@ -60,9 +63,21 @@ class Target:
         return bench.goal + self.share * (bench.start - bench.goal)
 
     def response(self, bench: Bench, law: Law) -> float:
-        """What a law does on its bench; infinite where the step diverges, or the loop is unstable."""
+        """What a law does on its bench; infinite where the step diverges.
+
+        Raises
+        ------
+        NumericalFailure
+            If the linearised loop with its estimator is unstable at the goal: nobody would tune a law so.
+        """
+        if not stable_at_rest(bench, law):
+            raise NumericalFailure(
+                "The linearised loop with its estimator is unstable.",
+                "expected modes that decay",
+                "another knob",
+            )
         if self.mode == "bandwidth":
-            return bandwidth_of(unlimited(bench), law)
+            return bandwidth_of(bench, law)
         return _peak(bench, law, self.reference.duration, self.begin)
 
 
@@ -108,7 +123,7 @@ def target_of(mode: str, reference: Reference) -> Target:
         return Target(mode, None, 1.0, reference)
     bench, law = reference.bench, reference.synthesis.law
     if mode == "bandwidth":
-        value = bandwidth_of(unlimited(bench), reference.synthesis.solution)
+        value = bandwidth_of(bench, reference.synthesis.solution)
         if not np.isfinite(value) or value <= 0.0:
             raise NumericalFailure(
                 "The reference has no bandwidth that others could be tuned to.",
@@ -154,9 +169,5 @@ def tuned_law(maker: Maker, target: Target) -> Tuned:
     law, reached = found.law, found.response
     if maker.by_linear_part:
         law = maker.law(found.knob)
-        reached = response(law)
+        reached = target.response(maker.bench, law)
     return Tuned(law, found.knob, reached, found.met, found.reason, len(found.trials))
-
-
-#: Relative width within which a target is met.
-TOLERANCE = 0.02
