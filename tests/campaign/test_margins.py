@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import flexhinf as fh
 from flexhinf.campaign import DiscreteSystem, LinearLoop, RestingLoop, margins
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
@@ -189,3 +190,17 @@ def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> No
     assert math.isinf(found.delay_margin_s)
     assert np.isnan(found.bandwidth).all()
     assert found.peak_sensitivity < 1.7
+
+
+def test_a_delay_of_the_loop_is_part_of_it() -> None:
+    """Twelve samples late, a loop stands that much less; its own figures are those of the delayed loop."""
+    arm = fh.paper_arm()
+    problem = arm.problem()
+    law = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=2)
+    plain, late = (RestingLoop(law, None, arm.plant(), 1e-3, 0.0, delay=samples) for samples in (0, 12))
+    found, delayed = margins(plain), margins(late)
+    assert delayed.delay_margin_s == pytest.approx(found.delay_margin_s - 0.012, rel=1e-9)
+    system = plain.linear().part("w", "u+w", 0.012)
+    assert delayed.peak_sensitivity == pytest.approx(system.norm()[0], rel=1e-12)
+    assert delayed.peak_sensitivity > 1.01 * found.peak_sensitivity
+    assert delayed.noise_to_input == pytest.approx(plain.linear().part("v", "u", 0.012).rms(), rel=1e-12)

@@ -78,32 +78,37 @@ def margins(
     values, process_noise
         As for `RestingLoop.linear`: one true plant, the nominal one by default, and R^v instead of the filter's.
 
+    Notes
+    -----
+    A delay that a `RestingLoop` has is part of the loop: the delay margin is what it stands beyond.
+
     Raises
     ------
     NumericalFailure
         If the loop does not rest with this plant.
     """
     linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
+    own = 0.0 if isinstance(loop, LinearLoop) else loop.delay * loop.period
     delay, delay_frequency = delay_margin(linear)
     m, p, q = linear.b.shape[1], len(linear.c), len(linear.positions)
-    if not linear.system().stable:
+    if not linear.system(own).stable:
         gains = (np.nan, np.nan) if m == 1 else None
         nothing, infinite = np.full(q, np.nan), np.full((m, p), np.inf)
         return Margins(
             False, 0.0, np.nan, np.inf, np.nan, infinite, np.inf, np.nan, nothing, linear.names, gains
         )
-    peak, at = linear.part("w", "u+w").norm()
-    noise = linear.part("v", "u")
+    peak, at = linear.part("w", "u+w", own).norm()
+    noise = linear.part("v", "u", own)
     noise_peak, noise_at = noise.norm()
     return Margins(
-        True, delay, delay_frequency, peak, at, noise.rms(), noise_peak, noise_at,
-        _bandwidths(linear), linear.names, _gain_margins(linear) if m == 1 else None,
+        True, max(0.0, delay - own), delay_frequency, peak, at, noise.rms(), noise_peak, noise_at,
+        _bandwidths(linear, own), linear.names, _gain_margins(linear, own) if m == 1 else None,
     )  # fmt: skip
 
 
-def _bandwidths(linear: LinearLoop) -> np.ndarray:
+def _bandwidths(linear: LinearLoop, delay: float) -> np.ndarray:
     """First frequency at which each diagonal entry from command to position is 1/√2 of that at rest."""
-    system = linear.part("r", "q")
+    system = linear.part("r", "q", delay)
     if not len(linear.positions):
         return np.zeros(0)
     grid = system.frequencies()
@@ -116,9 +121,9 @@ def _bandwidths(linear: LinearLoop) -> np.ndarray:
     return found
 
 
-def _gain_margins(linear: LinearLoop) -> tuple[float, float]:
+def _gain_margins(linear: LinearLoop, delay: float) -> tuple[float, float]:
     """Largest factor below one and smallest above at which the opened loop is one, at any frequency."""
-    opened = linear.opened()
+    opened = linear.opened(delay)
     top = np.pi / linear.period
     at = [
         frequency
