@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.guarantee import guarantee
 from flexhinf.design.linearised import Linearised, linearise
 from flexhinf.design.met import Met, corners_met, linear_met, step_met, within_tolerances
+from flexhinf.design.response import Response
 from flexhinf.design.result import Design
 from flexhinf.design.runs import Runs, draws_of, run_all
 from flexhinf.design.specification import Specification
@@ -79,7 +81,7 @@ def _met(
     oscillations = (mode for mode in linear.closed_modes if mode.eigenvalue.imag > 0.0)
     damping = min((mode.damping for mode in oscillations), default=np.inf)
     lines = linear_met(s, synthesis.game.wanted, linear.bandwidth, damping)
-    lines += step_met(s, runs.response, unit, "the step, nominal robot")
+    lines += step_met(s, runs.response, unit, "the step, nominal robot", _unlimited(bench, runs))
     if runs.mujoco is not None:
         lines += step_met(s, runs.mujoco, unit, "the step on MuJoCo's plant")
     if tolerances is not None:
@@ -87,6 +89,14 @@ def _met(
     if runs.draws is not None:
         lines += within_tolerances(s, runs.draws, unit)
     return tuple(lines)
+
+
+def _unlimited(bench: Bench, runs: Runs) -> Response:
+    """The step without the limits of the inputs: what it asks for, where a peak is judged that limits would hide."""
+    s = bench.specification
+    if s.peak_effort is None or s.saturation is None:
+        return runs.response
+    return replace(bench, specification=replace(s, saturation=None)).step(runs.duration)
 
 
 def stages(robot: Robot, specification: Specification) -> int:

@@ -210,8 +210,15 @@ def _no_design(file: str, keys: list[str]) -> InvalidInput:
     )
 
 
+#: What options are called that a design file calls otherwise.
+OPTIONS = {
+    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_torque": "peak_effort",
+}  # fmt: skip
+
+
 def _unknown(file: str, where: str, key: str, allowed: Any) -> InvalidInput:
-    close = difflib.get_close_matches(key, allowed, n=1)
+    same = OPTIONS.get(key.replace("-", "_"))
+    close = [same] if same in allowed else difflib.get_close_matches(key, allowed, n=1)
     return InvalidInput(
         f"{file}: {where} has an unknown key {key!r}.",
         f"expected keys out of {list(allowed)}, got {key!r}",

@@ -1,8 +1,9 @@
 """How the design's promise fares: the gain that the worst disturbance attains, and what the controller's parts spend.
 
-γ is promised from above, on the sampled region, for the law fed the true state; what a disturbance found by search
-attains is a bound from below. Everything that is not that law (sampling, delay, estimator, limits) spends of the
-region's level, see `flexhinf.campaign.spending`.
+γ is what the law was designed for. It bounds the gain from above as far as the inequality holds; the sampled region
+checks a slightly weaker one. What a disturbance found by search attains is a bound from below. Everything that is not
+the law fed the true state (sampling, delay, estimator, limits) spends of the region's level, see
+`flexhinf.campaign.spending`.
 """
 
 from __future__ import annotations

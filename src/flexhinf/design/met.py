@@ -13,7 +13,7 @@ from flexhinf.design.presets.search import Wanted
 from flexhinf.design.response import Response
 from flexhinf.design.specification import Specification
 
-__all__ = ["Met", "all_hold", "corners_met", "linear_met", "step_met", "within_tolerances"]
+__all__ = ["CLOSE", "Met", "all_hold", "corners_met", "linear_met", "step_met", "within_tolerances"]
 
 #: A figure that misses its limit by less than this share of it meets it: the width of the search.
 CLOSE = 0.02
@@ -53,8 +53,21 @@ class Met:
         return bool(self.found >= self.asked * (1.0 - CLOSE))
 
 
-def step_met(s: Specification, response: Response, unit: str, where: str) -> list[Met]:
-    """Overshoot, settling and peak input of a step."""
+def step_met(
+    s: Specification, response: Response, unit: str, where: str, unlimited: Response | None = None
+) -> list[Met]:
+    """Overshoot and peak input of a step.
+
+    Parameters
+    ----------
+    s : Specification
+    response : Response
+    unit : str
+        Of the inputs.
+    where : str
+    unlimited : Response, optional
+        The same step without limits of the inputs, for the peak.
+    """
     moved = [m for m in response.metrics if m.get("overshoot_percent") is not None]
     diverged = response.diverged is not None
     overshoot = np.inf if diverged else max((m["overshoot_percent"] for m in moved), default=0.0)
@@ -62,7 +75,9 @@ def step_met(s: Specification, response: Response, unit: str, where: str) -> lis
         Met("overshoot", s.overshoot, overshoot, "%", True, where, s.overshoot != Specification.overshoot)
     ]
     if s.peak_effort is not None:
-        peak = np.inf if diverged else float(np.abs(response.run.signals["input"]).max())
+        asking = response if unlimited is None else unlimited
+        gone = asking.diverged is not None
+        peak = np.inf if gone else float(np.abs(asking.run.signals["input"]).max())
         found.append(Met("peak input", s.peak_effort, peak, unit, True, where))
     return found
 
@@ -81,7 +96,7 @@ def linear_met(s: Specification, wanted: Wanted | None, bandwidth: np.ndarray, d
         return []
     worst = int(np.argmin(bandwidth / wanted.bandwidth))
     asked = min(wanted.damping, DAMPING) if s.damping is None else s.damping
-    where = "linearised loop at the goal"
+    where = "the law at the goal, nominal robot, true state"
     return [
         Met(
             "bandwidth", float(wanted.bandwidth[worst]), float(bandwidth[worst]), "rad/s", False, where,

@@ -164,7 +164,7 @@ def _budget(design: Design) -> Table:
     attained = design.guarantee.attained
     title = "What the controller's parts spend of the region in the step"
     if attained is not None:
-        gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found, γ = {number(design.solution.gamma)} promised"
+        gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found, γ = {number(design.solution.gamma)} designed"
         title = f"{gain}\n{title}"
     table = _table(title, "part", "spends", "with all above", "left of the level", "lasts")
     for row in budget_rows(design):
@@ -192,6 +192,8 @@ def _regions(design: Design) -> Table:
         if c.looked:
             degrees = f"{math.degrees(c.step_amplitude):.3g}" if units_of(design).position == "rad" else "–"
             looked = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
+            if math.isinf(c.step_amplitude):
+                looked = ("all looked at", "all looked at", "–")
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *looked, f"{c.residual:.0e}", *times)
     return regions

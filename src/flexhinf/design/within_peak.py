@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.design.bench import Bench
 from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.draws import drawn_steps
+from flexhinf.design.met import CLOSE
 from flexhinf.design.presets.choose import BANDWIDTH_SHARE, Chosen, choose
 from flexhinf.design.presets.weights import JointScales
 from flexhinf.design.response import run_length
@@ -49,7 +50,7 @@ def choose_within_peak(
         return game
     tell("the peak input of the step")
     peak = _peak(robot, goal, start, s, game)
-    if peak <= s.peak_effort:
+    if peak <= (1.0 + CLOSE) * s.peak_effort:
         return game
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     whole = np.asarray(BANDWIDTH_SHARE * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
@@ -92,7 +93,7 @@ def _peak(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, gam
     """
     degree = max(tried_degrees(len(game.problem.state_names), s))
     law = solve_hji(game.problem, game.gamma, degree)
-    bench = Bench(robot, s, game.nominal.plant, law, goal, start)
+    bench = Bench(robot, replace(s, saturation=None), game.nominal.plant, law, goal, start)
     assert game.wanted is not None
     length = run_length(0.4 * float(np.min(game.wanted.bandwidth))) if s.duration is None else s.duration
     response = bench.step(length)

@@ -15,6 +15,7 @@ from flexhinf.loop.channel import Channel
 from flexhinf.loop.controller import Controller
 from flexhinf.loop.limits import positive
 from flexhinf.loop.program import CONTROL_FAILED, LoopSizes, loop_program
+from flexhinf.loop.ranges import check_ranges
 from flexhinf.loop.sampling import by_name, sample_disturbance, sample_noise, sample_signal, signal_name
 from flexhinf.loop.shared import share
 from flexhinf.loop.starting import starting_state
@@ -168,7 +169,7 @@ class Loop:
         Raises
         ------
         InvalidInput
-            If something does not fit.
+            If something does not fit, or a command leaves the range of its state.
         NumericalFailure
             If the loop diverges to numbers that are not finite: says when, and holds the run so far as
             `.trajectory`.
@@ -219,7 +220,11 @@ class Loop:
         if isinstance(reference, Mapping):
             held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
-        return sample_signal(reference, times, names, "reference")
+        commands = sample_signal(reference, times, names, "reference")
+        models = [self.true_plant] + ([self.controller.estimator.plant] if self.controller.estimator else [])
+        limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
+        check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
+        return commands
 
     def _run_kernel(
         self,

@@ -42,6 +42,8 @@ class Plant:
         Unit of each named signal.
     groups : mapping of str to sequence of str, optional
         Names that stand for several signals, for example one per joint; understood by `with_objective`.
+    limits : mapping of str to (float, float), optional
+        Range of a state: a command beyond it is refused by `Loop.run`.
 
     Raises
     ------
@@ -59,6 +61,7 @@ class Plant:
     outputs: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):

@@ -164,6 +164,11 @@ class Robot:
             outputs=sensors,
             units=units_of(joints, self.links.slides),
             groups=groups_of(joints),
+            limits={
+                name: limits
+                for name, limits in zip(signal_names("link_position", joints), self.links.limits)
+                if limits is not None
+            },
         )
 
     def operating_point(

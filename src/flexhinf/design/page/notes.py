@@ -27,6 +27,9 @@ LEAST_PERIODS, LARGEST_SENSITIVITY = 3.0, 2.0
 #: Noise of the sensors that costs the motors more than this share of the step's peak input.
 NOISE_SHARE = 0.05
 
+#: What a robot may state and a true plant leaves out unless asked: how the parameter's name begins, and the extra.
+STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
+
 #: A peak input in the first samples that is so much larger than all after them is the estimator's.
 STARTING, MUCH = 20, 1.5
 
@@ -76,7 +79,24 @@ def section_notes(design: Design, section: str) -> list[Note]:
     ]
 
 
+def _left_out(design: Design) -> list[str]:
+    """Extras that the robot's numbers would allow, and that are off."""
+    names = [parameter.name for parameter in design.robot.parameters if parameter.value]
+    return [
+        extra
+        for begins, extra in STATED.items()
+        if extra not in design.specification.extras and any(name.startswith(begins) for name in names)
+    ]
+
+
 def _runs(design: Design) -> Iterator[Remark]:
+    left = _left_out(design)
+    if left:
+        yield Remark(
+            "step", "what the true plant leaves out",
+            f"The robot states numbers of {' and '.join(left).replace('_', ' ')} that the true plant of this report "
+            f"leaves out: --extras {','.join(left)} takes them in.",
+        )  # fmt: skip
     if design.response.diverged is not None:
         yield Remark(
             "step", "the step diverges",
@@ -144,6 +164,17 @@ def _modes(design: Design) -> Iterator[Remark]:
             "--damping 0.3 looks for weights that do, with the preset damped.",
         )  # fmt: skip
     unseen = [mode for mode in design.estimator_modes if mode.vibration and mode.damping < HARDLY_SEEN]
+    wanted = design.game.wanted
+    least = 0.0 if wanted is None else wanted.damping
+    ringing = [mode for mode in design.estimator_modes if mode.vibration and mode.damping < least]
+    if ringing and not unseen:
+        worst = min(ringing, key=lambda mode: mode.damping)
+        yield Remark(
+            "modes", "an estimation error that rings",
+            f"The damping asked for is that of the law. The estimator's error at {worst.frequency:.3g} Hz "
+            f"({worst.joint}) is damped by {worst.damping:.2g} only: after a disturbance that the model does not know "
+            "the loop rings with it. A larger --torque-noise, or another sensor (--measured).",
+        )  # fmt: skip
     if unseen:
         worst = min(unseen, key=lambda mode: mode.damping)
         yield Remark(
@@ -219,7 +250,12 @@ def _corners(design: Design) -> Iterator[Remark]:
     found = design.tolerances
     if found is None or not found.unstable_anywhere:
         return
-    many, faster = len(found.population), "--torque-noise, another --estimator, or --preset robust"
+    robust = "" if design.game.preset == "robust" else ", or --preset robust"
+    many, faster = len(found.population), f"--torque-noise, another --estimator{robust}"
+    if found.with_state.share() > 0.0:
+        faster = (
+            f"a shorter --period or --delay, less --bandwidth{robust}: the law itself does not withstand them"
+        )
     if found.unstable:
         yield Remark(
             "corners", "corners of the tolerances that are unstable",
@@ -230,7 +266,7 @@ def _corners(design: Design) -> Iterator[Remark]:
     yield Remark(
         "corners", "corners that another Rᵛ makes unstable",
         f"With the estimator as it is no corner is unstable, but at another Rᵛ up to {found.unstable_anywhere} of "
-        f"{many} are: the loop owes its tolerances to the noise that is assumed. --damping, or --preset robust.",
+        f"{many} are: the loop owes its tolerances to the noise that is assumed. More --damping{robust}.",
     )  # fmt: skip
 
 

@@ -181,7 +181,17 @@ def _nominal(design: Design) -> str:
         )
     rings = bool(stable and after and min(after) < HARDLY_DAMPED)
     first = "Stable, but rings" if rings else ("Stable" if stable else "Unstable")
-    return f"{first}: {settled(design)}{change}."
+    outside = "; it starts outside the sampled region" if design.inside is False else ""
+    return f"{first}: {settled(design)}{change}{_estimated(design)}{outside}."
+
+
+def _estimated(design: Design) -> str:
+    """That the estimator's error rings more than the law was asked to."""
+    wanted = HARDLY_DAMPED if design.game.wanted is None else design.game.wanted.damping
+    error = vibrations(design.estimator_modes)
+    if not error or min(error) >= wanted:
+        return ""
+    return f", but the error of its estimator is damped by {min(error):.2g} only"
 
 
 def _tolerances(design: Design) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.design.modes import modes_of
 from flexhinf.design.presets.linear_family import LinearFamily
 
-__all__ = ["Behaviour", "behaviour_of"]
+__all__ = ["Behaviour", "behaviour_of", "worst_members"]
 
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
 PER_DECADE = 60
@@ -45,8 +45,19 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     loops = family.a + family.b @ gain
     damping = [_damping(family, loop) for loop in loops]
     stable = min(damping) > -np.inf
-    bandwidths = _bandwidths(loops, len(family.joints)) if stable else np.zeros(len(family.joints))
+    joints = len(family.joints)
+    bandwidths = _bandwidths(loops, joints).min(axis=0) if stable else np.zeros(joints)
     return Behaviour(bandwidths, min(damping), damping[0])
+
+
+def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
+    """The members with the smallest bandwidth of each joint, and with the smallest damping."""
+    loops = family.a + family.b @ gain
+    damping = [_damping(family, loop) for loop in loops]
+    worst = [int(np.argmin(damping))]
+    if min(damping) > -np.inf:
+        worst += [int(k) for k in np.argmin(_bandwidths(loops, len(family.joints)), axis=0)]
+    return worst
 
 
 def _damping(family: LinearFamily, loop: np.ndarray) -> float:
@@ -57,7 +68,7 @@ def _damping(family: LinearFamily, loop: np.ndarray) -> float:
 
 
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
-    """Smallest over the members, (joints,): where |q_j / command_j| first falls below 1/√2, from above zero."""
+    """Of each member and joint, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
     values, vectors = np.linalg.eig(loops)
     n = loops.shape[1]
     command = np.zeros((n, joints))
@@ -70,7 +81,7 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     response = np.empty((len(loops), len(frequencies), joints))
     for k, member in enumerate(residues):
         response[k] = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
-    return np.array([_crossing(frequencies, response[:, :, j]).min() for j in range(joints)])
+    return np.column_stack([_crossing(frequencies, response[:, :, j]) for j in range(joints)])
 
 
 def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:

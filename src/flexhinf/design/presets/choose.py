@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.presets.behaviour import worst_members
 from flexhinf.design.presets.linear_family import LinearFamily
 from flexhinf.design.presets.robust import RobustGame, Scalings, find_scalings
 from flexhinf.design.presets.search import Found, Wanted, search
@@ -34,6 +35,9 @@ from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
 
 __all__ = ["BANDWIDTH_SHARE", "DAMPING", "Chosen", "Robustness", "choose", "preset_of"]
+
+#: Corners among which the worst for the first weights are looked for, to be members of the second search.
+MANY = 400
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
 BANDWIDTH_SHARE, DAMPING = 0.3, 0.2
@@ -209,7 +213,7 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
         star = game.gamma_star()
         return game.design(s.gamma_ratio * star, star)
 
-    found = search(wanted, family, synthesis, scales.held)
+    found, family = _widened(robot, goal, wanted, family, synthesis, scales.held)
     source = f"found for {_words(wanted)}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.pace, found.chosen.knob)
@@ -232,9 +236,21 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
         game = RobustGame(nominal(pace, damping), family.torques, tolerances)
         return game.design(s.gamma_ratio, scalings)
 
-    found = search(wanted, family, robust_synthesis, scales.held)
+    found, family = _widened(robot, goal, wanted, family, robust_synthesis, scales.held)
     game = RobustGame(_game_of(found, nominal), family.torques, tolerances)
     return _robust(robot, goal, s, scales, wanted, found, game, scalings)
+
+
+def _widened(
+    robot: Any, goal: np.ndarray, wanted: Wanted, family: LinearFamily, synthesis: Any, held: float
+) -> tuple[Found, LinearFamily]:
+    """A search, and again with the worst of many corners among the members."""
+    found = search(wanted, family, synthesis, held)
+    if len(family.a) == 1:
+        return found, family
+    many = LinearFamily.of(robot, goal, MANY, seed=1)
+    wider = family.with_members(many, worst_members(many, found.chosen.design.gain))
+    return search(wanted, wider, synthesis, held), wider
 
 
 def _game_of(found: Found, nominal: Any) -> Game:

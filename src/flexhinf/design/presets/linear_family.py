@@ -6,7 +6,7 @@ member, the integrals of the tracking errors appended, deviations from each memb
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,8 +46,14 @@ class LinearFamily:
         """(A, B) of the nominal robot."""
         return self.a[0], self.b[0]
 
+    def with_members(self, other: LinearFamily, places: Any) -> LinearFamily:
+        """The same family with some members of another one."""
+        chosen = sorted(set(places))
+        a, b = np.concatenate([self.a, other.a[chosen]]), np.concatenate([self.b, other.b[chosen]])
+        return replace(self, a=a, b=b)
+
     @staticmethod
-    def of(robot: Any, goal: np.ndarray, members: int = MEMBERS) -> LinearFamily:
+    def of(robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0) -> LinearFamily:
         """Of a robot, its corners drawn with a fixed seed.
 
         Parameters
@@ -57,11 +63,13 @@ class LinearFamily:
             Link positions, rad or m.
         members : int
             Corners; none for a robot without tolerances.
+        seed : int
+            Of the corners.
         """
         plant, rest = robot.plant(), robot.operating_point(goal)
         plant.traced_jacobians  # noqa: B018  traced once, shared by all members
         joints, n = len(robot.joint_names), plant.n
-        corners = [_in(plant, values) for values in _corners(robot, members)]
+        corners = [_in(plant, values) for values in _corners(robot, members, seed)]
         matrices = [plant.linearise(*rest)]
         for values in corners:
             changed = plant.with_parameters(**values)
@@ -76,16 +84,16 @@ class LinearFamily:
         return LinearFamily(a, b, torques, robot.joint_names, stiffness_and_inertia(plant, rest))
 
 
-def _corners(robot: Any, count: int) -> list[dict[str, Any]]:
-    """All corners where there are no more than `count`; otherwise so many at random."""
-    uncertain = len(robot.uncertain)
-    if not uncertain or not count:
+def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:
+    """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
+    names = sorted(parameter.name for parameter in robot.uncertain)
+    if not names or not count:
         return []
-    if 2**uncertain <= count:
-        signs = 1.0 - 2.0 * ((np.arange(2**uncertain)[:, None] >> np.arange(uncertain)) & 1)
+    if 2 ** len(names) <= count:
+        signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
     else:
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], (count, uncertain))
-    return [robot.corner(list(row)) for row in signs]
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
+    return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
 
 
 def _in(plant: Any, values: dict[str, Any]) -> dict[str, Any]:

@@ -56,4 +56,5 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
         outputs=plant.outputs,
         units=plant.units,
         groups=plant.groups,
+        limits=plant.limits,
     )
