@@ -20,7 +20,7 @@ WORDS = [
 def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--laws", "pd, lqr"]) == 0
     told = capsys.readouterr()
-    assert "Against pd at the same peak input of the raw step" in told.out
+    assert "Against pd at the same peak input of the step" in told.out
     assert "nl-hinf" in told.out
     out = folder / "flexhinf-compare"
     assert is_report(out)

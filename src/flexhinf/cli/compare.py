@@ -33,8 +33,9 @@ Tune = Annotated[
     str,
     typer.Option(
         rich_help_panel=_COMPARISON,
-        help="What all laws have in common with nl-hinf: peak (of the input, in the raw step), bandwidth (of the "
-        "linearised loop), or none.",
+        help="What the laws are tuned to: peak (of the input in the step as each law is commanded: the limit asked "
+        "for, the saturation, or that of nl-hinf), bandwidth (of the linearised loop: asked for, or that of nl-hinf), "
+        "or none.",
     ),
 ]
 
@@ -82,7 +83,8 @@ def compare(
     """Is the nonlinear H∞ law better than the PD you have, by how much, at what cost?
 
     Laws by name in the same loop, on the same plants, disturbances and seeds, each tuned
-    to what the design's own law costs: one table, one figure, one page.
+    to the limit you ask for, or to what the design's own law costs: one table, one figure,
+    one page.
 
     Exit code: 0 when the report is written, whoever wins; 2 for a mistake (nothing is
     written); 130 if interrupted.

@@ -62,16 +62,29 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
     assert "does not fit the robot" in str(error.value)
 
 
-def test_limits_of_the_input_act_in_the_runs_but_not_in_the_tuning(made: Callable[..., Comparison]) -> None:
-    result = made(["pd"], saturation=0.4, draws=0)
-    assert result.target.value > 0.4  # type: ignore[operator]
-    for row in result.compared:
-        assert row.figures["step_peak_input"] == pytest.approx(0.4)
+def test_a_law_is_tuned_to_where_the_input_saturates(made: Callable[..., Comparison]) -> None:
+    """Beyond it no law gets in the runs, as near as they come; the reference stays what it is."""
+    result = made(["pd"], saturation=0.25, draws=0)
+    assert (result.target.value, result.target.origin) == (0.25, "saturation")
+    own, pd = (row.figures["step_peak_input"] for row in result.compared)
+    assert own < 0.2  # type: ignore[operator]
+    assert 0.98 * 0.25 <= pd <= 0.25  # type: ignore[operator]
+    assert result.rows[1].tuned is not None
+    assert result.rows[1].tuned.met
+
+
+def test_steps_last_longer_than_the_design_s_own_unless_asked(made: Callable[..., Comparison]) -> None:
+    asked, free = made(["pd"], draws=0), made(["pd"], draws=0, duration=None)
+    assert asked.reference.step_duration == asked.reference.duration == 1.5
+    assert free.reference.step_duration == pytest.approx(min(3.0 * free.reference.duration, 20.0))
+    for row in free.compared:
+        assert row.runs is not None
+        assert row.runs.step.run.time[-1] == pytest.approx(free.reference.step_duration, rel=0.01)
 
 
 def test_delay_and_grain_reach_all_laws(made: Callable[..., Comparison]) -> None:
     plain, worn = (
-        made(["pd"], draws=0, **options) for options in ({}, {"delay": 0.02, "quantisation": 1e-3})
+        made(["lqr"], "none", draws=0, **options) for options in ({}, {"delay": 0.02, "quantisation": 1e-3})
     )
     for a, b in zip(plain.rows, worn.rows):
         assert a.figures["delay_margin_s"] - b.figures["delay_margin_s"] == pytest.approx(0.02, rel=0.1)  # type: ignore[operator]

@@ -85,23 +85,54 @@ def test_a_step_that_continues_the_input_does_so(rig: Comparison) -> None:
     held = rig.reference.bench.rest(rig.reference.bench.start)[1]
     for row in rig.compared:
         assert row.runs is not None
-        if row.runs.continued is None:
+        first = row.runs.step.run.signals["input"][0]
+        if row.runs.raw is None:
             assert not row.kind.integral
             continue
-        first = row.runs.continued.run.signals["input"][0]
         np.testing.assert_allclose(first, held, atol=1e-6)
-        assert abs(row.runs.step.run.signals["input"][0] - held).max() > 0.1 * np.abs(held).max()
+        assert abs(row.runs.raw.run.signals["input"][0] - held).max() > 0.1 * np.abs(held).max()
+
+
+def test_the_step_of_the_reference_is_that_of_the_design(rig: Comparison) -> None:
+    reference, runs = rig.reference, rig.first.runs
+    assert runs is not None
+    own = reference.bench.step(reference.step_duration)
+    np.testing.assert_allclose(runs.step.positions, own.positions, atol=1e-9)
+    np.testing.assert_allclose(runs.step.run.signals["input"], own.run.signals["input"], atol=1e-8)
+
+
+def test_a_law_without_integrals_has_no_bias_that_fades(rig: Comparison) -> None:
+    """The first input of a PD is what its formula says of the whole error, and what holds the goal."""
+    row, bench = rig.row("pd"), rig.reference.bench
+    assert row is not None
+    assert row.tuned is not None
+    assert row.runs is not None
+    law: Any = row.tuned.law
+    (begin, _), (goal, held) = (bench.robot.operating_point(pose) for pose in (bench.start, bench.goal))
+    expected = held + law.gain @ (begin - goal)
+    np.testing.assert_allclose(row.runs.step.run.signals["input"][0], expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("name", ["pd", "lqr"])
+def test_draws_are_run_as_the_law_is_commanded(rig: Comparison, name: str) -> None:
+    row = rig.row(name) or rig.first
+    assert row.tuned is not None
+    runner = Runner(rig.reference.bench, row.tuned.law, rig.sub_steps)
+    step, _ = runner.drawn(rig.drawn[:1], 0.2, rig.reference.plan)[0]
+    held = rig.reference.bench.rest(rig.reference.bench.start, rig.drawn[0])[1]
+    jump = abs(step.run.signals["input"][0] - held).max()
+    assert (jump < 0.01 * np.abs(held).max()) == row.kind.integral
 
 
 def test_figures_are_there_for_all_merits(rig: Comparison) -> None:
     for row in rig.compared:
         missing = {merit.key for merit in MERITS if row.figures[merit.key] is None}
-        assert missing <= {"damping"} | {key for key in row.figures if key.startswith("continued")}
+        assert missing <= {"damping"} | {key for key in row.figures if key.startswith("raw")}
 
 
 def test_a_constant_load_leaves_what_the_spring_and_the_gain_give(made: Callable[..., Comparison]) -> None:
     """PD, the true state fed back: at rest (K + G') δq − K δθ = d, and K δq = (K + K_p) δθ."""
-    result = made(["pd"], estimator="none", draws=0, duration=3.0)
+    result = made(["pd"], estimator="none", draws=0, duration=3.0, load=0.001)
     row, reference = result.row("pd"), result.reference
     assert row is not None
     assert row.tuned is not None

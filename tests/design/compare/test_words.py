@@ -19,8 +19,8 @@ def against_a_bad_one(made: Callable[..., Comparison]) -> Comparison:
     patch = pytest.MonkeyPatch()
     plain: Any = makers.MotorPD.tuned
 
-    def undamped(problem: Any, bandwidth: float, integral: str | None = None) -> Any:
-        law = plain(problem, bandwidth, integral=integral)
+    def undamped(problem: Any, bandwidth: float, damping: float, integral: str | None = None) -> Any:
+        law = plain(problem, bandwidth, damping, integral)
         return replace(law, derivative=0.0 * law.derivative)
 
     patch.setattr(makers.MotorPD, "tuned", staticmethod(undamped))
@@ -46,7 +46,7 @@ def test_the_verdict_has_the_counts_and_the_numbers(against_a_bad_one: Compariso
     text = verdict(against_a_bad_one)
     every = len(judged("peak"))
     assert f"better in {len(won)} of {every} figures and worse in {len(lost)}" in text
-    assert "Against pd at the same peak input of the raw step" in text
+    assert "Against pd at the same peak input of the step" in text
     assert " against " in text.split("Better:")[1]
 
 
@@ -60,7 +60,7 @@ def test_the_reference_is_told_to_lose_where_it_does(rig: Comparison) -> None:
             assert (merit in lost) == (sign < 0)
     flatness = rig.row("flatness")
     assert flatness is not None
-    assert "step_overshoot_percent" in {merit.key for merit in versus(rig, flatness)[1]}
+    assert "input_noise" in {merit.key for merit in versus(rig, flatness)[1]}
 
 
 def test_notes_say_what_was_missed(rig: Comparison) -> None:
@@ -86,6 +86,24 @@ def test_degree_two_is_the_linear_law_and_said_to_be(made: Callable[..., Compari
     assert any("the same law" in text for text in notes(result))
     a, b = result.rows
     assert a.figures == b.figures
+
+
+def test_examples_are_drawn_from_what_is_counted(rig: Comparison) -> None:
+    """Where the reference is worse in nothing but its cost, the cost is the example."""
+    row = rig.row("pd")
+    assert row is not None
+    copy = replace(row)
+    figures = {**rig.first.figures, "operations": 1.0, "load_deviation": 1.0}
+    copy.__dict__["figures"] = figures
+    text = verdict(replace(rig, rows=(rig.first, copy)))
+    assert "worse in 1." in text
+    assert "Worse: operations per sample" in text
+    assert not text.endswith(": .")
+    copy.__dict__["figures"] = rig.first.figures
+    text = verdict(replace(rig, rows=(rig.first, copy)))
+    assert "better in 0" in text
+    assert "Better:" not in text
+    assert "Worse:" not in text
 
 
 def test_alone_there_is_nothing_to_say(rig: Comparison) -> None:

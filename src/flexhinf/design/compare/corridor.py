@@ -11,7 +11,7 @@ from flexhinf.design.compare.makers import Maker, maker_of
 from flexhinf.design.compare.names import REFERENCE, law_names
 from flexhinf.design.compare.reference import Reference, reference_of
 from flexhinf.design.compare.result import Comparison, Drawn, Row, Runs
-from flexhinf.design.compare.runs import Runner, drawn_values
+from flexhinf.design.compare.runs import Runner, drawn_values, integrates
 from flexhinf.design.compare.tuned import MODES, Target, Tuned, target_of, tuned_law
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.specification import Specification
@@ -95,11 +95,11 @@ class _Shared:
             return Row(maker.kind, failure=" ".join(str(error).split()))
         self.tell(f"{name}: step, load and move")
         runner = Runner(maker.bench, tuned.law, self.steps)
-        duration = self.reference.duration
+        duration = self.reference.step_duration
         runs = Runs(
             runner.step(duration),
-            runner.continued_step(duration) if maker.kind.integral else None,
-            runner.loaded(self.load, 2.0 * duration),
+            runner.raw_step(duration) if integrates(tuned.law) else None,
+            runner.loaded(self.load, 2.0 * self.reference.duration),
             runner.move(self.plan),
         )
         if self.values:
@@ -114,7 +114,7 @@ class _Shared:
 
     def _tuned(self, maker: Maker) -> Tuned:
         if maker.kind.name == REFERENCE:
-            return Tuned(self.reference.synthesis.law, 1.0, self.target.value, True)
+            return Tuned(self.reference.synthesis.law, 1.0, self.target.own, True)
         return tuned_law(maker, self.target)
 
     def _linear(self, maker: Maker, law: Any) -> tuple[Linear | None, str]:

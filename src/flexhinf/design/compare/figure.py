@@ -62,7 +62,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     return Figure(
         "figure-laws",
         figure_to_svg(figure),
-        "Error of the true link position in the nonlinear loop, estimator and noise included. Left: the raw step. "
+        "Error of the true link position in the nonlinear loop, estimator and noise included. Left: the step. "
         "Middle: the torque on the links at the goal. Right: the planned move, link position minus plan. "
         f"{REFERENCE} is in every row (thick). Axes are the same down a column; lines that leave a panel go on.{which}",
         "Laws on the same loop",
@@ -117,7 +117,7 @@ def _step(comparison: Comparison) -> _Panel:
         assert row.runs is not None
         return row.runs.step.run.time, row.runs.step.positions - row.runs.step.goal
 
-    duration = comparison.reference.duration
+    duration = comparison.reference.step_duration
     settled = [row.figures["step_settling_s"] for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))

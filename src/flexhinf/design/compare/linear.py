@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.campaign import RestingLoop, corner_population, margins
 from flexhinf.campaign.linear_loop import LinearLoop
 from flexhinf.design.bench import Bench
+from flexhinf.design.compare.runs import integrates
 from flexhinf.design.modes import named_modes
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law
@@ -39,8 +40,8 @@ class Linear:
     input_noise : float
         RMS of the noisiest input for the specification's measurement noise, V or N·m.
     bandwidth : float
-        Of the slowest joint, from its command moved with all of x_d and u_d, rad/s, without the specification's
-        delay; NaN for an unstable loop.
+        Of the slowest joint, rad/s: |command → link position| as the law is commanded, the definition of
+        ``flexhinf design``; NaN for an unstable loop.
     unstable, corners : int
         Of the corners of the tolerances.
     """
@@ -63,12 +64,15 @@ def linear_bench(bench: Bench) -> Bench:
 
 
 def resting_loop(bench: Bench, law: Law) -> RestingLoop:
-    """The sampled loop of a law in error coordinates about the goal."""
+    """The sampled loop of a law about the goal, as the law is commanded.
+
+    A command goes through the integrals of a law that has some; for one without, x_d(q) and u_d(q) are moved.
+    """
     bench = linear_bench(bench)
     s, rest = bench.specification, bench.robot.operating_point(bench.goal)
     joints = bench.model.states[: len(bench.goal)]
     return RestingLoop(
-        law, bench.estimator(bench.goal), bench.true_plant, s.period, rest=rest, moving=True,
+        law, bench.estimator(bench.goal), bench.true_plant, s.period, rest=rest, moving=not integrates(law),
         delay=round(s.delay / s.period), positions=joints,
     )  # fmt: skip
 

@@ -17,7 +17,10 @@ from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, linear_plant
 
-__all__ = ["LinearBench", "Maker", "maker_of", "start_of_bandwidth"]
+__all__ = ["PD_DAMPING", "LinearBench", "Maker", "maker_of", "start_of_bandwidth"]
+
+#: Damping ratio that `pd` and `pid` are made with: their step does not pass the goal for want of it.
+PD_DAMPING = 1.0
 
 #: Beyond so many states a law of higher degree is tuned by its linear part: each try would take seconds.
 MANY_STATES = 20
@@ -112,7 +115,7 @@ def _degree(name: str, reference: Reference) -> int:
 def _of_bandwidth(name: str, problem: GeneralisedPlant) -> Callable[[float], Law]:
     tracked = "link_position"
     if name in ("pd", "pid"):
-        return lambda w: MotorPD.tuned(problem, w, integral=tracked if name == "pid" else None)
+        return lambda w: MotorPD.tuned(problem, w, PD_DAMPING, tracked if name == "pid" else None)
     if name in ("torque", "torque-i"):
         return lambda w: TorqueFeedback.tuned(problem, w, integral=tracked if name == "torque-i" else None)
 

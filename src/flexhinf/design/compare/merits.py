@@ -15,11 +15,11 @@ SAME = 0.05
 #: A number is the best, or shares that, within this relative difference, or the smallest that counts.
 SHARED = 0.005
 
-STEP, CONTINUED, LOAD, MOVE = "step", "continued", "load", "move"
+STEP, RAW, LOAD, MOVE = "step", "raw", "load", "move"
 DRAWN, LINEAR, COST = "drawn", "linear", "cost"
 
 #: In the order of the table.
-GROUPS = (STEP, CONTINUED, LOAD, MOVE, DRAWN, LINEAR, COST)
+GROUPS = (STEP, LOAD, MOVE, DRAWN, LINEAR, COST, RAW)
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,6 @@ MERITS = (
     Merit("step_peak_input", STEP, "peak input", "input"),
     Merit("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
     Merit("step_settling_s", STEP, "settling time", "s", least=0.01),
-    Merit("continued_peak_input", CONTINUED, "peak input", "input"),
-    Merit("continued_overshoot_percent", CONTINUED, "overshoot", "%", least=0.5),
-    Merit("continued_settling_s", CONTINUED, "settling time", "s", least=0.01),
     Merit("load_deviation", LOAD, "largest deviation", "length"),
     Merit("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
     Merit("move_error", MOVE, "largest error", "length", least=1e-4),
@@ -80,6 +77,9 @@ MERITS = (
     Merit("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
     Merit("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
     Merit("operations", COST, "operations per sample", "", digits=4),
+    Merit("raw_peak_input", RAW, "peak input", "input", 0, brief=False),
+    Merit("raw_overshoot_percent", RAW, "overshoot", "%", 0, brief=False),
+    Merit("raw_settling_s", RAW, "settling time", "s", 0, brief=False),
 )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.compare.asked import specification_met
 from flexhinf.design.compare.result import Comparison, Row, Runs
 
 __all__ = ["numbers_of"]
@@ -21,7 +22,12 @@ def numbers_of(comparison: Comparison) -> dict[str, Any]:
         "robot": reference.robot.name,
         "joints": list(reference.robot.joint_names),
         "unit": reference.unit,
-        "tune": {"mode": target.mode, "target": target.value, "share_of_way": target.share},
+        "tune": {
+            "mode": target.mode,
+            "target": target.value,
+            "from": target.origin,
+            "share_of_way": target.share,
+        },
         "design": {
             "preset": synthesis.game.preset,
             "gamma_star": synthesis.game.gamma_star,
@@ -30,16 +36,16 @@ def numbers_of(comparison: Comparison) -> dict[str, Any]:
         },
         "start": bench.start,
         "goal": bench.goal,
-        "duration_s": reference.duration,
+        "duration_s": reference.step_duration,
         "load": reference.load,
         "move_s": float(reference.plan.duration),
         "drawn": len(comparison.drawn),
         "seed": reference.specification.seed,
-        "laws": [_law(row) for row in comparison.rows],
+        "laws": [_law(comparison, row) for row in comparison.rows],
     }
 
 
-def _law(row: Row) -> dict[str, Any]:
+def _law(comparison: Comparison, row: Row) -> dict[str, Any]:
     figures = row.figures
     return {
         "name": row.name,
@@ -53,6 +59,16 @@ def _law(row: Row) -> dict[str, Any]:
         "figures": {key: _finite(value) for key, value in figures.items()},
         "infinite": [key for key, value in figures.items() if value is not None and np.isinf(value)],
         "needs": list(row.needs),
+        "specification": [
+            {
+                "what": met.what,
+                "where": met.where,
+                "asked": met.asked,
+                "found": _finite(met.found),
+                "holds": met.holds,
+            }
+            for met in specification_met(comparison, row)
+        ],
         "corners": None if row.linear is None else row.linear.corners,
         "joints": None if row.runs is None else _joints(row.runs),
     }
@@ -62,7 +78,7 @@ def _joints(runs: Runs) -> dict[str, Any]:
     """Figures of each joint."""
     return {
         "step": _plain(runs.step.metrics),
-        "continued": None if runs.continued is None else _plain(runs.continued.metrics),
+        "raw": None if runs.raw is None else _plain(runs.raw.metrics),
         "load": _plain(runs.loaded.metrics),
         "move": _plain(runs.move.metrics),
     }

@@ -137,8 +137,10 @@ def _sides(comparison: Comparison, row: Row) -> tuple[str, str]:
 
 def _laws(comparison: Comparison) -> list[Any]:
     text = (
-        f"Every law but {REFERENCE} has one number that is tuned; {REFERENCE} is as the design makes it. All are run "
-        "in error coordinates about the goal or the move, (x_d, u_d) from the elastic inverse dynamics, with the "
+        f"Every law but {REFERENCE} has one number that is tuned; {REFERENCE} is as the design makes it. "
+        f"{_target(comparison)}All are run in error coordinates about the goal or the move, (x_d, u_d) from the "
+        "elastic inverse dynamics. A step is run as each law is commanded: integrals begin such that the input "
+        "continues, as in flexhinf design; a law without them sees the whole error at once. All have the "
         "same estimator (lqg: its own). What a law needs of the state is estimated where it is not measured."
     )
     rows = [
@@ -159,6 +161,21 @@ def _laws(comparison: Comparison) -> list[Any]:
         "law", "what it is", "tuned number", Column("reached", unit), "tries", "needs of the state", "knows", "source",
     )  # fmt: skip
     return [Paragraph(text), Table(columns, rows)]
+
+
+def _target(comparison: Comparison) -> str:
+    """What the tuned laws have in common, and on which robot."""
+    if comparison.target.value is None:
+        return ""
+    limit = comparison.target.mode == "peak" and comparison.target.origin != "reference"
+    worn = (
+        " A law that uses all of a limit on the nominal robot may pass it within the tolerances."
+        if limit
+        else ""
+    )
+    common = same(comparison)
+    common = common if common.startswith("tuned") else f"tuned to be {common}"
+    return f"The others are {common}, on the nominal robot.{worn} "
 
 
 def _needs(row: Row) -> str:

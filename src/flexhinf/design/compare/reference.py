@@ -15,7 +15,7 @@ from flexhinf.design.move import planned
 from flexhinf.design.presets.behaviour import behaviour_of
 from flexhinf.design.presets.linear_family import LinearFamily
 from flexhinf.design.presets.weights import JointScales
-from flexhinf.design.response import run_length
+from flexhinf.design.response import LONGEST, run_length
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.hinf import smallest_gamma
@@ -24,6 +24,9 @@ from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 __all__ = ["Reference", "reference_of"]
+
+#: Steps last so many times as long as the design's own: a law that is slower than it may settle.
+LONGER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +75,19 @@ class Reference:
 
     @cached_property
     def duration(self) -> float:
-        """Of the steps, s: as asked, or by the slowest mode of this law."""
+        """Of the design's own step, s: as asked, or by the slowest mode of this law."""
         if self.specification.duration is not None:
             return self.specification.duration
         loop = closed_loop(self.problem, self.synthesis.solution.gain)
         modes = modes_of(loop, self.robot.joint_names, *self.energy)
         return run_length(min(-mode.eigenvalue.real for mode in modes))
+
+    @property
+    def step_duration(self) -> float:
+        """Of the steps of all laws, s: as asked, or `LONGER` times the design's own, at most `LONGEST`."""
+        if self.specification.duration is not None:
+            return self.duration
+        return min(LONGER * self.duration, LONGEST)
 
     @cached_property
     def plan(self) -> JerkLimited:

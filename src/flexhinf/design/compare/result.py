@@ -52,15 +52,15 @@ class Runs:
     Attributes
     ----------
     step : Response
-        The goal commanded at once, integrals at zero.
-    continued : Response or None
-        The same, integrals such that the input continues from the last one; None for a law without integrals.
+        The goal commanded at once, as the law is commanded.
+    raw : Response or None
+        The same with integrals at zero; None for a law without integrals, whose step is that.
     loaded : Disturbed
     move : Move
     """
 
     step: Response
-    continued: Response | None
+    raw: Response | None
     loaded: Disturbed
     move: Move
 
@@ -111,8 +111,8 @@ class Row:
         if self.runs is None:
             return found
         found |= _named("step", step_figures(self.runs.step))
-        if self.runs.continued is not None:
-            found |= _named("continued", step_figures(self.runs.continued))
+        if self.runs.raw is not None:
+            found |= _named("raw", step_figures(self.runs.raw))
         found["load_deviation"], found["load_remaining"] = load_figures(self.runs.loaded)
         found["move_error"], found["move_peak_input"] = move_figures(self.runs.move)
         if self.drawn is not None:

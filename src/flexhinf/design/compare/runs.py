@@ -1,4 +1,9 @@
-"""The runs of a comparison: the same for all laws, all in error coordinates, on one kernel per law."""
+"""The runs of a comparison: the same for all laws, all in error coordinates.
+
+The step is run as each law is commanded. One with integrals takes over from what held the robot: it begins with the
+integrals for which the input continues, as in ``flexhinf design``. One without has nothing to begin with: it sees the
+whole error at the first sample, and its input jumps.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,12 @@ from flexhinf.loop import Controller, Moving, Step
 from flexhinf.plant import Law, Plant
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["Runner", "drawn_values", "unlimited"]
+__all__ = ["Runner", "drawn_values", "integrates", "unlimited"]
+
+
+def integrates(law: Law) -> bool:
+    """Whether a law has integrals, and so is commanded through them."""
+    return any(name.endswith("_integral") for name in law.state_names)
 
 
 def unlimited(bench: Bench) -> Bench:
@@ -55,6 +65,17 @@ class Runner:
         return self.bench.controller(self.bench.start, moving=True, law=self.law)
 
     @cached_property
+    def _commanded(self) -> Controller:
+        return self._continuing(self.bench.start) if integrates(self.law) else self._from_start
+
+    def _continuing(self, at: np.ndarray) -> Controller:
+        """At a pose (n,), with integrals for which the input continues from what held the robot there."""
+        s = self.bench.specification
+        return Controller(
+            self.law, self.bench.estimator(at), s.period, s.saturation, moving=True, start="bumpless"
+        )
+
+    @cached_property
     def taken(self) -> int:
         """Runge–Kutta steps per period of the nominal true plant."""
         return self.bench.loop(self._from_start, sub_steps=self.sub_steps).sub_steps
@@ -62,18 +83,16 @@ class Runner:
     def step(
         self,
         duration: float,
-        noise: bool = True,
         begin: np.ndarray | None = None,
         values: Mapping[str, Any] | None = None,
         seed: int = 0,
     ) -> Response:
-        """The goal commanded at once: the law sees the whole error at the first sample.
+        """The goal commanded at once, as the law is commanded: see the module.
 
         Parameters
         ----------
         duration : float
             s.
-        noise : bool
         begin : (n,), optional
             Where it starts, instead of the bench's start.
         values : mapping, optional
@@ -83,16 +102,17 @@ class Runner:
         """
         bench = self.bench
         at = bench.start if begin is None else begin
-        controller = self._from_start if begin is None else bench.controller(at, moving=True, law=self.law)
-        return self._run(controller, at, duration, values, seed, noise)
+        if begin is None:
+            controller = self._commanded
+        elif integrates(self.law):
+            controller = self._continuing(at)
+        else:
+            controller = bench.controller(at, moving=True, law=self.law)
+        return self._run(controller, at, duration, values, seed)
 
-    def continued_step(self, duration: float) -> Response:
-        """The same, begun by the controller so that the input continues from what held the robot."""
-        bench, s = self.bench, self.bench.specification
-        controller = Controller(
-            self.law, bench.estimator(bench.start), s.period, s.saturation, moving=True, start="bumpless"
-        )
-        return self._run(controller, bench.start, duration)
+    def raw_step(self, duration: float) -> Response:
+        """The same with integrals at zero: the input of a law with integrals jumps too."""
+        return self._run(self._from_start, self.bench.start, duration)
 
     def loaded(self, load: np.ndarray, duration: float) -> Disturbed:
         """At rest at the goal, with constant torques (n,) on all links from a tenth of the run on."""
@@ -120,7 +140,8 @@ class Runner:
             return self.step(duration, values=drawn[k], seed=1 + k), self.move(plan, drawn[k], 1 + k)
 
         if drawn:
-            self.bench.loop(self._from_start, sub_steps=self.taken).kernel  # noqa: B018  compiled before the threads
+            for controller in (self._commanded, self._from_start):  # compiled before the threads
+                self.bench.loop(controller, sub_steps=self.taken).kernel  # noqa: B018
         with ThreadPoolExecutor(THREADS) as pool:
             return list(pool.map(one, range(len(drawn))))
 
@@ -139,7 +160,6 @@ class Runner:
         duration: float,
         values: Mapping[str, Any] | None = None,
         seed: int = 0,
-        noise: bool = True,
         **options: Any,
     ) -> Response:
         bench = self.bench
@@ -147,6 +167,6 @@ class Runner:
         loop = bench.loop(controller, self.plant(values), steps)
         x, u = bench.rest(at, values)
         return run_to(
-            loop, bench.goal, x[: len(bench.goal)], noise=bench.noise if noise else None, duration=duration,
+            loop, bench.goal, x[: len(bench.goal)], noise=bench.noise, duration=duration,
             initial_state=x, initial_input=u, seed=bench.specification.seed + seed, **options,
         )  # fmt: skip

@@ -9,12 +9,16 @@ import numpy as np
 
 from flexhinf.baselines.gains import INTEGRAL_RATE
 from flexhinf.design.compare.linear import SMOOTH
+from flexhinf.design.compare.makers import PD_DAMPING
 from flexhinf.design.compare.names import REFERENCE
+from flexhinf.design.compare.reference import LONGER
 from flexhinf.design.compare.result import Comparison
 from flexhinf.design.compare.shown import corners
 from flexhinf.design.compare.tuned import EVALUATIONS, TOLERANCE
+from flexhinf.design.compare.words import ORIGINS
 from flexhinf.design.disturbed import BEGINNING, LOAD_SHARE
 from flexhinf.design.page.settings import setting_groups as design_groups
+from flexhinf.design.response import LONGEST
 from flexhinf.report import Setting
 
 __all__ = ["setting_groups"]
@@ -61,16 +65,26 @@ def _comparison(comparison: Comparison) -> list[Setting]:
     ]
     if target.value is not None:
         rows += [
-            Setting("target", target.value, unit, f"the {target.mode} of {REFERENCE}"),
+            Setting(
+                "target", target.value, unit, ORIGINS.get(target.origin, f"the {target.mode} of {REFERENCE}")
+            ),
             Setting("target is met within", f"{100 * TOLERANCE:g} %", "", "ours"),
             Setting("tries of a search at most", EVALUATIONS, "", "ours"),
             Setting("tuned on", _tuned_on(comparison), "", "ours"),
         ]
     return [
         *rows,
+        Setting(
+            "step", "as each law is commanded: with integrals the input continues, without it jumps", "", "ours"
+        ),
+        Setting(
+            "length of the steps", reference.step_duration, "s",
+            f"{LONGER:g} times the design's own, at most {LONGEST:g} s" if s.duration is None else "option --duration",
+        ),
         Setting("loop", "error coordinates about the goal or the move, the same for all laws", "", "ours"),
         Setting("estimator", "the design's for all laws; lqg has a linear Kalman filter", "", "ours"),
-        Setting("damping ratio of pd, pid, torque", 0.7, "", "ours"),
+        Setting("damping ratio of pd, pid", PD_DAMPING, "", "ours: no overshoot for want of it"),
+        Setting("damping ratio of torque, torque-i", 0.7, "", "ours"),
         Setting("pole of integrals over the bandwidth", INTEGRAL_RATE, "", "ours: pid, torque-i"),
         Setting("rotor inertia that torque makes felt", "a quarter of the motor's", "", "ours"),
         Setting("poles of flatness", "Bessel filter", "", "Thomson 1949"),
@@ -95,7 +109,7 @@ def _comparison(comparison: Comparison) -> list[Setting]:
 
 def _tuned_on(comparison: Comparison) -> str:
     if comparison.target.mode == "bandwidth":
-        return "the linearised loop with its estimator: slowest joint"
+        return "the linearised loop with its estimator, |command → link position| as commanded: slowest joint"
     part = comparison.target.share
-    way = "the raw step" if part == 1.0 else f"the last {100 * part:.3g} % of the raw step's way"
-    return f"{way}: nominal robot, estimator, no noise, no limits of the input"
+    way = "the step as commanded" if part == 1.0 else f"the last {100 * part:.3g} % of the step's way"
+    return f"{way}: nominal robot, estimator, noise, no limits of the input"

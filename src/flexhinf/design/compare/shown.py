@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.design.compare.merits import CONTINUED, COST, DRAWN, LINEAR, LOAD, MOVE, STEP, Merit
+from flexhinf.design.compare.merits import COST, DRAWN, LINEAR, LOAD, MOVE, RAW, STEP, Merit
 from flexhinf.design.compare.result import Comparison, Row
 from flexhinf.report import number
 
@@ -12,13 +12,13 @@ __all__ = ["SHORT", "cell", "corners", "group_title", "in_words", "knob", "reach
 
 #: Titles of groups where there is little room.
 SHORT = {
-    STEP: "raw step", CONTINUED: "step, input continued", LOAD: "torque on the links", MOVE: "planned move",
+    STEP: "step as commanded", RAW: "raw step", LOAD: "torque on the links", MOVE: "planned move",
     DRAWN: "within the tolerances", LINEAR: "linearised loop", COST: "cost",
 }  # fmt: skip
 
 #: Where a figure is from, in a sentence.
 WHERE = {
-    STEP: " of the raw step", CONTINUED: " of the step that continues the input", LOAD: " under the load",
+    STEP: " of the step", RAW: " of the raw step", LOAD: " under the load",
     MOVE: " of the move", DRAWN: " within the tolerances", LINEAR: "", COST: "",
 }  # fmt: skip
 
@@ -49,7 +49,7 @@ def cell(merit: Merit, value: float | None, comparison: Comparison) -> str:
         return "–"
     if np.isinf(value):
         if "settling" in merit.key:
-            return f"> {comparison.reference.duration:g}"
+            return f"> {comparison.reference.step_duration:g}"
         return "∞" if merit.key == "delay_margin_s" else "diverges"
     if merit.unit in ("length", "ms", "small input"):
         value *= 1e3
@@ -77,11 +77,12 @@ def group_title(group: str, comparison: Comparison) -> str:
     torque, length = reference.units["torque"], reference.units["position"]
     loads = ", ".join(number(float(value), 3) for value in reference.load)
     return {
-        STEP: f"Raw step {_poses(bench.start)} → {_poses(bench.goal)} {length}, commanded at once: the input jumps",
-        CONTINUED: "The same step, begun with integrals that let the input continue",
+        STEP: f"Step {_poses(bench.start)} → {_poses(bench.goal)} {length}, as each law is commanded: with integrals "
+        "the input continues, without it jumps",
+        RAW: "The raw step: the same with integrals at zero, so that every input jumps; not counted",
         LOAD: f"Torque of {loads} {torque} on the links, at the goal",
         MOVE: f"Planned move of {number(float(plan.duration), 3)} s over the same way, with feedforward",
-        DRAWN: f"{len(comparison.drawn)} robots within their tolerances: raw step and move",
+        DRAWN: f"{len(comparison.drawn)} robots within their tolerances: step and move",
         LINEAR: "Linearised loop with its estimator, at the goal",
         COST: "Cost",
     }[group]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flexhinf.design.compare.asked import asked_label, specification_met
 from flexhinf.design.compare.merits import GROUPS, MERITS, Merit, best, judged
 from flexhinf.design.compare.names import BANDWIDTH, PRICE
 from flexhinf.design.compare.result import Comparison, Row
@@ -52,6 +53,10 @@ def lines(comparison: Comparison, rows: Sequence[Row], short: bool = False) -> l
     if comparison.target.value is not None:
         what, unit = ("peak input", comparison.reference.unit) if mode == "peak" else ("bandwidth", "rad/s")
         told(f"{what} tuned to", unit, [reached(row) for row in rows])
+    asked = [specification_met(comparison, row) for row in rows]
+    found.append(Line("specification" if short else "What the specification asks of the step"))
+    for mets in zip(*asked):
+        told(asked_label(mets[0], short), "", ["met" if met.holds else "not met" for met in mets])
     for group in GROUPS:
         kept = [
             merit

@@ -1,8 +1,9 @@
-"""Each law tuned to what the reference costs, or does: the one number of `flexhinf.baselines.tune`.
+"""Each law tuned to what was asked for, or to what the reference does: the one number of `flexhinf.baselines.tune`.
 
-By the peak of the input in the raw step (nominal plant, estimator, no noise, no limits of the input), or by the
-bandwidth of the linearised loop with its estimator. A law that cannot get there with a stable linearised loop is
-compared as near as it gets, and the table says so.
+By the peak of the input in the step as the law is commanded (`flexhinf.design.compare.runs`: nominal plant, estimator,
+noise, no limits of the input), or by the bandwidth of the linearised loop with its estimator. The target is the limit
+or the bandwidth of the specification; without one, what the reference does. The reference itself is never tuned. A law
+that cannot get there with a stable linearised loop is compared as near as it gets, and the table says so.
 """
 
 from __future__ import annotations
@@ -49,12 +50,18 @@ class Target:
     share : float
         Part of the step's way on which the peak is judged: less than 1 if the reference does not survive all of it.
     reference : Reference
+    own : float or None
+        What the reference itself does; None without tuning.
+    origin : str
+        Where the value comes from: "peak_effort", "saturation" or "bandwidth" of the specification, or "reference".
     """
 
     mode: str
     value: float | None
     share: float
     reference: Reference
+    own: float | None = None
+    origin: str = "reference"
 
     @cached_property
     def begin(self) -> np.ndarray:
@@ -78,7 +85,7 @@ class Target:
             )
         if self.mode == "bandwidth":
             return bandwidth_of(bench, law)
-        return _peak(bench, law, self.reference.duration, self.begin)
+        return _peak(bench, law, self.reference.step_duration, self.begin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +113,14 @@ class Tuned:
 
 
 def target_of(mode: str, reference: Reference) -> Target:
-    """What the reference costs, or does.
+    """What was asked for; without it, what the reference does.
 
     Raises
     ------
     InvalidInput
-        For another mode, or a reference that moves nothing.
+        For another mode.
     NumericalFailure
-        If the reference does not survive a tenth of the step either.
+        If nothing was asked for and the reference does not survive a tenth of the step either, or is unstable.
     """
     if mode not in MODES:
         raise InvalidInput(
@@ -121,21 +128,35 @@ def target_of(mode: str, reference: Reference) -> Target:
         )
     if mode == "none":
         return Target(mode, None, 1.0, reference)
-    bench, law = reference.bench, reference.synthesis.law
-    if mode == "bandwidth":
-        value = bandwidth_of(bench, reference.synthesis.solution)
-        if not np.isfinite(value) or value <= 0.0:
-            raise NumericalFailure(
-                "The reference has no bandwidth that others could be tuned to.",
-                f"expected a stable linearised loop with its estimator, got a bandwidth of {value}",
-                "--tune peak, or another design",
-            )
-        return Target(mode, value, 1.0, reference)
+    return _bandwidth_target(reference) if mode == "bandwidth" else _peak_target(reference)
+
+
+def _bandwidth_target(reference: Reference) -> Target:
+    own = bandwidth_of(reference.bench, reference.synthesis.solution)
+    asked = reference.specification.bandwidth
+    if asked is not None:
+        own = own if np.isfinite(own) else None
+        return Target("bandwidth", float(np.min(asked)), 1.0, reference, own, "bandwidth")
+    if not np.isfinite(own) or own <= 0.0:
+        raise NumericalFailure(
+            "The reference has no bandwidth that others could be tuned to.",
+            f"expected a stable linearised loop with its estimator, got a bandwidth of {own}",
+            "--tune peak, or another design",
+        )
+    return Target("bandwidth", own, 1.0, reference, own)
+
+
+def _peak_target(reference: Reference) -> Target:
+    bench, law, s = reference.bench, reference.synthesis.law, reference.specification
+    for origin, limit in (("peak_effort", s.peak_effort), ("saturation", s.saturation)):
+        if limit is not None:
+            own = _peak(bench, law, reference.step_duration, bench.start)
+            return Target("peak", float(limit), 1.0, reference, own if np.isfinite(own) else None, origin)
     for share in SHARES:
         begin = bench.goal + share * (bench.start - bench.goal)
-        peak = _peak(bench, law, reference.duration, begin)
+        peak = _peak(bench, law, reference.step_duration, begin)
         if np.isfinite(peak):
-            return Target(mode, peak, share, reference)
+            return Target("peak", peak, share, reference, peak)
     raise NumericalFailure(
         "The reference diverges in every step that laws could be tuned on.",
         f"tried from the whole way to {SHARES[-1]:g} of it",
@@ -145,7 +166,7 @@ def target_of(mode: str, reference: Reference) -> Target:
 
 def _peak(bench: Bench, law: Law, duration: float, begin: np.ndarray) -> float:
     free = unlimited(bench)
-    run = Runner(free, law).step(duration, noise=False, begin=begin)
+    run = Runner(free, law).step(duration, begin=begin)
     return np.inf if run.diverged is not None else float(np.abs(run.run.signals["input"]).max())
 
 

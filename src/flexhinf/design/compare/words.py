@@ -6,13 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexhinf.design.compare.asked import asked_words, specification_met
 from flexhinf.design.compare.merits import COST, Merit, best, judged, wins
 from flexhinf.design.compare.names import REFERENCE
 from flexhinf.design.compare.result import Comparison, Row
 from flexhinf.design.compare.shown import cell, in_words, unit_of
 from flexhinf.report import number
 
-__all__ = ["bests", "notes", "opponent", "same", "verdict", "versus"]
+__all__ = ["ORIGINS", "bests", "notes", "opponent", "same", "verdict", "versus"]
+
+#: Where a target is from that the reference does not set.
+ORIGINS = {
+    "peak_effort": "the limit that was asked for",
+    "saturation": "where the input saturates",
+    "bandwidth": "as asked for",
+}
 
 #: Figures that a sentence names, of those won and of those lost; one of each group.
 NAMED = 2
@@ -58,11 +66,14 @@ def same(comparison: Comparison) -> str:
     target = comparison.target
     if target.value is None:
         return "each with its own defaults"
-    value = number(target.value, 3)
-    if target.mode == "bandwidth":
-        return f"at the same bandwidth of the linearised loop ({value} rad/s)"
-    part = "" if target.share == 1.0 else f", {100 * target.share:.3g} % of the way"
-    return f"at the same peak input of the raw step ({value} {comparison.reference.unit}{part})"
+    unit = comparison.reference.unit if target.mode == "peak" else "rad/s"
+    what = "peak input of the step" if target.mode == "peak" else "bandwidth of the linearised loop"
+    value = f"{number(target.value, 3)} {unit}"
+    if target.origin == "reference":
+        part = "" if target.share == 1.0 else f", {100 * target.share:.3g} % of the way"
+        return f"at the same {what} ({value}{part}, that of {REFERENCE})"
+    own = "" if target.own is None else f"; {REFERENCE} itself: {number(target.own, 3)} {unit}"
+    return f"tuned to a {what} of {value} ({ORIGINS[target.origin]}{own})"
 
 
 def verdict(comparison: Comparison) -> str:
@@ -79,7 +90,7 @@ def verdict(comparison: Comparison) -> str:
     )
     text = (
         f"Against {other.name} {same(comparison)}{missed}, {REFERENCE} is better in {len(won)} of {both} figures and "
-        f"worse in {len(lost)}."
+        f"worse in {len(lost)}.{_asked(comparison, other)}"
     )
     if won:
         text += f" Better: {_named(comparison, other, won)}."
@@ -88,12 +99,22 @@ def verdict(comparison: Comparison) -> str:
     return text
 
 
+def _asked(comparison: Comparison, other: Row) -> str:
+    """What of the specification the two laws do not keep."""
+    told = []
+    for row in (comparison.first, other):
+        missed = [met for met in specification_met(comparison, row) if not met.holds]
+        if missed:
+            words = " and ".join(f"{asked_words(met)} ({met.where})" for met in missed)
+            told.append(f"{row.name} does not keep {words}")
+    return f" Of what was asked for, {'; '.join(told)}." if told else " Both keep what was asked of the step."
+
+
 def _named(comparison: Comparison, other: Row, merits: Sequence[Merit]) -> str:
-    """The clearest figure of each group, in numbers."""
+    """The clearest figure of each group, in numbers; cost where there is nothing else."""
     chosen: dict[str, Merit] = {}
-    for merit in merits:
-        if merit.group != COST:
-            chosen.setdefault(merit.group, merit)
+    for merit in sorted(merits, key=lambda merit: merit.group == COST):
+        chosen.setdefault(merit.group, merit)
     return "; ".join(against(comparison, other, merit) for merit in list(chosen.values())[:NAMED])
 
 
@@ -114,7 +135,7 @@ def notes(comparison: Comparison) -> list[str]:
     found, reference = [], comparison.reference
     if comparison.target.share < 1.0:
         found.append(
-            f"{REFERENCE} does not survive the raw step from its start: the laws are tuned on the last "
+            f"{REFERENCE} does not survive the step from its start: the laws are tuned on the last "
             f"{100 * comparison.target.share:.3g} % of the way, and run on all of it."
         )
     found += _linear_notes(comparison)
