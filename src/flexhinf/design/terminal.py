@@ -193,7 +193,7 @@ def _regions(design: Design) -> Table:
             degrees = f"{math.degrees(c.step_amplitude):.3g}" if units_of(design).position == "rad" else "–"
             looked = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
             if math.isinf(c.step_amplitude):
-                looked = ("all looked at", "all looked at", "–")
+                looked = ("any", "any", "–")
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *looked, f"{c.residual:.0e}", *times)
     return regions
