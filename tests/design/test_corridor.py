@@ -20,13 +20,13 @@ from flexhinf.errors import NotDetectable
 @pytest.fixture(scope="module")
 def two() -> Design:
     asked = Specification(
-        pose=(0.6, 0.3), start=(0.55, 0.36), measured=("motor_position",), degrees=(2, 4), rays=20
+        pose=(0.6, 0.3), start=(0.55, 0.36), measured=("motor_position",), degrees=(2, 4), rays=20, draws=0
     )
     return design(fh.load_robot("planar-two-link"), asked)
 
 
 def quick(name: str, **options: object) -> Design:
-    settings = {"rays": 0, "degrees": (2,), "compare_rigid": False, **options}
+    settings = {"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options}
     return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
 
 
@@ -111,6 +111,7 @@ def test_the_same_specification_gives_the_same_report() -> None:
     assert len(pages) == 1
 
 
+@pytest.mark.slow
 def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
     result = quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
@@ -126,7 +127,10 @@ def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "measured", "apart"),
-    [("planar-two-link", ("motor_position",), 1e-6), ("seven-link", ("link_position",), 1e-4)],
+    [
+        ("planar-two-link", ("motor_position",), 1e-6),
+        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.slow),
+    ],
 )
 def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...], apart: float) -> None:
     pytest.importorskip("mujoco")
@@ -156,6 +160,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
         quick("quanser-rotflex", measured=("joint_torque",))
 
 
+@pytest.mark.slow
 def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
     blind = quick("seven-link", measured=("motor_position",))
     assert min(mode.damping for mode in blind.estimator_modes if mode.vibration) < 1e-3
