@@ -82,8 +82,8 @@ def test_a_step_that_diverges_meets_nothing() -> None:
 def test_of_the_bandwidths_the_joint_that_lags_most_is_told() -> None:
     wanted = Wanted(np.array([4.0, 2.0, 10.0]), 0.2)
     asked = Specification(bandwidth=[4.0, 2.0, 10.0], damping=0.2)
-    band, damping = linear_met(asked, wanted, np.array([4.2, 1.5, 9.0]), 0.25)
-    assert (band.asked, band.found, band.holds, band.asked_for) == (2.0, 1.5, False, True)
+    band, damping = linear_met(asked, wanted, np.array([4.2, 1.9, 7.0]), 0.25)
+    assert (band.asked, band.found, band.holds, band.asked_for) == (10.0, 7.0, False, True)
     assert (damping.asked, damping.found, damping.holds, damping.asked_for) == (0.2, 0.25, True, True)
     band, damping = linear_met(Specification(), wanted, np.array([4.2, 2.1, 11.0]), 0.1)
     assert (band.asked_for, damping.asked_for, damping.holds) == (False, False, False)

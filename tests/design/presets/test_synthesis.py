@@ -59,7 +59,7 @@ def test_what_a_gain_attains_is_the_norm_of_its_loop(robot_of: Callable[[str], A
 def test_another_price_of_the_input_is_a_change_of_its_units(robot_of: Callable[[str], Any]) -> None:
     """R2 = r is R2 = 1 for the input √r u."""
     game, _ = _game(robot_of("planar-two-link"), 0.5, 0.3, False)
-    r = np.array([[2.0, 0.5], [0.5, 3.0]])
+    r = np.array([[200.0, 50.0], [50.0, 300.0]])
     root = np.linalg.cholesky(r).T  # |root u|² = uᵀ r u
     priced = Game(game.a, game.b1, game.b2, game.c, r)
     other = Game(game.a, game.b1, game.b2 @ np.linalg.inv(root), game.c, np.eye(2))

@@ -80,6 +80,21 @@ def test_of_several_links_each_parameter_is_covered_but_for_its_bend(
             assert np.abs(deltas).max() <= 1.0 + 2.0 * left + 1e-8, parameter
 
 
+@pytest.mark.parametrize(
+    "parameter", ["stiffness_elbow", "stiffness_shoulder", "rotor_inertia_elbow", "resistance_shoulder"]
+)
+def test_springs_and_motors_of_several_links_are_covered_exactly(
+    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], parameter: str
+) -> None:
+    """About the rest of the robot as it is: a softer spring bends further, and holds the same weight."""
+    robot, at = only_uncertain(robot_of("planar-two-link"), parameter), np.array([0.9, -0.7])
+    found = channels(robot, [at])
+    for value in np.linspace(*robot[parameter].interval, 5):
+        deltas, left = _deltas(robot, found, at, {parameter: value})
+        assert value == robot[parameter].value or left < 1e-7
+        assert np.abs(deltas).max() <= 1.0 + 1e-7
+
+
 def test_the_stiffness_is_the_channel_of_the_textbook(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
 ) -> None:
