@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -206,16 +207,22 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
 
 
-def test_the_stages_told_are_those_announced() -> None:
-    robot = fh.load_robot("vertical-rig")
-    for asked in (
-        Specification(rays=20, degrees=(2, 4), draws=2),
-        Specification(rays=0, degrees=(4,), compare_rigid=False, draws=0),
-        Specification(rays=0, degrees=(2,), compare_rigid=False, draws=12, preset="damped", peak_effort=40.0),
-    ):
-        told: list[str] = []
-        design(robot, asked, told.append)
-        assert len(told) == stages(robot, asked)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
+        {"degrees": (4,)},
+        {"preset": "damped", "peak_effort": 0.6, "draws": 12},
+        {"preset": "paper", "peak_effort": 40.0},
+        {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
+        {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1},
+    ],
+)
+def test_the_stages_told_are_those_announced(options: dict[str, Any]) -> None:
+    robot, told = fh.load_robot("vertical-rig"), []
+    asked = Specification(**{"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options})
+    design(robot, asked, told.append)
+    assert len(told) == stages(robot, asked)
 
 
 @pytest.mark.parametrize(
@@ -230,6 +237,16 @@ def test_the_stages_told_are_those_announced() -> None:
         ({"measurement_noise": 0.0}, "measurement noise"),
         ({"duration": -1.0}, "duration"),
         ({"rays": -2}, "rays"),
+        ({"delay": 0.5e-3}, "delay"),
+        ({"delay": -1e-3}, "delay"),
+        ({"bandwidth": 0.0}, "bandwidth"),
+        ({"bandwidth": [2.0, -1.0]}, "bandwidth"),
+        ({"damping": 1.0}, "damping"),
+        ({"peak_effort": 0.0}, "peak effort"),
+        ({"overshoot": -5.0}, "overshoot"),
+        ({"preset": "stiff"}, "preset"),
+        ({"torque_noise": -1.0}, "torque noise"),
+        ({"draws": -1}, "draws"),
     ],
 )
 def test_a_specification_is_checked_where_it_is_made(options: dict[str, object], what: str) -> None:

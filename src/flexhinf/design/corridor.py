@@ -12,6 +12,7 @@ from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.guarantee import guarantee
 from flexhinf.design.linearised import Linearised, linearise
 from flexhinf.design.met import Met, corners_met, linear_met, step_met, within_tolerances
+from flexhinf.design.presets.choose import preset_of
 from flexhinf.design.response import Response
 from flexhinf.design.result import Design
 from flexhinf.design.runs import Runs, draws_of, run_all
@@ -103,5 +104,6 @@ def stages(robot: Robot, specification: Specification) -> int:
     """How many steps of work there are, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
-    more = [s.peak_effort is not None, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
+    searched = preset_of(robot, s) in ("damped", "robust")
+    more = [s.peak_effort is not None and searched, s.mujoco, draws_of(robot, states, s) > 0, s.compare_rigid]
     return 7 + solved + len(s.via) + sum(more)

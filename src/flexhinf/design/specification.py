@@ -20,6 +20,9 @@ PRESETS = ("paper", "damped", "robust")
 #: link moves it little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
+#: A delay is a whole number of samples, to this part of one.
+WHOLE = 1e-6
+
 
 @dataclass(frozen=True)
 class Specification:
@@ -162,6 +165,8 @@ class Specification:
             _require(name, value, value is None or value >= 0.0, "a variance >= 0")
         _require("estimator", self.estimator, self.estimator in ESTIMATORS, ", ".join(ESTIMATORS))
         _require("period", self.period, 1e-5 <= self.period <= 1.0, "1e-5 to 1 s")
+        late = self.delay / self.period
+        _require("delay", self.delay, abs(late - round(late)) <= WHOLE, f"a multiple of {self.period:g} s")
         _require("rays", self.rays, self.rays is None or self.rays >= 0, "an integer >= 0")
         _require("seed", self.seed, 0 <= self.seed < 2**63, "an integer >= 0")
         if self.degrees is not None:

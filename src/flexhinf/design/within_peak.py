@@ -45,7 +45,7 @@ def choose_within_peak(
     InvalidInput
         If the limit is not kept: the best bandwidth found within it.
     """
-    game = choose_withstanding(choose, robot, goal, start, s, tell)
+    game = choose_withstanding(choose, robot, goal, start, s)
     if s.peak_effort is None or game.found is None or game.wanted is None:
         return game
     tell("the peak input of the step")

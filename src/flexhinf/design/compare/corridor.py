@@ -14,6 +14,7 @@ from flexhinf.design.compare.result import Comparison, Drawn, Row, Runs
 from flexhinf.design.compare.runs import Runner, drawn_values, integrates
 from flexhinf.design.compare.tuned import MODES, Target, Tuned, target_of, tuned_law
 from flexhinf.design.degrees import rays_of, tried_degrees
+from flexhinf.design.presets.choose import preset_of
 from flexhinf.design.specification import Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.robot import Robot
@@ -154,4 +155,5 @@ def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None
     states = 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     each = 3 if draws_of(robot, states, s) else 2
-    return 2 + (s.peak_effort is not None) + solved + len(s.via) + each * len(law_names(laws))
+    searched = preset_of(robot, s) in ("damped", "robust")
+    return 2 + (s.peak_effort is not None and searched) + solved + len(s.via) + each * len(law_names(laws))
