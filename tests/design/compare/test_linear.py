@@ -104,15 +104,15 @@ def test_extras_that_are_not_smooth_at_rest_are_left_out(bench: Bench) -> None:
 
 def test_a_loop_without_rest_is_not_called_unstable(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     from flexhinf.campaign import RestingLoop
-    from flexhinf.design.compare.linear import stable_at_rest
+    from flexhinf.design.compare.linear import sensitivity_at_rest
     from flexhinf.errors import NumericalFailure
 
     law = lqr(bench.robot.problem(pose=(0.8,)))
-    assert stable_at_rest(bench, law)
-    assert not stable_at_rest(bench, replace(law, gains=-law.gains))
+    assert sensitivity_at_rest(bench, law) == linear_figures(bench, law, energy(bench), []).peak_sensitivity
+    assert np.isinf(sensitivity_at_rest(bench, replace(law, gains=-law.gains)))
 
     def nowhere(self: object, *arguments: object) -> None:
         raise NumericalFailure("The loop does not rest.", "expected a rest, found none", "another law")
 
     monkeypatch.setattr(RestingLoop, "linear", nowhere)
-    assert stable_at_rest(bench, law)
+    assert sensitivity_at_rest(bench, law) == 0.0

@@ -16,7 +16,7 @@ from flexhinf.design.modes import named_modes
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law
 
-__all__ = ["Linear", "bandwidth_of", "corners_of", "linear_bench", "linear_figures", "stable_at_rest"]
+__all__ = ["Linear", "bandwidth_of", "corners_of", "linear_bench", "linear_figures", "sensitivity_at_rest"]
 
 #: Corners of the tolerances, for up to so many states, and with more.
 CORNERS = ((15, 400), (10_000, 60))
@@ -83,12 +83,17 @@ def bandwidth_of(bench: Bench, law: Law) -> float:
     return float(found.bandwidth.min()) if found.stable else np.inf
 
 
-def stable_at_rest(bench: Bench, law: Law) -> bool:
-    """Whether the linearised loop with its estimator is stable at the goal; True where it cannot be linearised."""
+def sensitivity_at_rest(bench: Bench, law: Law) -> float:
+    """Peak sensitivity of the linearised loop with its estimator at the goal; infinite for an unstable one.
+
+    Zero where it cannot be linearised: nothing is known against it.
+    """
+    delay = bench.specification.delay
     try:
-        return resting_loop(bench, law).linear().system(bench.specification.delay).stable
+        linear = resting_loop(bench, law).linear()
     except FlexhinfError:
-        return True
+        return 0.0
+    return float(linear.part("w", "u+w", delay).norm()[0]) if linear.system(delay).stable else np.inf
 
 
 def linear_figures(

@@ -14,7 +14,7 @@ from flexhinf.design.compare.names import REFERENCE
 from flexhinf.design.compare.reference import LONGER
 from flexhinf.design.compare.result import Comparison
 from flexhinf.design.compare.shown import corners
-from flexhinf.design.compare.tuned import EVALUATIONS, TOLERANCE
+from flexhinf.design.compare.tuned import EDGE, EVALUATIONS, MISSING, TOLERANCE
 from flexhinf.design.compare.words import ORIGINS
 from flexhinf.design.disturbed import BEGINNING, LOAD_SHARE
 from flexhinf.design.page.settings import setting_groups as design_groups
@@ -69,6 +69,12 @@ def _comparison(comparison: Comparison) -> list[Setting]:
                 "target", target.value, unit, ORIGINS.get(target.origin, f"the {target.mode} of {REFERENCE}")
             ),
             Setting("target is met within", f"{100 * TOLERANCE:g} %", "", "ours"),
+            Setting(
+                "peak sensitivity of a tuned loop at most",
+                max(EDGE, target.sensitivity),
+                "",
+                f"ours, or the reference's own; {MISSING:g} for a law that misses the target",
+            ),
             Setting("tries of a search at most", EVALUATIONS, "", "ours"),
             Setting("tuned on", _tuned_on(comparison), "", "ours"),
         ]

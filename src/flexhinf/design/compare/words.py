@@ -143,8 +143,9 @@ def notes(comparison: Comparison) -> list[str]:
         if row.failure:
             found.append(f"{row.name} was not compared: {row.failure}")
         elif row.tuned is not None and not row.tuned.met:
+            reason = row.tuned.reason.replace(".;", ";").rstrip(".")
             found.append(
-                f"{row.name} does not reach the target: {_reached(comparison, row)} at best, {row.tuned.reason}."
+                f"{row.name} does not reach the target: {_reached(comparison, row)} at best, {reason}."
             )
     chosen = reference.synthesis.chosen
     if chosen.degree == 2 and comparison.row("hinf") is not None:
