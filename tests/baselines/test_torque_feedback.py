@@ -75,6 +75,7 @@ def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(m
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("compensation", ["motor", "goal"])
+@pytest.mark.slow
 def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     robot = made.robots["spatial-three-link"]
     law = TorqueFeedback.tuned(robot.problem(), 8.0, 0.8, compensation=compensation)

@@ -139,6 +139,7 @@ def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     assert found.largest_value > 0.05 * level
 
 
+@pytest.mark.slow
 def test_no_disturbance_of_two_links_attains_gamma(two_link: Robot) -> None:
     problem = two_link.problem(command=None, disturbances=TORQUES)
     star = smallest_gamma(problem)

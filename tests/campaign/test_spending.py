@@ -50,7 +50,10 @@ def finely(arm: Robot, law: HJISolution, run: Trajectory, applied: np.ndarray, i
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize(("late", "limit"), [(0, None), (2, None), (1, 25.0)])
+@pytest.mark.parametrize(
+    ("late", "limit"),
+    [pytest.param(0, None, marks=pytest.mark.slow), pytest.param(2, None, marks=pytest.mark.slow), (1, 25.0)],
+)
 def test_spent_is_that_of_a_fine_integration(
     arm: Robot, law: HJISolution, late: int, limit: float | None
 ) -> None:

@@ -245,6 +245,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
 
 
 # What is lost and why -----------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> None:
     """The law of degree 3 is not made for half a turn: it overshoots, and the specification says so."""
     s = Specification(

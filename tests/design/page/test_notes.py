@@ -111,6 +111,7 @@ def test_the_estimators_start_is_told_apart_from_the_step(page_design: Make) -> 
     assert what in about(dataclasses.replace(design, response=response))
 
 
+@pytest.mark.slow
 def test_every_note_stands_once_on_the_page_and_its_subject_at_the_top(page_design: Make) -> None:
     for name in ("met", "rings", "cart", "true state"):
         design = page_design(name)

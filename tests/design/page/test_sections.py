@@ -171,6 +171,7 @@ def test_a_linear_law_is_not_called_nonlinear(page_design: Make) -> None:
     assert title_of(page_design("rings")) == "A linear H∞ law for the robot “paper”"
 
 
+@pytest.mark.slow
 def test_joints_that_slide_have_their_units(page_design: Make) -> None:
     design = page_design("cart")
     assert "(−0.01 m, 0.2 rad = 11.5°)" in design_page(design, ["flexhinf"]).asked

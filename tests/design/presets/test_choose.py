@@ -302,6 +302,7 @@ def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> 
             )
 
 
+@pytest.mark.slow
 def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(game_of: Games) -> None:
     game = game_of("seven-link", preset="robust")
     assert game.robustness is not None
