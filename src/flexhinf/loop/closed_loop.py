@@ -221,7 +221,9 @@ class Loop:
             held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
         commands = sample_signal(reference, times, names, "reference")
-        models = [self.true_plant] + ([self.controller.estimator.plant] if self.controller.estimator else [])
+        models: list[Any] = [self.true_plant]
+        if self.controller.estimator is not None:
+            models.append(self.controller.estimator.plant)
         limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
         check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
         return commands
