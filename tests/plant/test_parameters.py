@@ -97,3 +97,10 @@ def test_an_unknown_name_is_refused_with_the_nearest():
 def test_parameters_can_be_copied():
     p = Parameters({"mass": 1.0})
     assert copy.deepcopy(p).mass == 1.0
+
+
+def test_what_a_table_knows_of_many_values() -> None:
+    table = ParameterTable({"mass": 1.0, "stiffness": [1.0, 2.0]})
+    values = {"stiffness": np.array([3.0, 4.0]), "inductance": 0.1}
+    assert list(table.known(values)) == ["stiffness"]
+    assert table.known(values)["stiffness"] is values["stiffness"]

@@ -91,8 +91,8 @@ def drawn_steps(
     bench.loop(controller, sub_steps=sub_steps).kernel  # noqa: B018  compiled once, before the threads
 
     def one(k: int) -> Response:
-        known = {name: v for name, v in values[k].items() if name in bench.true_plant.parameters.values}
-        plant = bench.true_plant.with_parameters(**known)
+        plant = bench.true_plant
+        plant = plant.with_parameters(**plant.parameters.known(values[k]))
         loop = bench.loop(controller, plant, sub_steps)
         begin = bench.rest(bench.start, values[k])
         return step_response(loop, begin, bench.goal, bench.noise, duration, s.seed + 1 + k)

@@ -15,7 +15,6 @@ import numpy as np
 from flexhinf.campaign import Attained, Expense, budget_table, worst_disturbance
 from flexhinf.design.bench import Bench
 from flexhinf.design.linearised import Linearised
-from flexhinf.design.response import run_length
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.errors import NumericalFailure
 
@@ -52,8 +51,7 @@ def looked_for(states: int, rays: int) -> bool:
 def guarantee(bench: Bench, synthesis: Synthesis, linear: Linearised) -> Guarantee:
     """Both, with the chosen solution at the goal."""
     s, law, chosen = bench.specification, synthesis.solution, synthesis.chosen
-    slowest = min(-mode.eigenvalue.real for mode in linear.closed_modes)
-    duration = run_length(slowest) if s.duration is None else s.duration
+    duration = linear.step_length(s)
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     attained = None
     if level is not None and looked_for(len(law.state_names), synthesis.rays):

@@ -12,7 +12,9 @@ from flexhinf.design.estimator import estimator_modes
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 from flexhinf.design.presets.behaviour import behaviour_of
 from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.response import run_length
 from flexhinf.design.resting import resting_loop
+from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
 
 __all__ = ["Linearised", "linearise"]
@@ -40,6 +42,12 @@ class Linearised:
     bandwidth: np.ndarray
     margins: Margins
     state_margins: Margins
+
+    def step_length(self, s: Specification) -> float:
+        """Length of the step's run, s: as asked, or by the slowest mode."""
+        if s.duration is not None:
+            return s.duration
+        return run_length(min(-mode.eigenvalue.real for mode in self.closed_modes))
 
 
 def linearise(bench: Bench, synthesis: Synthesis) -> Linearised:

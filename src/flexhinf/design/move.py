@@ -100,12 +100,11 @@ def planned(bench: Bench, bandwidth: np.ndarray) -> Any:
 
 def _allowed(bench: Bench) -> float | None:
     """The largest input that the feedforward may ask for: part of the way from what holds both ends to the limit."""
-    s = bench.specification
-    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
-    if not limits:
+    limit = bench.specification.effort_limit
+    if limit is None:
         return None
     held = max(float(np.abs(bench.rest(at)[1]).max()) for at in (bench.start, bench.goal))
-    return held + EFFORT_SHARE * max(0.0, min(limits) - held)
+    return held + EFFORT_SHARE * max(0.0, limit - held)
 
 
 def _slowest_vibration(robot: Any, goal: np.ndarray) -> float:

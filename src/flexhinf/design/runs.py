@@ -16,7 +16,7 @@ from flexhinf.design.linearised import Linearised
 from flexhinf.design.modes import stiffness_and_inertia
 from flexhinf.design.move import Move, move_response, planned
 from flexhinf.design.presets.weights import JointScales
-from flexhinf.design.response import Response, run_length
+from flexhinf.design.response import Response
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.plant import sub_steps
@@ -68,8 +68,7 @@ def run_all(bench: Bench, synthesis: Synthesis, linear: Linearised, tell: Callab
     """All of them."""
     s, robot = bench.specification, bench.robot
     tell("compile the closed loop, and run the step")
-    slowest = min(-mode.eigenvalue.real for mode in linear.closed_modes)
-    duration = run_length(slowest) if s.duration is None else s.duration
+    duration = linear.step_length(s)
     response = bench.step(duration)
     taken = response.run.settings["sub_steps"]
     tell("torques on the links")

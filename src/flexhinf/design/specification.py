@@ -175,6 +175,12 @@ class Specification:
             object.__setattr__(self, "degrees", tuple(sorted(set(self.degrees))))
 
     @property
+    def effort_limit(self) -> float | None:
+        """The largest input that is allowed, by what was asked for and by the motors; None for no limit."""
+        limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
+        return min(limits, default=None)
+
+    @property
     def noises(self) -> tuple[float, float]:
         """Variance per sample on every state, and on the velocities alone."""
         everywhere, torques = self.process_noise, self.torque_noise

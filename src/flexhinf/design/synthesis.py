@@ -86,10 +86,9 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     robot.plant(s.measured, extras=s.extras)
     rest, begin = robot.operating_point(goal), robot.operating_point(start)[0]
     estimator_for(s.estimator, robot.plant(s.measured), rest, begin, s.period, s.noises, s.measurement_noise)
-    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
     for pose in (goal, start, *s.via):
-        if limits:
-            check_holding(robot, pose, min(limits))
+        if s.effort_limit is not None:
+            check_holding(robot, pose, s.effort_limit)
         else:
             robot.operating_point(pose)
 

@@ -73,10 +73,10 @@ def tolerance_corners(bench: Bench, law: Law) -> Tolerances | None:
     count, ratios = next((c, r) for most, c, r in CORNERS if len(law.state_names) <= most)
     if s.delay:
         count, ratios = min(count, DELAYED[0]), DELAYED[1]
-    known = bench.true_plant.parameters.values
+    table = bench.true_plant.parameters
 
     def at(signs: object) -> dict[str, object]:
-        return {name: value for name, value in robot.corner(signs).items() if name in known}
+        return table.known(robot.corner(signs))
 
     population = corner_population(at, len(robot.uncertain), count, s.seed)
     fed = unstable_share(resting_loop(bench, law, estimated=False), population)[0]

@@ -102,6 +102,10 @@ class ParameterTable:
         parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
         return np.concatenate(parts) if parts else np.zeros(0)
 
+    def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Those of the values that are in this table: a robot states more than each of its plants has."""
+        return {name: value for name, value in values.items() if name in self.values}
+
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
         """A copy with some values changed.
 

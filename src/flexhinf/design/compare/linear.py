@@ -138,13 +138,13 @@ def linear_figures(
 
 def corners_of(bench: Bench, states: int) -> list[Mapping[str, Any]]:
     """Corners of the tolerances as parameters of the true plant, each tolerance alone, and the nominal robot."""
-    robot, known = bench.robot, linear_bench(bench).true_plant.parameters.values
+    robot, table = bench.robot, linear_bench(bench).true_plant.parameters
     if not robot.uncertain:
         return []
     count = next(count for most, count in CORNERS if states <= most)
 
     def at(signs: Sequence[float]) -> dict[str, Any]:
-        return {name: value for name, value in robot.corner(signs).items() if name in known}
+        return table.known(robot.corner(signs))
 
     return list(corner_population(at, len(robot.uncertain), count, bench.specification.seed).values)
 

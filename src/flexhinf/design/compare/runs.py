@@ -150,8 +150,7 @@ class Runner:
         plant = self.bench.true_plant
         if values is None:
             return plant
-        known = {name: value for name, value in values.items() if name in plant.parameters.values}
-        return plant.with_parameters(**known)
+        return plant.with_parameters(**plant.parameters.known(values))
 
     def _run(
         self,

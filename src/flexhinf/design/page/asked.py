@@ -114,18 +114,18 @@ def cost_rows(design: Design) -> list[Cost]:
 
 def _cost(design: Design) -> Table:
     s, unit = design.specification, units_of(design).effort
-    limits = [limit for limit in (s.peak_effort, s.saturation) if limit is not None]
+    limit = s.effort_limit
     many = len(design.robot.joint_names) > 1
     columns: list[Any] = ["in", "largest input", *(["joint"] if many else [])]
-    columns += [Column("of the limit", "%", 1)] if limits else []
+    columns += [Column("of the limit", "%", 1)] if limit is not None else []
     rows = [
         (
             cost.what,
             cost.words,
             *([cost.joint or "–"] if many else []),
-            *([100.0 * cost.value / min(limits)] if limits else []),
+            *([100.0 * cost.value / limit] if limit is not None else []),
         )
         for cost in cost_rows(design)
     ]
-    limit = f"; the limit is {min(limits):g} {unit}" if limits else ""
-    return Table(columns, rows, f"What it costs the motors{limit}", "table-cost")
+    told = "" if limit is None else f"; the limit is {limit:g} {unit}"
+    return Table(columns, rows, f"What it costs the motors{told}", "table-cost")

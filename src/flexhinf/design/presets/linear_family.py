@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.modes import stiffness_and_inertia
-from flexhinf.plant import ParameterTable
 
 __all__ = ["MEMBERS", "LinearFamily"]
 
@@ -69,7 +68,7 @@ class LinearFamily:
         plant, rest = robot.plant(), robot.operating_point(goal)
         plant.traced_jacobians  # noqa: B018  traced once, shared by all members
         joints, n = len(robot.joint_names), plant.n
-        corners = [_in(plant, values) for values in _corners(robot, members, seed)]
+        corners = [plant.parameters.known(values) for values in _corners(robot, members, seed)]
         matrices = [plant.linearise(*rest)]
         for values in corners:
             changed = plant.with_parameters(**values)
@@ -94,9 +93,3 @@ def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:
     else:
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
     return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
-
-
-def _in(plant: Any, values: dict[str, Any]) -> dict[str, Any]:
-    """Those of the values that this plant has."""
-    table: ParameterTable = plant.parameters
-    return {name: value for name, value in values.items() if name in table.values}

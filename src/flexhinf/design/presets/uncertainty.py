@@ -75,8 +75,7 @@ def _changes(robot: Any, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
     size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
     ends = []
     for sign in (1.0, -1.0):
-        values = robot.corner({name: sign})
-        known = {key: value for key, value in values.items() if key in plant.parameters.values}
+        known = plant.parameters.known(robot.corner({name: sign}))
         rest = robot.operating_point(pose, parameters=known)
         there = np.hstack(plant.with_parameters(**known).linearise(*rest)[:2])
         change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
