@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.campaign import budget
+from flexhinf.analysis import budget
 from flexhinf.design import Design, Specification, design
 from flexhinf.design.guarantee import looked_for
 

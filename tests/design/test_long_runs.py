@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.campaign import corner_population
+from flexhinf.analysis import corner_population
 from flexhinf.design import Specification
 from flexhinf.design.bench import Bench
 from flexhinf.design.presets.choose import choose

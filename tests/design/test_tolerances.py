@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.campaign import ProcessNoise, unstable_share
-from flexhinf.campaign.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis import ProcessNoise, unstable_share
+from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
 from flexhinf.design import Specification
 from flexhinf.design.bench import Bench
 from flexhinf.design.presets.choose import DAMPING, choose

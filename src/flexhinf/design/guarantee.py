@@ -3,7 +3,7 @@
 γ is what the law was designed for. It bounds the gain from above as far as the inequality holds; the sampled region
 checks a slightly weaker one. What a disturbance found by search attains is a bound from below. Everything that is not
 the law fed the true state (sampling, delay, estimator, limits) spends of the region's level, see
-`flexhinf.campaign.spending`.
+`flexhinf.analysis.spending`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign import Attained, Expense, budget_table, worst_disturbance
+from flexhinf.analysis import Attained, Expense, budget_table, worst_disturbance
 from flexhinf.design.bench import Bench
 from flexhinf.design.linearised import Linearised
 from flexhinf.design.synthesis import Synthesis

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign import Margins, margins
+from flexhinf.analysis import Margins, margins
 from flexhinf.design.bench import Bench
 from flexhinf.design.estimator import estimator_modes
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.analysis import RestingLoop
 from flexhinf.design.bench import Bench
 from flexhinf.plant import Law
 

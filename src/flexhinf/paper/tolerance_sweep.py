@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import Population, ProcessNoise, RestingLoop, corner_population
-from flexhinf.campaign.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis import Population, ProcessNoise, RestingLoop, corner_population
+from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
 from flexhinf.paper.bench import PaperBench
 from flexhinf.plant import Law
 from flexhinf.report import number

@@ -1,7 +1,7 @@
 """Eq. (5) measured for the paper's arm: ∫|z|² and ∫|d|² of a run, and the worst disturbance of a given energy.
 
 d is the paper's disturbance, the command in ė = x1 − d, and z = (h(x), √R2 u). The true state is fed back, from
-rest at x(0) = 0. The search is that of `flexhinf.campaign` [tierno1997].
+rest at x(0) = 0. The search is that of `flexhinf.analysis` [tierno1997].
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import DisturbanceSearch
+from flexhinf.analysis import DisturbanceSearch
 from flexhinf.hinf import HJISolution
 from flexhinf.paper.bench import PaperBench
 

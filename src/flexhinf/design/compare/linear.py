@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import RestingLoop, corner_population, margins
-from flexhinf.campaign.linear_loop import LinearLoop
+from flexhinf.analysis import RestingLoop, corner_population, margins
+from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.design.bench import Bench
 from flexhinf.design.compare.runs import integrates
 from flexhinf.design.modes import named_modes

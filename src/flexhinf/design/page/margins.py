@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import Margins
+from flexhinf.analysis import Margins
 from flexhinf.design.page.notes import LARGEST_SENSITIVITY, LEAST_PERIODS, noise_volts, section_notes
 from flexhinf.design.page.step_figure import estimation_figure
 from flexhinf.design.page.units import units_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign import Margins
+from flexhinf.analysis import Margins
 from flexhinf.design.page.units import units_of
 from flexhinf.design.page.words import HARDLY_DAMPED, peak_input, vibrations
 from flexhinf.design.result import Design

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import Margins
+from flexhinf.analysis import Margins
 from flexhinf.design.estimator import noise_variances
 from flexhinf.design.met import Met
 from flexhinf.design.modes import Mode

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.analysis import RestingLoop
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.bench import PaperBench

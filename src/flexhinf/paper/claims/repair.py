@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import Population
+from flexhinf.analysis import Population
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step

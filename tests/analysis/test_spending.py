@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.campaign import budget, budget_table
+from flexhinf.analysis import budget, budget_table
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Constant, Controller, Loop, Sine, Step, Trajectory

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from flexhinf.analysis import RestingLoop
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback
-from flexhinf.campaign import RestingLoop
 from flexhinf.loop import Controller, Loop
 from flexhinf.robot import load_robot
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.campaign.crossings import crossings
-from flexhinf.campaign.linear_loop import LinearLoop
+from flexhinf.analysis.crossings import crossings
+from flexhinf.analysis.linear_loop import LinearLoop
 
 __all__ = ["delay_margin"]
 

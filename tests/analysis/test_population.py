@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexhinf.campaign import ProcessNoise, RestingLoop, corner_population, corners, unstable_share
+from flexhinf.analysis import ProcessNoise, RestingLoop, corner_population, corners, unstable_share
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.robot import Robot

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.analysis import RestingLoop
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import linear_model
 from flexhinf.hinf import HJISolution

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.dual import Dual, stacked, variables
-from flexhinf.campaign.law_rows import LawRows
-from flexhinf.campaign.rows import Rows
+from flexhinf.analysis.dual import Dual, stacked, variables
+from flexhinf.analysis.law_rows import LawRows
+from flexhinf.analysis.rows import Rows
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.campaign import DisturbanceSearch, worst_disturbance
-from flexhinf.campaign.disturbance_gradient import gradient, small_motions
-from flexhinf.campaign.disturbance_runs import DisturbanceRuns, Held
+from flexhinf.analysis import DisturbanceSearch, worst_disturbance
+from flexhinf.analysis.disturbance_gradient import gradient, small_motions
+from flexhinf.analysis.disturbance_runs import DisturbanceRuns, Held
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Penalty

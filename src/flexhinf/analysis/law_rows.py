@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.rows import Rows
+from flexhinf.analysis.rows import Rows
 from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis

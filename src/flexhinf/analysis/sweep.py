@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign.population import Population
-from flexhinf.campaign.resting import RestingLoop
+from flexhinf.analysis.population import Population
+from flexhinf.analysis.resting import RestingLoop
 from flexhinf.errors import InvalidInput
 
 __all__ = ["ALL_STATES", "VELOCITIES", "ProcessNoise", "Swept", "unstable_share"]

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.analysis import RestingLoop
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.program import measure_function, rk4_function

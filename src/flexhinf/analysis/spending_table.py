@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.spending import Budget, budget
+from flexhinf.analysis.spending import Budget, budget
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import Law, Plant

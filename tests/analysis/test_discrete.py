@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.campaign import DiscreteSystem
+from flexhinf.analysis import DiscreteSystem
 
 
 def lag(pole: float) -> DiscreteSystem:

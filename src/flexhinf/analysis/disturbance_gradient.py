@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign.discrete import DiscreteSystem
-from flexhinf.campaign.disturbance_runs import DisturbanceRuns
-from flexhinf.campaign.rows import one_period
+from flexhinf.analysis.discrete import DiscreteSystem
+from flexhinf.analysis.disturbance_runs import DisturbanceRuns
+from flexhinf.analysis.rows import one_period
 from flexhinf.loop import Trajectory
 
 __all__ = ["gradient", "small_motions"]

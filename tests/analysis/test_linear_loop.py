@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.campaign import RestingLoop
+from flexhinf.analysis import RestingLoop
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Step

@@ -34,22 +34,22 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from flexhinf.campaign.discrete import DiscreteSystem
-    from flexhinf.campaign.disturbance_runs import Attained
-    from flexhinf.campaign.disturbance_search import DisturbanceSearch, worst_disturbance
-    from flexhinf.campaign.linear_loop import LinearLoop
-    from flexhinf.campaign.loop_margins import Margins, margins
-    from flexhinf.campaign.modes import Modes
-    from flexhinf.campaign.population import Population, corner_population, corners
-    from flexhinf.campaign.resting import RestingLoop
-    from flexhinf.campaign.spending import Budget, budget
-    from flexhinf.campaign.spending_table import Expense, budget_table
-    from flexhinf.campaign.sweep import ProcessNoise, Swept, unstable_share
+    from flexhinf.analysis.discrete import DiscreteSystem
+    from flexhinf.analysis.disturbance_runs import Attained
+    from flexhinf.analysis.disturbance_search import DisturbanceSearch, worst_disturbance
+    from flexhinf.analysis.linear_loop import LinearLoop
+    from flexhinf.analysis.loop_margins import Margins, margins
+    from flexhinf.analysis.modes import Modes
+    from flexhinf.analysis.population import Population, corner_population, corners
+    from flexhinf.analysis.resting import RestingLoop
+    from flexhinf.analysis.spending import Budget, budget
+    from flexhinf.analysis.spending_table import Expense, budget_table
+    from flexhinf.analysis.sweep import ProcessNoise, Swept, unstable_share
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'flexhinf.campaign' has no attribute {name!r}")
-    value = getattr(import_module(f"flexhinf.campaign.{_HOME[name]}"), name)
+        raise AttributeError(f"module 'flexhinf.analysis' has no attribute {name!r}")
+    value = getattr(import_module(f"flexhinf.analysis.{_HOME[name]}"), name)
     globals()[name] = value
     return value

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.crossings import crossings
-from flexhinf.campaign.delay_margin import delay_margin
-from flexhinf.campaign.linear_loop import LinearLoop
-from flexhinf.campaign.resting import RestingLoop
+from flexhinf.analysis.crossings import crossings
+from flexhinf.analysis.delay_margin import delay_margin
+from flexhinf.analysis.linear_loop import LinearLoop
+from flexhinf.analysis.resting import RestingLoop
 
 __all__ = ["Margins", "margins"]
 

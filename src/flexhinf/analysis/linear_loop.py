@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.discrete import DiscreteSystem
-from flexhinf.campaign.sampled_controller import Stepped
+from flexhinf.analysis.discrete import DiscreteSystem
+from flexhinf.analysis.sampled_controller import Stepped
 
 __all__ = ["LinearLoop"]
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.holding import holding_integrals
-from flexhinf.campaign.linear_loop import LinearLoop
-from flexhinf.campaign.modes import Modes
-from flexhinf.campaign.rows import Rows, one_period
-from flexhinf.campaign.sampled_controller import SampledController, Stepped, model_rows
+from flexhinf.analysis.holding import holding_integrals
+from flexhinf.analysis.linear_loop import LinearLoop
+from flexhinf.analysis.modes import Modes
+from flexhinf.analysis.rows import Rows, one_period
+from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop

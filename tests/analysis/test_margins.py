@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.campaign import DiscreteSystem, LinearLoop, RestingLoop, margins
+from flexhinf.analysis import DiscreteSystem, LinearLoop, RestingLoop, margins
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop

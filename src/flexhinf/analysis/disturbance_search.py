@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.disturbance_gradient import gradient, small_motions
-from flexhinf.campaign.disturbance_runs import Attained, DisturbanceRuns
-from flexhinf.campaign.resting import RestingLoop
+from flexhinf.analysis.disturbance_gradient import gradient, small_motions
+from flexhinf.analysis.disturbance_runs import Attained, DisturbanceRuns
+from flexhinf.analysis.resting import RestingLoop
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.campaign.law_rows import LawRows
+from flexhinf.analysis.law_rows import LawRows
 from flexhinf.errors import NumericalFailure
 
 __all__ = ["holding_integrals"]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.resting import RestingLoop
-from flexhinf.campaign.rows import Rows
+from flexhinf.analysis.resting import RestingLoop
+from flexhinf.analysis.rows import Rows
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
