@@ -74,7 +74,7 @@ class SampledCheck(Summarised):
         self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
     ) -> float:
         """Largest rest-to-rest step whose start lies in the level set; see `rest.step_amplitude`."""
-        from flexhinf.hinf.rest import step_amplitude
+        from flexhinf.hinf.step_amplitude import step_amplitude
 
         return step_amplitude(self.solution, self.level, moved, integrals)
 
