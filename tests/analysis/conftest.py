@@ -12,7 +12,7 @@ import pytest
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop.program import measure_function, rk4_function
+from flexhinf.loop.simulation.program import measure_function, rk4_function
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot, load_robot, paper_arm
 

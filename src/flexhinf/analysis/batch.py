@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Columns, Copy, Kernel, Map, Program, Repeat, Slice, compile_program
-from flexhinf.loop.program import rk4_function
 from flexhinf.loop.shared import share
+from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import Plant
 from flexhinf.scalars import drop_empty
 

@@ -1,7 +1,8 @@
 """One step of a controller whose estimator has come to rest, with its derivatives, for many rows at once.
 
-The same step as `flexhinf.loop.step.controller_step` (correct, integrate, law, predict), without limits of the
-input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace of the whole.
+The same step as `flexhinf.loop.controller.step.controller_step` (correct, integrate, law, predict), without
+limits of the input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace
+of the whole.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ then lowered further by ascent over directions.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.rays import Inequality, Stops
+from flexhinf.notebook import Summarised, number_text
 
 if TYPE_CHECKING:
     from flexhinf.hinf.solution import HJISolution
@@ -37,8 +38,8 @@ _OFFSPRING, _ROUNDS = 16, 30  # variations of each start, rounds
 Penalty = Callable[[np.ndarray], np.ndarray] | Mapping[str, float] | Sequence[float] | np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class SampledCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class SampledCheck(Summarised):
     """The largest level set {V ≤ level} around 0 on which nothing against it was found.
 
     Attributes
@@ -59,7 +60,7 @@ class SampledCheck:
         Largest deviation (in any state) that was looked at.
     """
 
-    solution: HJISolution = field(repr=False)
+    solution: HJISolution
     gamma: float
     margin: str
     level: float
@@ -73,12 +74,22 @@ class SampledCheck:
         self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
     ) -> float:
         """Largest rest-to-rest step whose start lies in the level set; see `rest.step_amplitude`."""
-        from flexhinf.hinf.rest import step_amplitude
+        from flexhinf.hinf.step_amplitude import step_amplitude
 
         return step_amplitude(self.solution, self.level, moved, integrals)
 
+    def summary(self) -> dict[str, str]:
+        """Level, limit, checked pair and number of rays, for ``repr``."""
+        return {
+            "level of V": number_text(self.level),
+            "limited by": self.limit,
+            "checked gamma": number_text(self.gamma),
+            "checked pair": self.margin,
+            "rays": f"{self.rays}, not a proof",
+        }
+
     def report(self) -> str:
-        """The result in words."""
+        """Level, limiting point and checked pair as text."""
         names = ", ".join(
             f"{name} = {value:.4g}"
             for name, value in zip(self.solution.state_names, self.worst_point, strict=True)

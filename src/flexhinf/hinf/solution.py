@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from flexhinf.hinf.feedback import GradientLaw, input_matrix_of
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.hinf.recursion import DegreeRecord
+from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
@@ -30,8 +31,8 @@ __all__ = ["HJISolution"]
 _CHUNK = 2_000_000  # monomials evaluated at a time
 
 
-@dataclass(frozen=True, eq=False)
-class HJISolution:
+@dataclass(frozen=True, eq=False, repr=False)
+class HJISolution(Summarised):
     """V = V_2 + … + V_degree with V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = O(|x|^(degree+1)).
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
@@ -63,7 +64,7 @@ class HJISolution:
     P: np.ndarray
     expansion: PolynomialPlant
     problem: Problem | None
-    value_parts: dict[int, np.ndarray] = field(repr=False)
+    value_parts: dict[int, np.ndarray]
     records: tuple[DegreeRecord, ...] = ()
     condition: float = float("nan")
     memory: int = 0
@@ -260,6 +261,20 @@ class HJISolution:
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """The law at one deviation x (n,) on any element, with its coefficients as an argument."""
         return self._feedback.evaluate(x, np.asarray(data).reshape(self._feedback.coefficients.shape))
+
+    def summary(self) -> dict[str, str]:
+        """γ, degree, states, inputs, coefficients and the largest residual of any degree, for ``repr``."""
+        residuals = [record.residual for record in self.records if record.residual == record.residual]
+        facts = {
+            "gamma": number_text(self.gamma),
+            "degree of V": str(self.degree),
+            "states": names_text(self.state_names),
+            "inputs": names_text(self.input_names),
+            "coefficients": str(sum(len(part) for part in self.value_parts.values())),
+        }
+        if residuals:
+            facts["largest relative residual"] = f"{max(residuals):.1e}"
+        return facts
 
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:
