@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.dual import Dual, stacked, variables
-from flexhinf.analysis.law_rows import LawRows
-from flexhinf.analysis.rows import Rows
+from flexhinf.analysis.batch import Dual, Rows, stacked, variables
+from flexhinf.analysis.law_batch import LawRows
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller

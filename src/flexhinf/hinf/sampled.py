@@ -15,16 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.rays import Inequality, Stops
+from flexhinf.hinf.step_amplitude import step_amplitude
+from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
-
-if TYPE_CHECKING:
-    from flexhinf.hinf.solution import HJISolution
 
 __all__ = ["GAMMA_MARGIN", "PENALTY_MARGIN", "SampledCheck", "sample_region"]
 
@@ -44,7 +42,7 @@ class SampledCheck(Summarised):
 
     Attributes
     ----------
-    solution : HJISolution
+    solution : ValueFunction
     gamma : float
         The checked attenuation level.
     margin : str
@@ -60,7 +58,7 @@ class SampledCheck(Summarised):
         Largest deviation (in any state) that was looked at.
     """
 
-    solution: HJISolution
+    solution: ValueFunction
     gamma: float
     margin: str
     level: float
@@ -73,9 +71,7 @@ class SampledCheck(Summarised):
     def step_amplitude(
         self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
     ) -> float:
-        """Largest rest-to-rest step whose start lies in the level set; see `rest.step_amplitude`."""
-        from flexhinf.hinf.rest import step_amplitude
-
+        """Largest rest-to-rest step whose start lies in the level set; see `flexhinf.hinf.step_amplitude`."""
         return step_amplitude(self.solution, self.level, moved, integrals)
 
     def summary(self) -> dict[str, str]:
@@ -105,7 +101,7 @@ class SampledCheck(Summarised):
 
 
 def sample_region(
-    solution: HJISolution,
+    solution: ValueFunction,
     gamma: float | None = None,
     penalty: Penalty | None = None,
     *,
@@ -156,7 +152,7 @@ def sample_region(
 
 
 def _checked_penalty(
-    solution: HJISolution, penalty: Penalty | None
+    solution: ValueFunction, penalty: Penalty | None
 ) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
     """A function (x, designed h) → checked h, and its description."""
     n = len(solution.P)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexhinf.analysis import ProcessNoise, RestingLoop, corner_population, corners, unstable_share
+from flexhinf.analysis import EquilibriumLoop, ProcessNoise, corner_population, corners, unstable_share
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.robot import Robot
@@ -56,12 +56,12 @@ def test_a_population_of_a_robot_with_arrays(two_link: Robot) -> None:
 def test_shares_are_those_of_single_loops(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     plants = corner_population(arm.corner, len(arm.uncertain), 10, 0)
     plant, filter = arm.plant(inductance=True), made.filter(arm.plant(), np.zeros(4), noise=(1e-6, 1e-6))
-    loop = RestingLoop(cubic, filter, plant, PERIOD, math.pi)
+    loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi)
     noises = (None, ProcessNoise("all states", 1e-4), ProcessNoise("velocities only", 1e-4))
     swept = unstable_share(loop, plants, noises)
     for found in swept:
         q = found.noise.covariance(filter.plant.states) if found.noise else 1e-6
-        own = RestingLoop(
+        own = EquilibriumLoop(
             cubic, made.filter(arm.plant(), np.zeros(4), noise=(q, 1e-6)), plant, PERIOD, math.pi
         )
         assert np.allclose(found.rates[:4], own.modes(plants.values[:4]).rate, rtol=1e-6, atol=1e-9)
@@ -87,7 +87,7 @@ def test_process_noise_by_its_form() -> None:
 
 def test_the_true_state_has_no_process_noise(arm: Robot, cubic: HJISolution) -> None:
     plants = corner_population(arm.corner, len(arm.uncertain), 2)
-    loop = RestingLoop(cubic, None, arm.plant(), PERIOD)
+    loop = EquilibriumLoop(cubic, None, arm.plant(), PERIOD)
     assert unstable_share(loop, plants)[0].share() == 0.0
     with pytest.raises(InvalidInput, match="no filter"):
         unstable_share(loop, plants, [ProcessNoise("all states", 1.0)])

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
-
-if TYPE_CHECKING:
-    from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.value_function import ValueFunction
 
 __all__ = ["rest_state", "step_amplitude"]
 
@@ -21,7 +18,7 @@ _DIFFERENCE = 1e-6
 
 
 def step_amplitude(
-    solution: HJISolution,
+    solution: ValueFunction,
     level: float,
     moved: str | Mapping[str, float] | None = None,
     integrals: Sequence[str] | None = None,
@@ -30,7 +27,7 @@ def step_amplitude(
 
     Parameters
     ----------
-    solution : HJISolution
+    solution : ValueFunction
         About the goal.
     level : float
     moved : str or mapping, optional
@@ -89,7 +86,7 @@ def _roles(
 
 
 def rest_state(
-    solution: HJISolution, moved: np.ndarray, integral: np.ndarray, guess: np.ndarray | None = None
+    solution: ValueFunction, moved: np.ndarray, integral: np.ndarray, guess: np.ndarray | None = None
 ) -> np.ndarray:
     """Deviation (n,) at which every rate but the integrals' vanishes, given the moved states.
 
@@ -139,7 +136,7 @@ def rest_state(
     return x
 
 
-def _settled(solution: HJISolution, x: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _settled(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray:
     """The nearest minimum of V over the free states, by damped Newton steps."""
     index = np.flatnonzero(free)
     if len(index) == 0:

@@ -15,6 +15,8 @@ is a share of the order of the period over its shortest time constant (0.1 % for
 e is the problem's integral, ė = x_i − r of the true state. The controller's own may differ: it stands still while the
 input is limited, and integrates noise. Its start is ours to choose, so e agrees with the controller's integral at the
 end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
+
+What sampling, delay, estimator and limits spend of a level set, one after the other in the same loop.
 """
 
 from __future__ import annotations
@@ -24,17 +26,18 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.plant import Law, Plant
 
-__all__ = ["Budget", "budget"]
+__all__ = ["BudgetTerm", "DissipationBudget", "budget_terms", "dissipation_budget"]
 
 #: Deviations of a command or torque below this are none.
 NONE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Budget:
+class DissipationBudget:
     """The budget along one run, which assumes the law's own plant as the true one.
 
     Attributes
@@ -77,7 +80,9 @@ class Budget:
         return self.left >= 0.0
 
 
-def budget(run: Trajectory, loop: Loop, level: float = np.inf, initial_input: Any = None) -> Budget:
+def dissipation_budget(
+    run: Trajectory, loop: Loop, level: float = np.inf, initial_input: Any = None
+) -> DissipationBudget:
     """The budget of a run of a loop about its law's operating point.
 
     Parameters
@@ -117,7 +122,7 @@ def budget(run: Trajectory, loop: Loop, level: float = np.inf, initial_input: An
     energy = 0.5 * law.gamma**2 * period * (d**2).sum(axis=1) if d.any() else np.zeros(len(d))
     value, (spent, energy) = law.value(moved), (_running(s) for s in (spent, energy))
     complete = bool(np.all(np.isfinite(spent)) and np.all(np.isfinite(value)))
-    return Budget(run.time, float(level), float(value[0]), spent, energy, value, complete)
+    return DissipationBudget(run.time, float(level), float(value[0]), spent, energy, value, complete)
 
 
 def _running(parts: np.ndarray) -> np.ndarray:
@@ -181,3 +186,87 @@ def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
             "a problem with this disturbance, or a run without it",
         )
     return np.column_stack([columns.get(name, np.zeros(len(run.time))) for name in names or ("none",)])
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetTerm:
+    """One row: the loop with all that stands in the rows above, and this.
+
+    Attributes
+    ----------
+    name : str
+        "sampling", "delay", "estimator", "saturation".
+    budget : DissipationBudget
+        Of this loop.
+    added : float
+        ½ ∫ vᵀ R2 v more than in the row above; infinite if the loop diverged.
+    """
+
+    name: str
+    budget: DissipationBudget
+    added: float
+
+
+def budget_terms(
+    law: Law,
+    plant: Plant,
+    period: float = 1e-3,
+    level: float = np.inf,
+    *,
+    delay: float | None = None,
+    estimator: Any = None,
+    saturation: Any = None,
+    start: str = "zero",
+    **run: Any,
+) -> tuple[BudgetTerm, ...]:
+    """Run the same law with the exact state at the samples, then with delay, estimator and limits added in turn.
+
+    Parameters
+    ----------
+    law : Law
+        With a value function: a solution of `solve_hji`.
+    plant : Plant
+        The law's own: a budget says nothing of another.
+    period, delay : float
+        s; the delay a whole number of periods. None leaves the row out, as for the following.
+    level : float
+        c of {V ≤ c}.
+    estimator, saturation, start
+        As of `flexhinf.loop.Controller`.
+    **run
+        As of `Loop.run`: initial_state, duration, noise, …; the noise only where the estimator is.
+
+    Raises
+    ------
+    InvalidInput
+        As `dissipation_budget`, and if something does not fit.
+    """
+    rows: list[BudgetTerm] = []
+    added = {"sampling": True, "delay": delay, "estimator": estimator, "saturation": saturation}
+    so_far: dict[str, Any] = {}
+    for name, part in added.items():
+        if part is None:
+            continue
+        so_far[name] = part
+        observer = so_far.get("estimator")
+        controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
+        loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
+        settings = {**run, "noise": run.get("noise") if observer is not None else None}
+        found = _budget_of(loop, level, settings)
+        above = rows[-1].budget.total if rows else 0.0
+        more = found.total - above if np.isfinite(above) else float("inf")
+        rows.append(BudgetTerm(name, found, more))
+    return tuple(rows)
+
+
+def _budget_of(loop: Loop, level: float, settings: dict[str, Any]) -> DissipationBudget:
+    """Of one run; one that diverged has spent everything."""
+    given = settings.get("initial_input")
+    try:
+        return dissipation_budget(loop.run(**settings), loop, level, given)
+    except NumericalFailure as failure:
+        run: Any = getattr(failure, "trajectory", None)
+        if run is None or len(run.time) < 2:
+            raise
+        nothing = np.full(len(run.time), np.nan)
+        return DissipationBudget(run.time, float(level), float("nan"), nothing, nothing, nothing, False)

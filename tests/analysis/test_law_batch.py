@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback
 from flexhinf.loop import Controller, Loop
 from flexhinf.robot import load_robot
@@ -51,7 +51,7 @@ def test_the_multipliers_away_from_the_laws_rest_are_those_of_the_loop_by_hand(k
         [pick, zero((2, 2)), zero((2, 2))],
     ])  # fmt: skip
     expected = np.sort(np.abs(np.linalg.eigvals(step)))
-    modes = RestingLoop(law, None, plant, H, rest=(x, u), moving=True).modes([{}])
+    modes = EquilibriumLoop(law, None, plant, H, equilibrium=(x, u), moving=True).modes([{}])
     found = np.sort(np.abs(np.ravel(modes.multipliers)))
     np.testing.assert_allclose(found[-len(expected) :], expected, atol=2e-6)
 
@@ -59,7 +59,7 @@ def test_the_multipliers_away_from_the_laws_rest_are_those_of_the_loop_by_hand(k
 def test_a_stable_loop_is_called_stable_and_is() -> None:
     law = FeedbackLinearisation.tuned(ROBOT.problem(), 6.0)
     plant, (x, u) = ROBOT.plant(), ROBOT.operating_point([1.6, -0.9])
-    modes = RestingLoop(law, None, plant, H, rest=(x, u), moving=True).modes([{}])
+    modes = EquilibriumLoop(law, None, plant, H, equilibrium=(x, u), moving=True).modes([{}])
     assert np.abs(modes.multipliers).max() < 1.0
     start = x + 1e-4 * np.array([1.0, -1.0, 0, 0, 1.0, -1.0, 0, 0])
     run = Loop(plant, Controller(law, None, H, moving=True)).run(

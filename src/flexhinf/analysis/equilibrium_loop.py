@@ -1,4 +1,4 @@
-"""The sampled closed loop linearised where it rests: whether it is stable, and how fast it grows or decays.
+"""The sampled closed loop linearised at its equilibrium: whether it is stable, and how fast it grows or decays.
 
 What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
 update, then the true plant over one period with u held), with two changes: the estimator corrects with its
@@ -13,29 +13,29 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.holding import holding_integrals
-from flexhinf.analysis.linear_loop import LinearLoop
-from flexhinf.analysis.modes import Modes
-from flexhinf.analysis.rows import Rows, one_period
+from flexhinf.analysis.batch import Rows, one_period
+from flexhinf.analysis.law_batch import equilibrium_integrals
+from flexhinf.analysis.linear_loop import LinearLoop, Modes
 from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
-from flexhinf.plant import Law, Plant, equilibrium
+from flexhinf.plant import Law, Plant
+from flexhinf.plant import equilibrium as plant_equilibrium
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.scalars import trace
 
-__all__ = ["RestingLoop"]
+__all__ = ["EquilibriumLoop"]
 
-#: Newton steps towards the rest of the loop at most, and the relative size of the last one.
+#: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
 
 
-class RestingLoop:
-    """A law with an estimator at its stationary gain, or fed back the true state, at rest at a goal.
+class EquilibriumLoop:
+    """A law with an estimator at its stationary gain, or fed back the true state, in equilibrium at a goal.
 
-    A law with integrals rests at the goal, whatever the true plant. One without rests where the true plant and
-    its input balance: off the goal, if the true plant is not the model.
+    A law with integrals has its equilibrium at the goal, whatever the true plant. One without has it where the true
+    plant and its input balance: off the goal, if the true plant is not the model.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class RestingLoop:
         s.
     goal : float, (k,) array or mapping, optional
         Wanted values of the tracked states; those of the law's operating point by default.
-    rest : ((n,), (m,)) arrays, optional
+    equilibrium : ((n,), (m,)) arrays, optional
         State and input of the law's plant at the goal, where they are known; instead of `goal`.
     moving : bool
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
@@ -62,7 +62,7 @@ class RestingLoop:
     Raises
     ------
     InvalidInput, NumericalFailure
-        If something does not fit, or the law's plant does not rest at the goal.
+        If something does not fit, or the law's plant has no equilibrium at the goal.
     """
 
     def __init__(
@@ -73,14 +73,16 @@ class RestingLoop:
         period: float,
         goal: Any = None,
         *,
-        rest: tuple[np.ndarray, np.ndarray] | None = None,
+        equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
         moving: bool = False,
         delay: int = 0,
         positions: str | Sequence[str] | None = None,
     ) -> None:
-        if goal is not None and rest is not None:
+        if goal is not None and equilibrium is not None:
             raise InvalidInput(
-                "The rest is given twice.", f"got goal={goal!r} and rest={rest!r}", "one of them"
+                "The equilibrium is given twice.",
+                f"got goal={goal!r} and equilibrium={equilibrium!r}",
+                "one of them",
             )
         if isinstance(delay, bool) or not isinstance(delay, int) or delay < 0:
             raise InvalidInput(
@@ -89,7 +91,11 @@ class RestingLoop:
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
-        self.model_rest = self._model_rest(goal) if rest is None else (np.array(rest[0]), np.array(rest[1]))
+        self.model_equilibrium = (
+            self._model_equilibrium(goal)
+            if equilibrium is None
+            else (np.array(equilibrium[0]), np.array(equilibrium[1]))
+        )
         steady = filter
         if self._tunable:
             steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
@@ -97,7 +103,7 @@ class RestingLoop:
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
 
-    def _model_rest(self, goal: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _model_equilibrium(self, goal: Any) -> tuple[np.ndarray, np.ndarray]:
         """Where the law's plant is held at the goal."""
         n, law = len(self._states), self.law
         tracked = [name.removesuffix("_integral") for name in law.state_names[n:]]
@@ -107,10 +113,10 @@ class RestingLoop:
             raise InvalidInput(
                 "A law without integrals has no goal of its own.",
                 f"got goal={goal!r}",
-                "rest=(x, u): state and input of its plant there, with moving=True",
+                "equilibrium=(x, u): state and input of its plant there, with moving=True",
             )
         plant = self.plant if self.filter is None else self.filter.plant
-        x, u = equilibrium(plant, tracked, pose_values(goal, tracked))
+        x, u = plant_equilibrium(plant, tracked, pose_values(goal, tracked))
         return x[[plant.index(name) for name in self._states]], u
 
     # The estimator -------------------------------------------------------------------------------------
@@ -123,7 +129,7 @@ class RestingLoop:
     @cached_property
     def _model(self) -> tuple[np.ndarray, np.ndarray]:
         """F and H of the filter's model, linearised at the goal."""
-        x, u = self.model_rest
+        x, u = self.model_equilibrium
         plant, rows = self.filter.plant, model_rows(self.filter)
         _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), self.filter.sub_steps)
         return slope[0, : len(x), : len(x)], plant.linearise(x, u)[3]
@@ -158,13 +164,13 @@ class RestingLoop:
         """(x*, u*) of the law, or of the goal it moves with."""
         if not self.moving:
             return self.step.centre
-        x, u = self.model_rest
+        x, u = self.model_equilibrium
         return np.concatenate([x, self.law.operating_point[len(x) :], u])
 
     @property
     def command(self) -> np.ndarray:
         """Wanted values of the tracked states, (k,)."""
-        return self.model_rest[0][[self._states.index(name) for name in self.step.tracked]]
+        return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
     def stepped(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
@@ -205,15 +211,15 @@ class RestingLoop:
         NumericalFailure
             If no integrals make the law give the input that holds the goal.
         """
-        x, u = self.model_rest
+        x, u = self.model_equilibrium
         integral = self.law.operating_point[len(x) :]
         if not self.moving:
-            integral = holding_integrals(self.step.law_rows, x, u)
+            integral = equilibrium_integrals(self.step.law_rows, x, u)
         position = np.zeros(self.step.k) if self.moving else self.command
         return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position])
 
     def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The same rest of the true plant; states that the law's plant lacks are solved for."""
+        """The same equilibrium of the true plant; states that the law's plant lacks are solved for."""
         plant = self.plant
         known = dict(zip(self._states, x))
         state = np.array([known.get(name, 0.0) for name in plant.states])
@@ -227,9 +233,9 @@ class RestingLoop:
         """What commanded positions move in the controller's step: ∂(command, centre)/∂positions.
 
         A law about its operating point has the command in its integrals only. About a moving reference the
-        command is the whole rest at the commanded positions: f(x_d, u_d) = 0 along x_d = x_d(q), u_d = u_d(q).
+        command is the whole equilibrium at the commanded positions: f(x_d, u_d) = 0 along x_d = x_d(q), u_d = u_d(q).
         """
-        step, (x, u) = self.step, self.model_rest
+        step, (x, u) = self.step, self.model_equilibrium
         tracked = np.array([[float(name == other) for other in self.positions] for name in step.tracked])
         by = np.zeros((step.k + step.n + step.k + step.m, len(self.positions)))
         by[: step.k] = tracked.reshape(step.k, len(self.positions))
@@ -259,7 +265,7 @@ class RestingLoop:
             R^v instead of the filter's.
         """
         vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
-        z, slope, found = self._rest(vectors, process_noise)
+        z, slope, found = self._equilibrium(vectors, process_noise)
         if self.delay:
             delayed = [
                 self._linear(z[i], vectors[i], process_noise).closed(self.delay * self.period)
@@ -275,19 +281,19 @@ class RestingLoop:
     def linear(
         self, values: Mapping[str, Any] | None = None, process_noise: np.ndarray | None = None
     ) -> LinearLoop:
-        """The loop linearised at its rest with one true plant, the nominal one by default.
+        """The loop linearised at its equilibrium with one true plant, the nominal one by default.
 
         Raises
         ------
         NumericalFailure
-            If the loop does not rest with this plant.
+            If the loop has no equilibrium with this plant.
         """
         vectors = self.vectors([values or {}])
-        z, _, found = self._rest(vectors, process_noise)
+        z, _, found = self._equilibrium(vectors, process_noise)
         if not found[0]:
             raise NumericalFailure(
-                "The loop does not rest with this plant.",
-                f"no rest was found near the goal {np.array2string(self.command, precision=6)}",
+                "The loop has no equilibrium with this plant.",
+                f"none was found near the goal {np.array2string(self.command, precision=6)}",
                 "another law or goal",
             )
         return self._linear(z[0], vectors[0], process_noise)
@@ -304,10 +310,10 @@ class RestingLoop:
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
         return None if process_noise is None else self.gain(process_noise).ravel()
 
-    def _rest(
+    def _equilibrium(
         self, vectors: np.ndarray, process_noise: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(rest, Jacobian there, whether it was found), all plants at once."""
+        """(equilibrium, Jacobian there, whether it was found), all plants at once."""
         count, k = len(vectors), self.plant.n + self.step.size
         try:
             z = np.tile(self.start, (count, 1))
@@ -331,7 +337,7 @@ class RestingLoop:
 
 
 def _solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Solutions (N, k); NaN where a matrix is singular: that loop has no rest of its own."""
+    """Solutions (N, k); NaN where a matrix is singular: that loop has no equilibrium of its own."""
     try:
         return np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:

@@ -1,14 +1,19 @@
-"""How much memory a solve needs, told before it starts."""
+"""What a solve will cost, estimated before it starts: memory, and operations for the progress bar."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial.basis import count
 
-__all__ = ["check_memory", "estimate_memory"]
+__all__ = ["check_memory", "degree_progress", "estimate_memory"]
+
+_LONG = 2e9  # estimated operations (about a second) below which no progress bar appears
 
 
 def estimate_memory(size: tuple[int, int, int, int], degree: int) -> int:
@@ -81,3 +86,25 @@ def available_memory() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
         return 1 << 62
+
+
+def work(n: int, k: int) -> float:
+    """Operations of one change of variables at degree `k`, which dominates that degree."""
+    return float(sum(count(n, k - s - 1) * n * count(n, s + 1) for s in range(k)))
+
+
+@contextmanager
+def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
+    """Yield a callable to be told each degree that is done. Shown on a terminal only, on standard error."""
+    total = sum(work(n, k) for k in range(3, degree + 1))
+    if total < _LONG or not sys.stderr.isatty():
+        yield lambda degree_done: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f"V to degree {degree}, {n} states", total=total)
+        yield lambda degree_done: bar.update(
+            task, advance=work(n, degree_done), description=f"degree {degree_done} of {degree} done"
+        )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis.rows import Rows, one_period
+from flexhinf.analysis.batch import Rows, one_period
 from flexhinf.robot import load_robot, paper_arm
 
 

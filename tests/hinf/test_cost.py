@@ -1,14 +1,15 @@
-"""Memory is estimated first, and what does not fit is refused with the number."""
+"""Memory is estimated before a solve and refused where it does not fit; a progress bar appears for long work."""
 
 from __future__ import annotations
 
+import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf import memory, solve_hji
+from flexhinf.hinf import cost, solve_hji
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 
@@ -30,12 +31,12 @@ def test_estimate_covers_what_is_used_and_not_much_more():
     solution = solve_hji(plant, np.inf, 5)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert solution.memory == memory.estimate_memory(plant.size, 5)
+    assert solution.memory == cost.estimate_memory(plant.size, 5)
     assert 0.5 * peak < solution.memory < 3 * peak + 2e7
 
 
 def test_estimate_at_thirty_five_states_is_below_four_gigabytes():
-    assert 1e9 < memory.estimate_memory((35, 7, 7, 35), 6) < 4e9
+    assert 1e9 < cost.estimate_memory((35, 7, 7, 35), 6) < 4e9
 
 
 def test_refusal_names_need_and_supply_before_any_work():
@@ -53,4 +54,17 @@ def test_refusal_comes_before_the_expansion(arm, monkeypatch):
 
 
 def test_supply_is_some_number():
-    assert memory.available_memory() > 1e6
+    assert cost.available_memory() > 1e6
+
+
+@pytest.mark.parametrize(
+    ("terminal", "long", "shown"), [(True, True, True), (False, True, False), (True, False, False)]
+)
+def test_bar_only_on_a_terminal_and_for_long_work(monkeypatch, capsys, terminal, long, shown):
+    monkeypatch.setattr(cost, "_LONG", 0.0 if long else 1e30)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with cost.degree_progress(3, 4) as advance:
+        advance(3)
+        advance(4)
+    assert ("degree 4 of 4" in capsys.readouterr().err) == shown

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import linear_model
 from flexhinf.hinf import HJISolution
@@ -34,10 +34,10 @@ def test_one_period_is_that_of_the_whole_step(
 ) -> None:
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
     plant, values = arm.plant(inductance=coil), arm.corner({"mass": 1.0, "stiffness": -1.0})
-    loop = RestingLoop(cubic, filter, plant, PERIOD, math.pi / 2, moving=moving)
+    loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi / 2, moving=moving)
     found = loop.modes([values])
-    later, slope = made.whole_jacobian(loop, found.rest[0], values)
-    assert np.allclose(later[: plant.n], found.rest[0, : plant.n], atol=1e-9)
+    later, slope = made.whole_jacobian(loop, found.equilibrium[0], values)
+    assert np.allclose(later[: plant.n], found.equilibrium[0, : plant.n], atol=1e-9)
     expected = sorted_sizes(np.linalg.eigvals(slope))
     assert np.allclose(sorted_sizes(found.multipliers[0]), expected, atol=1e-9)
 
@@ -49,11 +49,13 @@ def test_one_period_of_two_links(
 ) -> None:
     x = two_link.operating_point()[0]
     filter = None if kind is None else made.filter(two_link.plant(), x, kind)
-    loop = RestingLoop(two_link_law, filter, two_link.plant(extras=("joint_damping",)), PERIOD, [0.6, 0.2])
+    loop = EquilibriumLoop(
+        two_link_law, filter, two_link.plant(extras=("joint_damping",)), PERIOD, [0.6, 0.2]
+    )
     values = two_link.draw(np.random.default_rng(1))
     found = loop.modes([values])
-    assert np.allclose(found.rest[0, :2], [0.6, 0.2], atol=1e-9)
-    _, slope = made.whole_jacobian(loop, found.rest[0], values)
+    assert np.allclose(found.equilibrium[0, :2], [0.6, 0.2], atol=1e-9)
+    _, slope = made.whole_jacobian(loop, found.equilibrium[0], values)
     assert np.allclose(sorted_sizes(found.multipliers[0]), sorted_sizes(np.linalg.eigvals(slope)), atol=1e-9)
 
 
@@ -72,16 +74,16 @@ def test_modes_are_those_of_the_loop_assembled_by_hand(
 ) -> None:
     """correct → integral of the measured error → law → time update, written out for the linear parts."""
     filter = made.filter(arm.plant(), np.zeros(4))
-    loop = RestingLoop(cubic, filter, arm.plant(inductance=coil), PERIOD, goal)
+    loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=coil), PERIOD, goal)
     found = loop.modes([arm.nominal])
-    n, rest = loop.plant.n, found.rest[0]
-    phi, gamma = held(*loop.plant.linearise(rest[:n], loop.model_rest[1])[:2])
-    f, g = held(*filter.plant.linearise(*loop.model_rest)[:2])
+    n, rest = loop.plant.n, found.equilibrium[0]
+    phi, gamma = held(*loop.plant.linearise(rest[:n], loop.model_equilibrium[1])[:2])
+    f, g = held(*filter.plant.linearise(*loop.model_equilibrium)[:2])
     h = np.array([[1.0, 0.0, 0.0, 0.0]])
     gain = loop.gain(filter.process_noise)
     integral = rest[n:][loop.step.places["integral"]]
     k = jacobian(cubic.evaluate_law, 5, cubic.law_data.size)(
-        np.concatenate([loop.model_rest[0], integral]), cubic.law_data
+        np.concatenate([loop.model_equilibrium[0], integral]), cubic.law_data
     )[1]
     # State of the sampled loop: true x, predicted estimate, integral before, measured position before.
     measured, error = np.eye(1, n + 6), np.zeros((1, n + 6))
@@ -116,7 +118,7 @@ def test_rate_is_that_of_a_long_run(
     )
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind, noise=(1e-6, 1e-6))
     plant = arm.plant(inductance=True)
-    expected = RestingLoop(cubic, filter, plant, PERIOD, math.pi).modes([values]).rate[0]
+    expected = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi).modes([values]).rate[0]
     controller = Controller(cubic, filter, PERIOD)
     run = Loop(plant.with_parameters(**values), controller).run(Constant(math.pi), duration=30.0)
     assert grown(run, "link_velocity") == pytest.approx(expected, abs=5e-3)
@@ -129,13 +131,13 @@ def test_a_law_without_integrals_rests_off_the_goal(made: SimpleNamespace, two_l
     x, u = two_link.operating_point([0.5, 0.3])
     gains = np.hstack([np.zeros((2, 4)), np.diag([60.0, 30.0]), np.diag([6.0, 3.0])])
     law, values = made.Gains(plant, gains, x, u), two_link.corner({"mass_elbow": 1.0, "mass_shoulder": 1.0})
-    loop = RestingLoop(law, None, plant, PERIOD)
+    loop = EquilibriumLoop(law, None, plant, PERIOD)
     found = loop.modes([values, {}])
-    rest = found.rest[:, :8]
+    rest = found.equilibrium[:, :8]
     assert np.abs(rest[0, :2] - x[:2]).max() > 1e-4
     assert np.allclose(rest[1], x, atol=1e-9)
-    assert np.allclose(found.rest[0, 8:], u - gains @ (rest[0] - x), atol=1e-9)
-    assert np.abs(plant.with_parameters(**values).derivative(rest[0], found.rest[0, 8:])).max() < 1e-8
+    assert np.allclose(found.equilibrium[0, 8:], u - gains @ (rest[0] - x), atol=1e-9)
+    assert np.abs(plant.with_parameters(**values).derivative(rest[0], found.equilibrium[0, 8:])).max() < 1e-8
     run = Loop(plant.with_parameters(**values), Controller(law, None, PERIOD)).run(duration=8.0)
     assert np.allclose(run.signals["state"][-1], rest[0], atol=1e-5)
 
@@ -146,13 +148,13 @@ def test_a_moving_reference_holds_any_goal(
     """About a pose far from the operating point the law acts as it does there, and nothing is left to integrate."""
     rest = two_link.operating_point([1.2, -0.4])
     filter = made.filter(two_link.plant(), rest[0])
-    loop = RestingLoop(two_link_law, filter, two_link.plant(), PERIOD, rest=rest, moving=True)
+    loop = EquilibriumLoop(two_link_law, filter, two_link.plant(), PERIOD, equilibrium=rest, moving=True)
     found = loop.modes([{}, two_link.corner({"stiffness_elbow": -1.0})])
     assert found.stable.all()
-    assert np.allclose(found.rest[0, :8], rest[0], atol=1e-9)
-    integrals = found.rest[:, 8:][:, loop.step.places["integral"]]
+    assert np.allclose(found.equilibrium[0, :8], rest[0], atol=1e-9)
+    integrals = found.equilibrium[:, 8:][:, loop.step.places["integral"]]
     assert np.allclose(integrals[0], 0.0, atol=1e-9)
-    _, slope = made.whole_jacobian(loop, found.rest[0])
+    _, slope = made.whole_jacobian(loop, found.equilibrium[0])
     assert np.allclose(sorted_sizes(found.multipliers[0]), sorted_sizes(np.linalg.eigvals(slope)), atol=1e-9)
 
 
@@ -160,20 +162,20 @@ def test_no_rest_is_infinite_and_spoils_no_other(
     made: SimpleNamespace, arm: Robot, cubic: HJISolution
 ) -> None:
     """An estimator that ignores the measurement drifts off a plant that differs from its model."""
-    loop = RestingLoop(
+    loop = EquilibriumLoop(
         cubic, made.filter(arm.plant(), np.zeros(4), noise=(0.0, 1e-8)), arm.plant(), PERIOD, math.pi / 2
     )
     modes = loop.modes([arm.corner({"mass": 1.0})])
     assert math.isinf(modes.rate[0])
     assert not modes.stable[0]
-    assert np.isnan(modes.rest).all()
-    with pytest.raises(NumericalFailure, match="does not rest"):
+    assert np.isnan(modes.equilibrium).all()
+    with pytest.raises(NumericalFailure, match="no equilibrium"):
         loop.linear(arm.corner({"mass": 1.0}))
 
 
 def test_plants_do_not_mix(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     plant, rng = arm.plant(inductance=True), np.random.default_rng(3)
-    loop = RestingLoop(cubic, made.filter(arm.plant(), np.zeros(4)), plant, PERIOD, math.pi)
+    loop = EquilibriumLoop(cubic, made.filter(arm.plant(), np.zeros(4)), plant, PERIOD, math.pi)
     values = [arm.draw(rng) for _ in range(5)]
     together = loop.modes(values).rate
     assert np.allclose(together, [loop.modes([v]).rate[0] for v in values], rtol=1e-9)
@@ -186,7 +188,7 @@ def test_the_model_is_that_of_the_filter(
 ) -> None:
     x, u = two_link.operating_point()
     filter = made.filter(two_link.plant(), x)
-    loop = RestingLoop(two_link_law, filter, two_link.plant(), PERIOD)
+    loop = EquilibriumLoop(two_link_law, filter, two_link.plant(), PERIOD)
     for found, expected in zip(loop._model, linear_model(filter, x, u), strict=True):
         assert np.allclose(found, expected, rtol=1e-10, atol=1e-12)
 
@@ -196,12 +198,12 @@ def test_seven_links_with_their_estimator(made: SimpleNamespace) -> None:
     robot = load_robot("seven-link")
     law, x = made.law(robot, degree=2, ratio=3.0), robot.operating_point()[0]
     plant, rng = robot.plant(), np.random.default_rng(0)
-    loop = RestingLoop(law, made.filter(plant, x), plant, PERIOD)
+    loop = EquilibriumLoop(law, made.filter(plant, x), plant, PERIOD)
     modes = loop.modes([{}, *(robot.draw(rng) for _ in range(3))])
     assert modes.stable.all()
-    assert np.allclose(modes.rest[:, :7], x[:7], atol=1e-9)
+    assert np.allclose(modes.equilibrium[:, :7], x[:7], atol=1e-9)
     # The slowest pole of each joint is that of the nominal continuous design, to the sampling.
-    a, b, _, _ = plant.linearise(*loop.model_rest)
+    a, b, _, _ = plant.linearise(*loop.model_equilibrium)
     gains = jacobian(law.evaluate_law, 35, law.law_data.size)(np.zeros(35), law.law_data)[1]
     whole = np.block([[a + b @ gains[:, :28], b @ gains[:, 28:]], [np.eye(7, 28), np.zeros((7, 7))]])
     assert modes.rate[0] == pytest.approx(np.linalg.eigvals(whole).real.max(), rel=1e-2)
@@ -210,12 +212,12 @@ def test_seven_links_with_their_estimator(made: SimpleNamespace) -> None:
 def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     plant = arm.plant()
     with pytest.raises(InvalidInput, match="twice"):
-        RestingLoop(cubic, None, plant, PERIOD, 0.1, rest=(np.zeros(4), np.zeros(1)))
+        EquilibriumLoop(cubic, None, plant, PERIOD, 0.1, equilibrium=(np.zeros(4), np.zeros(1)))
     with pytest.raises(InvalidInput, match="number of samples"):
-        RestingLoop(cubic, None, plant, PERIOD, delay=0.5)  # type: ignore[arg-type]
+        EquilibriumLoop(cubic, None, plant, PERIOD, delay=0.5)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="no goal"):
-        RestingLoop(made.Gains(plant, np.ones((1, 4)), np.zeros(4), [0.0]), None, plant, PERIOD, 0.5)
+        EquilibriumLoop(made.Gains(plant, np.ones((1, 4)), np.zeros(4), [0.0]), None, plant, PERIOD, 0.5)
     with pytest.raises(InvalidInput, match="no filter"):
-        RestingLoop(cubic, None, plant, PERIOD).gain(np.eye(4))
+        EquilibriumLoop(cubic, None, plant, PERIOD).gain(np.eye(4))
     with pytest.raises(InvalidInput, match="stiffness_"):
-        RestingLoop(cubic, None, plant, PERIOD).modes([{"stiffness_": 1.0}])
+        EquilibriumLoop(cubic, None, plant, PERIOD).modes([{"stiffness_": 1.0}])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis import budget, budget_table
+from flexhinf.analysis import budget_terms, dissipation_budget
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Constant, Controller, Loop, Sine, Step, Trajectory
@@ -60,7 +60,7 @@ def test_spent_is_that_of_a_fine_integration(
     period = 1e-3
     loop = Loop(arm.plant(), Controller(law, None, period, limit), delay=late * period)
     run = loop.run(duration=4.0, initial_state=start_at(arm, 1.0))
-    found = budget(run, loop)
+    found = dissipation_budget(run, loop)
     applied = np.vstack([np.tile(law.operating_input, (late, 1)), run.signals["input"]])
     # At the end the goal is held and the controller's integral is zero: so it began at what came in since.
     error = run.signals["state"][:, 0] - math.pi / 2
@@ -77,7 +77,7 @@ def test_a_held_input_spends_with_the_square_of_the_period(arm: Robot, law: HJIS
     spent = []
     for period in (4e-3, 2e-3, 1e-3):
         loop = Loop(arm.plant(), Controller(law, None, period))
-        spent.append(budget(loop.run(duration=3.0, initial_state=start_at(arm, 1.2)), loop).total)
+        spent.append(dissipation_budget(loop.run(duration=3.0, initial_state=start_at(arm, 1.2)), loop).total)
     ratios = np.array(spent[:-1]) / np.array(spent[1:])
     assert np.all((ratios > 3.5) & (ratios < 4.6))
 
@@ -97,7 +97,7 @@ def test_the_level_never_rises_by_more_than_is_spent(made: SimpleNamespace, arm:
         torques = {"link_torque": Step(1.5, at=1.0), "motor_torque": Sine(2.0, 1.5, at=0.5)}
     late = 0.0 if filter is None else 2e-3
     loop = Loop(arm.plant(), Controller(law, filter, 1e-3, limit), delay=late)
-    found = budget(loop.run(None, torques, noise, 4.0, initial_state=point), loop, level)
+    found = dissipation_budget(loop.run(None, torques, noise, 4.0, initial_state=point), loop, level)
     assert found.value.max() < level
     room = found.start + found.spent + found.disturbance - found.value
     assert room.min() > -1e-9 * level
@@ -112,7 +112,7 @@ def test_what_a_limit_withholds_from_the_integral_is_no_lasting_expense(arm: Rob
     loop = Loop(arm.plant(), Controller(law, None, 1e-3, 20.0))
     run = loop.run(duration=6.0, initial_state=start_at(arm, 0.4))
     assert np.abs(run.signals["input"]).max() == 20.0
-    found = budget(run, loop)
+    found = dissipation_budget(run, loop)
     assert found.spent[-1] == pytest.approx(found.spent[4000], rel=1e-6)
     assert found.spent[-1] > 10.0
 
@@ -121,7 +121,7 @@ def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law:
     x = two_link.operating_point()[0]
     start = two_link.operating_point(x[:2] + np.array([0.1, -0.1]))[0]
     filter = made.filter(two_link.plant(), start)
-    rows = budget_table(
+    rows = budget_terms(
         two_link_law, two_link.plant(), 1e-3, 1e5, delay=1e-3, estimator=filter, saturation=30.0,
         initial_state=start, duration=3.0, noise=1e-5, seed=3,
     )  # fmt: skip
@@ -137,15 +137,17 @@ def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law:
         )
         noise = 1e-5 if "filter" in parts else None
         run = loop.run(noise=noise, duration=3.0, initial_state=start, seed=3)
-        assert row.budget.total == budget(run, loop).total
-    assert len(budget_table(two_link_law, two_link.plant(), initial_state=start, duration=0.1)) == 1
+        assert row.budget.total == dissipation_budget(run, loop).total
+    assert len(budget_terms(two_link_law, two_link.plant(), initial_state=start, duration=0.1)) == 1
 
 
 def test_a_bumpless_start_has_an_integral_from_the_first_sample(arm: Robot, law: HJISolution) -> None:
     start, u = arm.operating_point([1.2])
     controller = Controller(law, None, 1e-3, start="bumpless")
     loop = Loop(arm.plant(), controller)
-    found = budget(loop.run(duration=4.0, initial_state=start, initial_input=u), loop, initial_input=u)
+    found = dissipation_budget(
+        loop.run(duration=4.0, initial_state=start, initial_input=u), loop, initial_input=u
+    )
     moved = start - law.operating_point[:4]
     integrals = np.linspace(-1.0, 1.0, 200_001)
     rows = np.column_stack([np.tile(moved, (len(integrals), 1)), integrals])
@@ -156,7 +158,7 @@ def test_a_bumpless_start_has_an_integral_from_the_first_sample(arm: Robot, law:
 def test_a_run_that_diverges_has_spent_everything(arm: Robot) -> None:
     problem = arm.problem()
     law = solve_hji(problem, gamma=1.05 * smallest_gamma(problem), degree=4)
-    (row,) = budget_table(
+    (row,) = budget_terms(
         law, arm.plant(), 0.02, 1e4, initial_state=np.array([40.0, 0, 40.0, 0]), duration=5.0
     )
     assert math.isinf(row.budget.total)
@@ -167,12 +169,12 @@ def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, law: HJISolution) 
     plain = made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0])
     loop = Loop(arm.plant(), Controller(plain, None))
     with pytest.raises(InvalidInput, match="no value function"):
-        budget(loop.run(duration=0.01), loop)
+        dissipation_budget(loop.run(duration=0.01), loop)
     loop = Loop(arm.plant(), Controller(law, None))
     with pytest.raises(InvalidInput, match="link_torque"):
-        budget(loop.run(None, {"link_torque": Constant(1.0)}, duration=0.01), loop)
+        dissipation_budget(loop.run(None, {"link_torque": Constant(1.0)}, duration=0.01), loop)
     moving = Loop(arm.plant(), Controller(law, None, moving=True))
     with pytest.raises(InvalidInput, match="reference moves"):
-        budget(moving.run({"link_position": Constant(0.3)}, duration=0.01), moving)
-    still = budget(moving.run(duration=0.01), moving)
+        dissipation_budget(moving.run({"link_position": Constant(0.3)}, duration=0.01), moving)
+    still = dissipation_budget(moving.run(duration=0.01), moving)
     assert still.total < 1e-12

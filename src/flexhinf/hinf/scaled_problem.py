@@ -1,4 +1,8 @@
-"""The differential game of Eq. (8) in scaled coordinates, ready for the recursion over degrees."""
+"""A problem in scaled coordinates: units by powers of two, so that nothing is rounded, and Eq. (8) in them.
+
+Arms mix 1e4 N·m/rad with radians. With x = D ξ and V = s² W the Hamiltonian matrix of the Riccati equation is
+balanced, and so are the coefficients of every higher degree.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,69 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.hinf.scaling import Scaling
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.algebra import add_part, monomials, product
 
-__all__ = ["ScaledGame"]
+__all__ = ["Parts", "ScaledProblem", "Scaling", "balance"]
 
+#: Monomial coefficients by degree.
 Parts = dict[int, np.ndarray]
 
 
 @dataclass(frozen=True)
-class ScaledGame:
+class Scaling:
+    """x = `state` * ξ (elementwise) and V = `value`² W.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n,)
+        Powers of two.
+    value : float
+        A power of two: g1 and g2 are multiplied by it, h divided by it.
+    """
+
+    state: np.ndarray
+    value: float
+
+    def linear(
+        self, a: np.ndarray, b: np.ndarray, c: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Scaled A, input matrix and output matrix."""
+        d = self.state
+        return a * (d / d[:, None]), b * (self.value / d)[:, None], c * (d / self.value)
+
+    def unscale_hessian(self, p: np.ndarray) -> np.ndarray:
+        """P of V = ½ xᵀPx from the scaled one."""
+        return p * (self.value**2 / np.outer(self.state, self.state))
+
+
+def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
+    """Scaling that balances the Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]].
+
+    The diagonal similarity is kept symplectic up to one factor: diag(D⁻¹, D) on state and costate, and the
+    factor evens out the two off-diagonal blocks.
+
+    Parameters
+    ----------
+    a, b, c : ndarray, shapes (n, n), (n, inputs), (outputs, n)
+    """
+    from scipy.linalg import matrix_balance
+
+    n = len(a)
+    b_square, c_square, size = np.abs(b @ b.T), np.abs(c.T @ c), np.abs(a)
+    hamiltonian = np.block([[size, b_square], [c_square, size.T]])
+    np.fill_diagonal(hamiltonian, 0.0)
+    _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
+    exponents = np.log2(factors)
+    state = np.exp2(-np.round((exponents[n:] - exponents[:n]) / 2))
+    b_norm = np.linalg.norm(b_square / np.outer(state, state))
+    c_norm = np.linalg.norm(c_square * np.outer(state, state))
+    ratio = c_norm / b_norm if b_norm > 0 and c_norm > 0 else 1.0
+    return Scaling(state, float(np.exp2(np.round(np.log2(ratio) / 4))))
+
+
+@dataclass(frozen=True)
+class ScaledProblem:
     """V_x f + q + ½ Σ_c s_c (V_x g_c)² = 0, one column g_c per player's channel.
 
     The columns are g1/γ with sign +1 and g2 L⁻ᵀ with sign −1, where R2 = L Lᵀ; q = ½ hᵀh. So both quadratic
@@ -39,7 +95,7 @@ class ScaledGame:
     signs: np.ndarray
 
     @classmethod
-    def of(cls, plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling) -> ScaledGame:
+    def of(cls, plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling) -> ScaledProblem:
         """Scale x = D ξ, V = s² W, and join the channels of both players."""
         n, md, m, _ = plant.size
         d, s = scaling.state, scaling.value
