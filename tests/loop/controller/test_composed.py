@@ -5,7 +5,8 @@ import pytest
 
 from flexhinf.codegen import Program, compile_program, interpret
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
-from flexhinf.loop import Controller, Loop, Step, controller, law_code
+from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Plant
 from flexhinf.polynomial import basis

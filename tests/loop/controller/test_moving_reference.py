@@ -9,7 +9,8 @@ import pytest
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
-from flexhinf.loop import Controller, Loop, Samples, Sine, Step, controller
+from flexhinf.loop import Controller, Loop, Samples, Sine, Step
+from flexhinf.loop.controller import controller
 from flexhinf.plant import rk4_step
 from flexhinf.robot import paper_arm
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from flexhinf.estimation import UnscentedKalmanFilter
-from flexhinf.loop import Controller, Loop, Schedule, controller
+from flexhinf.loop import Controller, Loop, Schedule
+from flexhinf.loop.controller import controller
 from flexhinf.plant import Plant
 
 H = 1e-2

@@ -6,7 +6,8 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Loop, Quintic, Schedule, Sine, controller, law_code
+from flexhinf.loop import Controller, Loop, Quintic, Schedule, Sine
+from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law
 from flexhinf.robot import load_robot, paper_arm

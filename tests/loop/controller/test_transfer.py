@@ -6,7 +6,8 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Loop, Quintic, Step, controller, law_code, take_over
+from flexhinf.loop import Controller, Loop, Quintic, Step
+from flexhinf.loop.controller import controller, law_code, transfer
 from flexhinf.plant import Plant, equilibrium, rk4_step
 from flexhinf.robot import paper_arm
 
@@ -231,7 +232,7 @@ def test_a_start_from_zero_costs_nothing(made):
     bumpless = Controller(made.law, made.ukf(), start="bumpless")
     assert bumpless.code_key != plain.code_key
     assert bumpless.fresh().code_key == bumpless.code_key
-    assert bumpless.fresh().fade == take_over.FADE
+    assert bumpless.fresh().fade == transfer.FADE
     faster = Controller(made.law, made.ukf(), start="bumpless", fade=0.1)
     assert faster.code_key == bumpless.code_key
     assert faster.fresh().fade == 0.1
