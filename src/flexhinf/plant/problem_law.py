@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.plant.generalised import GeneralisedPlant
+from flexhinf.plant.plant import GeneralisedPlant
 
 __all__ = ["ProblemLaw"]
 
