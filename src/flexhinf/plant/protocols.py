@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.plant.generalised import GeneralisedPlant
-from flexhinf.plant.plant import Plant
+from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.polynomial.law import PolynomialLaw
 
 __all__ = ["INTEGRAL", "BlackBox", "Estimator", "Gaussian", "Law", "ProblemLaw", "use_default_form"]

@@ -281,7 +281,7 @@ def _robust(
         command=_command(s),
         integrate=nominal.integrate,
         disturbances=(*physical, *names),
-        rest=robot.operating_point(goal),
+        equilibrium=robot.operating_point(goal),
     )
     lowest = game.nominal.gamma_star()
     plain = game.nominal.design(s.gamma_ratio * lowest, lowest)
