@@ -7,7 +7,7 @@ from flexhinf.plant import rk4_step
 from flexhinf.robot import paper_arm
 
 
-class Box:
+class Box(BlackBox):
     """The arm as a thing that integrates itself; what it shows of itself varies."""
 
     def __init__(self, plant, parts):

@@ -10,7 +10,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Quintic, Sine, Step
 from flexhinf.loop.signals.noise import standard_normal
 from flexhinf.loop.simulation.program import loop_program
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
 
 
@@ -306,7 +306,7 @@ def test_divergence_is_told_with_the_time_and_the_run_so_far(made):
     assert np.all(np.isfinite(run.signals["state"]))
 
 
-class RootLaw:
+class RootLaw(Law):
     """A law that is not a number for negative positions."""
 
     law_key, state_names, input_names = "root", ("x",), ("u",)

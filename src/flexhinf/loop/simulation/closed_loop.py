@@ -20,12 +20,12 @@ from flexhinf.loop.signals.sampling import (
     sample_signal,
     signal_name,
 )
-from flexhinf.loop.simulation.black_box import BlackBox, run_black_box
+from flexhinf.loop.simulation.black_box import run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
 from flexhinf.loop.simulation.run_arguments import check_ranges, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
-from flexhinf.plant import Plant, sub_steps
+from flexhinf.plant import BlackBox, Plant, sub_steps
 
 __all__ = ["Loop"]
 
@@ -84,8 +84,8 @@ class Loop:
         elif not isinstance(true_plant, BlackBox):
             raise InvalidInput(
                 "The true plant is neither a Plant nor a black box.",
-                f"expected reset, step and output, got {type(true_plant).__name__}",
-                "robot.plant(...), or an object with these three methods",
+                f"expected a Plant or a flexhinf.plant.BlackBox, got {type(true_plant).__name__}",
+                "robot.plant(...), or a subclass of BlackBox with reset, step and output",
             )
 
     def _check_plant(self, plant: Plant) -> None:
@@ -226,11 +226,11 @@ class Loop:
             held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
         commands = sample_signal(reference, times, names, "reference")
-        models: list[Any] = [self.true_plant]
+        models: list[Plant | BlackBox] = [self.true_plant]
         if self.controller.estimator is not None:
             models.append(self.controller.estimator.plant)
-        limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
-        check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
+        limits = next((plant.limits for plant in models if plant.limits), {})
+        check_ranges(commands, times, names, limits, models[-1].units)
         return commands
 
     def _run_kernel(

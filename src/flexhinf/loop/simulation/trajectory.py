@@ -10,6 +10,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import loop_metrics
+from flexhinf.plant import BlackBox, Plant
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,20 +48,24 @@ class Trajectory:
 
     @staticmethod
     def of(
-        plant: Any, controller: Controller, time: np.ndarray, signals: dict[str, np.ndarray], settings: dict
+        plant: Plant | BlackBox,
+        controller: Controller,
+        time: np.ndarray,
+        signals: dict[str, np.ndarray],
+        settings: dict,
     ) -> Trajectory:
         """Label the recorded arrays of a run."""
         names = {
-            "state": tuple(getattr(plant, "states", ())),
+            "state": tuple(plant.states),
             "estimate": controller.states,
             "output": controller.measured,
             "input": tuple(controller.law.input_names),
             "reference": controller.commanded,
-            "disturbance": tuple(getattr(plant, "disturbances", ())),
+            "disturbance": tuple(plant.disturbances),
         }
         names = {kind: names[kind] for kind in signals}
         estimator = controller.estimator
-        table = {**(estimator.plant.units if estimator else {}), **getattr(plant, "units", {})}
+        table = {**(estimator.plant.units if estimator else {}), **plant.units}
         for array in (time, *signals.values()):
             array.setflags(write=False)
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
