@@ -111,9 +111,8 @@ class Trajectory:
             variables[kind] = (("time", dimension), values, {"units": ", ".join(self.units[kind])})
             coordinates[dimension] = (dimension, list(self.names[kind]))  # type: ignore[assignment]
             coordinates[f"{kind}_unit"] = (dimension, list(self.units[kind]))  # type: ignore[assignment]
-        return xr.Dataset(
-            variables, coordinates, {k: str(v) for k, v in {**self.settings, "status": self.status}.items()}
-        )
+        settings = {**self.settings, "status": self.status}
+        return xr.Dataset(variables, coordinates, {k: str(v) for k, v in settings.items()})
 
     def signal(self, kind: str, name: str) -> np.ndarray:
         """One column (N,), for example ``signal("state", "link_position")``; unknown names are refused."""
