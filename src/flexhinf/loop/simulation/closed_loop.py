@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import compile_program
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
@@ -150,7 +150,7 @@ class Loop:
         seed: int = 0,
         initial_input: Any = None,
     ) -> Trajectory:
-        """Simulate from a fresh controller.
+        """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
         Parameters
         ----------
@@ -171,13 +171,16 @@ class Loop:
             That acts before the first sample, and in the estimator's first step; the operating input by default.
             A controller with ``start="bumpless"`` continues from it.
 
+        Returns
+        -------
+        Trajectory
+            Its `status` is ``"completed"``, or ``"diverged"`` where numbers are no longer finite from
+            `diverged_at` on.
+
         Raises
         ------
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
-        NumericalFailure
-            If the loop diverges to numbers that are not finite: says when, and holds the run so far as
-            `.trajectory`.
         """
         samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
         if not 2 <= samples <= MOST_SAMPLES:
@@ -214,10 +217,8 @@ class Loop:
         code, last = status
         end = samples if not code else last + 1
         recorded = {name: values[:end] for name, values in recorded.items()}
-        trajectory = Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings)
-        if code:
-            raise _diverged(code, times[last], trajectory)
-        return trajectory
+        message = _divergence(code, times[last]) if code else ""
+        return Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings, message)
 
     def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
@@ -283,12 +284,9 @@ def _roomy(d: np.ndarray, samples: int, parts: int, capacity: int) -> np.ndarray
     return room.ravel()
 
 
-def _diverged(code: int, time: float, trajectory: Trajectory) -> NumericalFailure:
+def _divergence(code: int, time: float) -> str:
     who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-    failure = NumericalFailure(
-        f"The closed loop diverged: the {who} is no longer finite.",
-        f"at t = {time:g} s, with {trajectory.settings}",
-        "a smaller command, a larger gamma, a shorter period or another penalty; the run is in .trajectory",
+    return (
+        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
+        "Try a smaller command, a larger gamma, a shorter period or another penalty."
     )
-    failure.trajectory = trajectory  # type: ignore[attr-defined]
-    return failure
