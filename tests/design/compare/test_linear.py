@@ -102,7 +102,9 @@ def test_extras_that_are_not_smooth_at_rest_are_left_out(bench: Bench) -> None:
     assert linear_bench(rough).specification.extras == ("spring_hardening",)
 
 
-def test_a_loop_without_equilibrium_has_no_sensitivity_to_accept(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_without_equilibrium_has_no_sensitivity_to_accept(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from flexhinf.analysis import EquilibriumLoop
     from flexhinf.design.compare.linear import sensitivity_at_rest
     from flexhinf.errors import NumericalFailure
