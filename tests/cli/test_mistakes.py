@@ -107,6 +107,10 @@ def test_what_is_wrong_with_an_option_is_told(
     refused(["design", "arm.toml", *words], what, folder)
 
 
+def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Callable[..., str]) -> None:
+    assert "90deg" in refused(["design", "paper", "--goal", "90"], "were degrees meant?", folder)
+
+
 def test_torques_do_not_fit_motors_that_are_driven_by_volts(
     folder: Path, refused: Callable[..., str]
 ) -> None:
