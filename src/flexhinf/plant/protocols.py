@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.polynomial.law import PolynomialLaw
 
@@ -219,6 +220,20 @@ class Estimator(abc.ABC):
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
         return f"estimator {self._number}"
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
+
+        Raises
+        ------
+        InvalidInput
+            By default: an estimator that does not say them cannot be saved.
+        """
+        raise InvalidInput(
+            f"{type(self).__name__} cannot be saved.",
+            "expected an estimator that returns its arguments from settings()",
+            "an estimator of flexhinf.estimation",
+        )
 
     @property
     def operations(self) -> int:
