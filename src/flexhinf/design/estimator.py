@@ -146,7 +146,7 @@ def _check_seen(plant: Plant, rest: tuple[np.ndarray, np.ndarray]) -> None:
                 "What is measured does not show every mode that does not decay: no estimator can know it.",
                 f"measured: {list(plant.outputs)}; hidden: a mode at {abs(value) / (2 * np.pi):.3g} Hz, mainly in "
                 f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
-                "--measured link_position or motor_position",
+                "measured=('link_position',), or motor_position",
             )
 
 

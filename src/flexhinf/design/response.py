@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import NumericalFailure
-from flexhinf.loop import Loop, Trajectory
+from flexhinf.loop import Loop, StepShape, Trajectory, step_metrics
 
 __all__ = ["Response", "default_start", "run_length", "run_to", "step_response"]
 
@@ -50,9 +49,6 @@ class Response:
         """Figures of merit of each joint's true link position; nothing where the run diverged."""
         if self.diverged is not None:
             return [{} for _ in self.goal]
-        from flexhinf.loop.simulation.metrics import StepShape
-        from flexhinf.loop.simulation.metrics import step_response as judged
-
         rows = []
         for joint, (begin, end) in enumerate(zip(self.start, self.goal)):
             position = self.positions[:, joint]
@@ -62,7 +58,7 @@ class Response:
             u = self.run.signals["input"][:, joint]
             rows.append(
                 {
-                    **judged(self.run.time, position, shape),
+                    **step_metrics(self.run.time, position, shape),
                     "steady_state_error": last,
                     "peak_input": float(np.abs(u).max()),
                     "input_noise": float(u[-tail:].std()),
@@ -101,14 +97,8 @@ def run_to(loop: Loop, goal: np.ndarray, start: np.ndarray, **options: Any) -> R
     **options
         Of `Loop.run`.
     """
-    try:
-        run = loop.run(**options)
-    except NumericalFailure as failure:
-        partial: Trajectory | None = getattr(failure, "trajectory", None)
-        if partial is None:
-            raise
-        return Response(partial, goal, start, float(partial.time[-1]))
-    return Response(run, goal, start)
+    run = loop.run(**options)
+    return Response(run, goal, start, run.diverged_at)
 
 
 def step_response(

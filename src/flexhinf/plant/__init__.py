@@ -7,10 +7,11 @@ from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem_law import ProblemLaw
-from flexhinf.plant.protocols import Estimator, Gaussian, Law
+from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
 
 __all__ = [
+    "INTEGRAL",
+    "BlackBox",
     "Estimator",
     "Gaussian",
     "GeneralisedPlant",

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.law_batch import LawRows
-from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
@@ -29,16 +28,14 @@ def operations(law: Law) -> int:
     Of the law's trace with common subexpressions shared. A polynomial of many coefficients is evaluated monomial by
     monomial: a product for each of degree two or more, a product and a sum for each coefficient.
     """
-    if np.size(law.law_data) > TRACED and offers(law, "law_polynomial", "evaluate_law"):
-        table = law.law_polynomial()  # type: ignore[attr-defined]
+    if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
         monomials = table.coefficients.shape[1]
         return int(monomials - table.n + 2 * table.coefficients.size)
     n, data = len(law.state_names), np.size(law.law_data)
-    about = getattr(law, "evaluate_about", None)
-    if about is None:
+    if not law.depends_on_reference:
         return _count(trace(law.evaluate_law, n, data, name="law"))
-    states = sum(not name.endswith("_integral") for name in law.state_names)
-    return _count(trace(about, n, states, len(law.input_names), data, name="law"))
+    states = len(law.plant_states)
+    return _count(trace(law.evaluate_about, n, states, len(law.input_names), data, name="law"))
 
 
 def _count(function: Any) -> int:

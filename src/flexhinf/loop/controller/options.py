@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Estimator, Law
+from flexhinf.plant import INTEGRAL, Estimator, Law
 
-__all__ = ["INTEGRAL", "Limits", "Mode", "Source", "check_kinds", "check_names", "positive"]
+__all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "positive"]
 
 
 class Source(NamedTuple):
@@ -86,6 +86,37 @@ class Mode:
         return self.bumpless or self.laws > 1
 
 
+#: Shortest and longest sampling period of a controller, s.
+PERIODS = (1e-6, 1.0)
+
+
+def checked_period(value: Any) -> float:
+    """A sampling period, s, of a size that a controller of a robot can have.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no number within `PERIODS`; the message asks for the unit that was probably meant.
+    """
+    period = positive(value, "sampling period", "1e-3 for 1 kHz")
+    low, high = PERIODS
+    if low <= period <= high:
+        return period
+    meant = "a period in seconds: 1e-3 for 1 kHz"
+    if period > high:
+        hertz, milliseconds = 1.0 / period, 1e-3 * period
+        meant = (
+            f"period={milliseconds:g} if {period:g} ms was meant, or {hertz:g} for a rate of {period:g} Hz"
+            if period >= 10.0
+            else f"period={milliseconds:g} if {period:g} ms was meant"
+        )
+    raise InvalidInput(
+        "The sampling period is out of proportion.",
+        f"expected {low:g} s to {high:g} s, got {period:g} s",
+        meant,
+    )
+
+
 def positive(value: Any, what: str, example: str) -> float:
     """A positive finite number of seconds."""
     try:
@@ -138,23 +169,19 @@ def _edge(value: Any, inputs: int) -> np.ndarray:
         ) from error
 
 
-#: What the name of an integral of an error ends with.
-INTEGRAL = "_integral"
-
-
 def check_kinds(law: Any, estimator: Any) -> None:
     """They are a law with finite numbers of the right sizes, and an estimator or None."""
     if not isinstance(law, Law):
         raise InvalidInput(
             "The controller needs a law.",
-            f"expected state_names, evaluate_law and so on, got {type(law).__name__}",
-            "a solution of solve_hji or linear_law",
+            f"expected a flexhinf.plant.Law, got {type(law).__name__}",
+            "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
         )
     if estimator is not None and not isinstance(estimator, Estimator):
         raise InvalidInput(
             "The controller's estimator is none.",
-            f"expected UnscentedKalmanFilter, ExtendedKalmanFilter or None, got {type(estimator).__name__}",
-            "Controller(solution, estimator, period)",
+            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
+            "Controller(solution, UnscentedKalmanFilter(...), period)",
         )
     n, m = len(law.state_names), len(law.input_names)
     point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)

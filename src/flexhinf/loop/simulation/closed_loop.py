@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import compile_program
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import (
     by_name,
@@ -20,17 +19,14 @@ from flexhinf.loop.signals.sampling import (
     sample_signal,
     signal_name,
 )
-from flexhinf.loop.simulation.black_box import BlackBox, run_black_box
+from flexhinf.loop.simulation.black_box import run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
-from flexhinf.loop.simulation.run_arguments import check_ranges, starting_state
+from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
-from flexhinf.plant import Plant, sub_steps
+from flexhinf.plant import BlackBox, Plant, sub_steps
 
 __all__ = ["Loop"]
-
-#: Longest run, in samples.
-MOST_SAMPLES = 20_000_000
 
 
 class Loop:
@@ -84,8 +80,8 @@ class Loop:
         elif not isinstance(true_plant, BlackBox):
             raise InvalidInput(
                 "The true plant is neither a Plant nor a black box.",
-                f"expected reset, step and output, got {type(true_plant).__name__}",
-                "robot.plant(...), or an object with these three methods",
+                f"expected a Plant or a flexhinf.plant.BlackBox, got {type(true_plant).__name__}",
+                "robot.plant(...), or a subclass of BlackBox with reset, step and output",
             )
 
     def _check_plant(self, plant: Plant) -> None:
@@ -149,8 +145,10 @@ class Loop:
         initial_state: Any = None,
         seed: int = 0,
         initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
     ) -> Trajectory:
-        """Simulate from a fresh controller.
+        """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
         Parameters
         ----------
@@ -170,26 +168,26 @@ class Loop:
         initial_input : (m,) array, optional
             That acts before the first sample, and in the estimator's first step; the operating input by default.
             A controller with ``start="bumpless"`` continues from it.
+        multi_turn : bool
+            Whether the command may turn a joint by more than 2π rad. Otherwise a number or a house signal beyond
+            that is refused, as it is degrees more often; `Samples` and functions of time are taken as they are.
+
+        Returns
+        -------
+        Trajectory
+            Its `status` is ``"completed"``, or ``"diverged"`` where numbers are no longer finite from
+            `diverged_at` on.
 
         Raises
         ------
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
-        NumericalFailure
-            If the loop diverges to numbers that are not finite: says when, and holds the run so far as
-            `.trajectory`.
         """
-        samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
-        if not 2 <= samples <= MOST_SAMPLES:
-            raise InvalidInput(
-                "The run is too short or too long.",
-                f"expected 1 to {MOST_SAMPLES - 1} periods of {self.controller.period:g} s, got {duration!r} s",
-                "duration=8.0",
-            )
+        samples = sample_count(duration, self.controller.period)
         times = np.arange(samples) * self.controller.period
         held = self.controller.operating_reference if reference is None else reference
         signals = {
-            "reference": self._commanded(held, times),
+            "reference": self._commanded(held, times, multi_turn or reference is None),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
         if isinstance(self.true_plant, Plant):
@@ -214,23 +212,24 @@ class Loop:
         code, last = status
         end = samples if not code else last + 1
         recorded = {name: values[:end] for name, values in recorded.items()}
-        trajectory = Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings)
-        if code:
-            raise _diverged(code, times[last], trajectory)
-        return trajectory
+        message = _divergence(code, times[last]) if code else ""
+        return Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings, message)
 
-    def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
+    def _commanded(self, reference: Any, times: np.ndarray, multi_turn: bool) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
         names = self.controller.commanded
         if isinstance(reference, Mapping):
             held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
         commands = sample_signal(reference, times, names, "reference")
-        models: list[Any] = [self.true_plant]
+        models: list[Plant | BlackBox] = [self.true_plant]
         if self.controller.estimator is not None:
             models.append(self.controller.estimator.plant)
-        limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
-        check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
+        limits = next((plant.limits for plant in models if plant.limits), {})
+        units = {**self.true_plant.units, **models[-1].units}
+        if not multi_turn:
+            check_turns(reference, commands, names, units)
+        check_ranges(commands, times, names, limits, units)
         return commands
 
     def _run_kernel(
@@ -283,12 +282,9 @@ def _roomy(d: np.ndarray, samples: int, parts: int, capacity: int) -> np.ndarray
     return room.ravel()
 
 
-def _diverged(code: int, time: float, trajectory: Trajectory) -> NumericalFailure:
+def _divergence(code: int, time: float) -> str:
     who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-    failure = NumericalFailure(
-        f"The closed loop diverged: the {who} is no longer finite.",
-        f"at t = {time:g} s, with {trajectory.settings}",
-        "a smaller command, a larger gamma, a shorter period or another penalty; the run is in .trajectory",
+    return (
+        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
+        "Try a smaller command, a larger gamma, a shorter period or another penalty."
     )
-    failure.trajectory = trajectory  # type: ignore[attr-defined]
-    return failure
