@@ -27,6 +27,7 @@ from flexhinf.loop.controller.step import controller_step
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.controller.transfer import STEPS, fade_time
 from flexhinf.loop.shared import share
+from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 
@@ -40,7 +41,7 @@ READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
 
-class Controller:
+class Controller(Summarised):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -119,6 +120,25 @@ class Controller:
         """
         options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
         write_controller(path, self.law, self.estimator, self.period, self.limits, options)
+
+    def summary(self) -> dict[str, str]:
+        """Law, estimator, period, limits, and what is measured and commanded."""
+        kinds = dict.fromkeys(type(law).__name__ for law in self.laws)
+        law = ", ".join(kinds) if len(self.laws) == 1 else f"{len(self.laws)} laws ({', '.join(kinds)})"
+        facts = {
+            "law": law,
+            "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
+            "period": number_text(self.period, "s"),
+            "measured": names_text(self.measured),
+            "tracked": names_text(self.tracked),
+            "inputs": names_text(tuple(self.law.input_names)),
+        }
+        if np.any(np.isfinite([self.limits.lower, self.limits.upper])):
+            pairs = zip(self.limits.lower.tolist(), self.limits.upper.tolist())
+            facts["saturation"] = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in pairs)
+        if self.mode.moving:
+            facts["reference"] = "moving"
+        return facts
 
     @property
     def commanded(self) -> tuple[str, ...]:
