@@ -8,8 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flexhinf.analysis import Population, ProcessNoise, Swept, corner_population, unstable_share
-from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
+from flexhinf.analysis import (
+    ALL_STATES,
+    VELOCITIES,
+    GrowthRates,
+    Population,
+    ProcessNoise,
+    corner_population,
+    growth_rates,
+)
 from flexhinf.design.bench import Bench
 from flexhinf.design.resting import resting_loop
 from flexhinf.plant import Law
@@ -31,20 +38,20 @@ class Tolerances:
     ----------
     population : Population
         Corners, each tolerance alone at its ends, and the nominal robot.
-    own : Swept
+    own : GrowthRates
         With the estimator as it is, or the true state where there is none.
-    with_state : Swept
+    with_state : GrowthRates
         With the true state fed back.
-    swept : tuple of Swept
+    swept : tuple of GrowthRates
         Over R^v; none without an estimator.
     ratios : tuple of float
         q / R^n of each.
     """
 
     population: Population
-    own: Swept
-    with_state: Swept
-    swept: tuple[Swept, ...]
+    own: GrowthRates
+    with_state: GrowthRates
+    swept: tuple[GrowthRates, ...]
     ratios: tuple[float, ...]
 
     @property
@@ -79,7 +86,7 @@ def tolerance_corners(bench: Bench, law: Law) -> Tolerances | None:
         return table.known(robot.corner(signs))
 
     population = corner_population(at, len(robot.uncertain), count, s.seed)
-    fed = unstable_share(resting_loop(bench, law, estimated=False), population)[0]
+    fed = growth_rates(resting_loop(bench, law, estimated=False), population)[0]
     if s.estimator == "none":
         return Tolerances(population, fed, fed, (), ())
     loop = resting_loop(bench, law)
@@ -88,5 +95,5 @@ def tolerance_corners(bench: Bench, law: Law) -> Tolerances | None:
         for form in (ALL_STATES, VELOCITIES):
             noises += [ProcessNoise(form, ratio * s.measurement_noise) for ratio in ratios]
             told += list(ratios)
-    own, *swept = unstable_share(loop, population, (None, *noises))
+    own, *swept = growth_rates(loop, population, (None, *noises))
     return Tolerances(population, own, fed, tuple(swept), tuple(told))
