@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.plant import Law, Plant
 
@@ -129,9 +130,9 @@ def _running(parts: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 
-def _checked(loop: Loop) -> Any:
-    law: Any = loop.controller.law
-    if not all(hasattr(law, name) for name in ("value", "law", "expansion")):
+def _checked(loop: Loop) -> HJISolution:
+    law = loop.controller.law
+    if not isinstance(law, HJISolution):
         raise InvalidInput(
             "The law has no value function to keep below a level.",
             f"got {type(law).__name__}",
