@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.analysis.batch import Rows
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.scalars import trace
@@ -159,8 +160,7 @@ class DisturbanceRuns:
         outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
         begun = outer > BEGUN * outer[-1]
         ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
-        value = getattr(self.law, "value", None)
-        largest = float("nan") if value is None else float(np.max(value(x)))
+        largest = float(np.max(self.law.value(x))) if isinstance(self.law, HJISolution) else float("nan")
         return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
 
     # Small motions -------------------------------------------------------------------------------------

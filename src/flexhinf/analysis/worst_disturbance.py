@@ -25,6 +25,7 @@ from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.disturbance_runs import Attained, DisturbanceRuns
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 
@@ -304,7 +305,7 @@ def worst_disturbance(
             f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
             "level=solution.sampled_region().level",
         )
-    if level is not None and not (hasattr(law, "value") and np.isfinite(getattr(law, "gamma", np.inf))):
+    if level is not None and not (isinstance(law, HJISolution) and np.isfinite(law.gamma)):
         raise InvalidInput(
             "The law has no level sets.", f"got level={level!r} and {type(law).__name__}", "energy=…"
         )
