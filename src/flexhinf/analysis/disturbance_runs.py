@@ -33,7 +33,7 @@ class Held(Samples):
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """One disturbance and what it attained, from rest at the operating point.
+    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain.
 
     Attributes
     ----------
@@ -95,6 +95,15 @@ class DisturbanceRuns:
         """Number of disturbances."""
         return len(self.problem.disturbance_names)
 
+    def within(self, d: np.ndarray) -> np.ndarray:
+        """Samples (N, k) with commands that the joints' limits allow: what lies beyond is cut off."""
+        controller, limits, found = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
+        for i, name in enumerate(controller.tracked[: self.commands]):
+            if name in limits:
+                low, high = np.asarray(limits[name]) - controller.operating_reference[i]
+                found[:, i] = np.clip(found[:, i], low, high)
+        return found
+
     def run(self, d: np.ndarray) -> tuple[Trajectory, bool]:
         """The run with d (N, k) held between samples, and whether it came to its end."""
         controller, channels = self.loop.controller, self.problem.disturbances or ()
@@ -150,7 +159,8 @@ class DisturbanceRuns:
             return h[:, 0] + (u * priced).sum(axis=1), by_x[:, 0], 2.0 * priced
 
     def attained(self, d: np.ndarray) -> Attained:
-        """Of samples d (N, k)."""
+        """Of samples d (N, k), commands cut off at the joints' limits."""
+        d = self.within(d)
         run, whole = self.run(d)
         x, u = self.deviations(run, d)
         z = self.cost(x, u)[0]

@@ -68,7 +68,7 @@ def design(
 
 def _inside(bench: Bench, synthesis: Synthesis) -> bool | None:
     """Whether the start, with the integrals that the controller chooses, lies in the sampled region."""
-    if not synthesis.chosen.looked:
+    if not synthesis.chosen.looked or np.isnan(synthesis.chosen.level):
         return None
     law = synthesis.solution
     return bool(law.value(bench.departure(law)) <= synthesis.chosen.level)

@@ -77,8 +77,10 @@ def synthesise(robot: Robot, s: Specification, tell: Callable[[str], None]) -> S
 
 
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
-    """The degree with the largest step; of regions that were not looked at, the highest degree."""
-    return max(choices, key=lambda c: (c.step_amplitude, -c.degree) if c.looked else (0.0, c.degree))
+    """The degree with the largest step; where no degree has a region, the highest degree."""
+    return max(
+        choices, key=lambda c: (c.step_amplitude, -c.degree) if c.step_amplitude > 0.0 else (0.0, c.degree)
+    )
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:

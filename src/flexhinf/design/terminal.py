@@ -192,6 +192,8 @@ def _regions(design: Design) -> Table:
         if c.looked:
             degrees = f"{math.degrees(c.step_amplitude):.3g}" if units_of(design).position == "rad" else "–"
             looked = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
+            if math.isnan(c.step_amplitude):
+                looked = ("no region", "–", "–")
             if math.isinf(c.step_amplitude):
                 looked = ("any", "any", "–")
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"

@@ -90,6 +90,11 @@ def key_numbers(design: Design) -> list[KeyNumber]:
     ]
     if not design.chosen.looked:
         return numbers
+    if np.isnan(design.chosen.level):
+        return [
+            *numbers,
+            KeyNumber("sampled step", "no region", note=design.chosen.limit.removeprefix("no region: ")),
+        ]
     trusted = step_words(design.chosen.step_amplitude, units_of(design).position)
     return [*numbers, KeyNumber("sampled step", trusted, note="largest rest to rest, all joints; not proved")]
 

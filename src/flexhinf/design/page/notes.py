@@ -313,12 +313,8 @@ def _regions(design: Design) -> Iterator[Remark]:
         )
         text = asked if s.rays is None else "The regions were not looked at, as asked."
         yield Remark("region", "regions not looked at", text)
-    elif s.rays is None and design.rays < 4000:
-        yield Remark(
-            "region", "few rays",
-            f"The regions were looked at along {design.rays} rays only, for the number of states; --rays asks for "
-            "more.",
-        )  # fmt: skip
+    elif np.isnan(design.chosen.level):
+        yield Remark("region", "no region", f"No region is claimed for the law that runs: {design.chosen.limit}.")
 
 
 def _rigid(design: Design) -> Iterator[Remark]:

@@ -23,10 +23,10 @@ def _words(design: Design) -> str:
     s = design.specification
     return (
         "The largest level set of V on which nothing was found against the dissipation inequality, along random "
-        "rays and by ascent on the worst of them: looked at, not proved. Checked is the weaker pair "
+        "rays and by ascent from many starts: sampled, not proved. Checked is the weaker pair "
         f"γ = {s.checked_gamma_ratio:g} γ* and the penalty of the settings. It covers the law with the true state, "
-        "not the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no "
-        "region was looked at)."
+        "not the estimator. Where the checked pair has no margin in some direction there is no region. Of the degrees "
+        "tried, the one with the largest step is used (the highest one where no degree has a region)."
     )
 
 
