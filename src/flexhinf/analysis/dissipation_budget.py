@@ -29,7 +29,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import GeneralisedPlant, Law, Plant
 
 __all__ = ["BudgetTerm", "DissipationBudget", "budget_terms", "dissipation_budget"]
 
@@ -173,7 +173,7 @@ def _own_integrals(run: Trajectory, controller: Controller, before: np.ndarray) 
 def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
     """d of the problem at each sample (N, md), as the run was given it."""
     problem, controller = law.problem, loop.controller
-    names: tuple[str, ...] = tuple(getattr(problem, "disturbance_names", ()))
+    names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
     commands = [name for name in controller.tracked if f"{name}_command" in names]
     reference = run.signals["reference"] - controller.operating_reference
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}

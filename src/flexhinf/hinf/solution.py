@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.hinf.feedback import GradientLaw, input_matrix_of
+from flexhinf.hinf.feedback import EXACT_INPUT_MATRIX, GradientLaw, input_matrix_of
 from flexhinf.hinf.margin import CheckedMargin, Penalty, checked_margin
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.report import solution_report
@@ -114,8 +114,8 @@ class HJISolution(ValueFunction, Law):
     @property
     def law_is_polynomial(self) -> bool:
         """Whether `law_polynomial` is the law itself: g2 is constant, and not only its expansion."""
-        source = self.problem if hasattr(self.problem, "input_matrix_is_constant") else self.expansion
-        return source.input_matrix_is_constant  # type: ignore[union-attr]
+        source = self.problem if isinstance(self.problem, EXACT_INPUT_MATRIX) else self.expansion
+        return source.input_matrix_is_constant
 
     @property
     def law_table(self) -> PolynomialLaw | None:
