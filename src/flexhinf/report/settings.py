@@ -81,7 +81,7 @@ class Provenance:
         seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
         return (
             "<p>This command makes the report again:</p>"
-            f"<pre><code>{escape(shlex.join(self.command))}</code></pre>"
+            f'<pre class="command"><code>{escape(shlex.join(self.command))}</code></pre>'
             f'<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
         )
 

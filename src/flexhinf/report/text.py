@@ -10,6 +10,8 @@ from numbers import Integral, Real
 __all__ = ["escape", "number", "prose", "scalar"]
 
 _CODE = re.compile(r"`([^`]+)`")
+_RAISED = re.compile(r"\bR([ᵛⁿ])")
+_LETTERS = {"ᵛ": "v", "ⁿ": "n"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -19,8 +21,17 @@ def escape(text: object) -> str:
 
 
 def prose(text: str) -> str:
-    """Escaped text in which words between backticks become a code element; no other mark-up is known."""
-    return _CODE.sub(r"<code>\1</code>", escape(text))
+    """Escaped text in which words between backticks become a code element, and Rᵛ and Rⁿ have a raised letter.
+
+    Fonts draw the characters ᵛ and ⁿ in different sizes, or not at all; no other mark-up is known.
+
+    Examples
+    --------
+    >>> prose("`--seed 3` changes Rᵛ")
+    '<code>--seed 3</code> changes R<sup>v</sup>'
+    """
+    raised = _RAISED.sub(lambda found: f"R<sup>{_LETTERS[found[1]]}</sup>", escape(text))
+    return _CODE.sub(r"<code>\1</code>", raised)
 
 
 def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:
