@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop.program import measure_function, rk4_function
+from flexhinf.loop.simulation.program import measure_function, rk4_function
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot, load_robot, paper_arm
 
@@ -52,13 +52,13 @@ class Gains:
 
 
 def _whole_jacobian(
-    loop: RestingLoop, z: np.ndarray, values: dict[str, Any] | None = None
+    loop: EquilibriumLoop, z: np.ndarray, values: dict[str, Any] | None = None
 ) -> tuple[Any, Any]:
     """(state one period later, Jacobian) at the rest z, by the text that loops run: one trace, one Jacobian."""
     plant, step, controller = loop.plant, loop.step, loop.step.controller
     n, place, memory = plant.n, step.places, controller.memory
     x, u, belief = z[:n], z[n:][place["u"]], []
-    reference = np.concatenate(loop.model_rest) if loop.moving else loop.command
+    reference = np.concatenate(loop.model_equilibrium) if loop.moving else loop.command
     parts: dict[str, Any] = {"u": u, "integral": z[n:][place["integral"]], "position": loop.command}
     if loop.filter is not None:
         moving_belief = z[n:][place["belief"]].reshape(len(step.parts), -1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Step
@@ -27,7 +27,7 @@ def test_small_motions_are_those_of_the_compiled_loop(
     """From a small deviation, sample by sample, with the queue of the delay and the estimator at its gain."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
     filter = None if kind is None else made.filter(plant, x, kind)
-    resting = RestingLoop(two_link_law, filter, plant, PERIOD, delay=delay)
+    resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD, delay=delay)
     linear = resting.linear()
     moved = SMALL * np.random.default_rng(2).normal(size=8)
     state, places = np.zeros(len(linear.closed(delay * PERIOD))), resting.step.places
@@ -50,7 +50,7 @@ def test_small_motions_are_those_of_the_compiled_loop(
 @pytest.mark.oracle
 @pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 2.75])
 def test_an_input_between_samples(arm: Robot, cubic: HJISolution, samples: float) -> None:
-    linear = RestingLoop(cubic, None, arm.plant(inductance=True), PERIOD, 0.5).linear()
+    linear = EquilibriumLoop(cubic, None, arm.plant(inductance=True), PERIOD, 0.5).linear()
     j, phi, old, new = linear.held(samples * PERIOD)
     assert j == int(samples)
     share, x = samples - j, np.random.default_rng(0).normal(size=5)
@@ -65,7 +65,7 @@ def test_an_input_between_samples(arm: Robot, cubic: HJISolution, samples: float
 
 
 def test_delays_join_at_whole_samples(arm: Robot, cubic: HJISolution) -> None:
-    linear = RestingLoop(cubic, None, arm.plant(), PERIOD, 0.5).linear()
+    linear = EquilibriumLoop(cubic, None, arm.plant(), PERIOD, 0.5).linear()
     radii = [
         np.abs(np.linalg.eigvals(linear.closed(d * PERIOD))).max() for d in (2.0 - 1e-6, 2.0, 2.0 + 1e-6)
     ]
@@ -80,7 +80,7 @@ def test_a_command_moves_the_linear_loop_as_the_compiled_one(
 ) -> None:
     """A small step of the shoulder's command: of the integral alone, or with state and input of its rest."""
     plant, (x, u) = two_link.plant(), two_link.operating_point()
-    resting = RestingLoop(two_link_law, None, plant, PERIOD, moving=moving)
+    resting = EquilibriumLoop(two_link_law, None, plant, PERIOD, moving=moving)
     system = resting.linear().part("r", "q")
     state, response = np.zeros(len(system.a)), [np.zeros(2)]
     command = SMALL * np.array([1.0, 0.0])
@@ -102,7 +102,7 @@ def test_a_command_moves_the_linear_loop_as_the_compiled_one(
 
 
 def test_an_opened_loop_closes_to_the_sensitivity(two_link: Robot, two_link_law: HJISolution) -> None:
-    linear = RestingLoop(two_link_law, None, two_link.plant(), PERIOD).linear()
+    linear = EquilibriumLoop(two_link_law, None, two_link.plant(), PERIOD).linear()
     for delay in (0.0, 1.4e-3):
         grid = np.array([1.0, 30.0, 700.0])
         opened = linear.opened(delay).response(grid)

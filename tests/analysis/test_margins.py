@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis import DiscreteSystem, LinearLoop, RestingLoop, margins
+from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop
@@ -20,7 +20,7 @@ from flexhinf.robot import Robot
 PERIOD = 1e-3
 
 
-def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float) -> RestingLoop:
+def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float) -> EquilibriumLoop:
     """A unit mass on PD: q̈ = u."""
     plant = Plant(
         lambda x, u, d, p: np.array([x[1], u[0]]),
@@ -29,7 +29,7 @@ def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float)
         inputs=("force",),
     )
     law = made.Gains(plant, [[stiffness, damping]], np.zeros(2), np.zeros(1))
-    return RestingLoop(law, None, plant, period, moving=True, positions="position")
+    return EquilibriumLoop(law, None, plant, period, moving=True, positions="position")
 
 
 @pytest.mark.oracle
@@ -64,7 +64,7 @@ def test_one_input_as_python_control_sees_it(
 ) -> None:
     control = pytest.importorskip("control")
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
-    linear = RestingLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2).linear()
+    linear = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2).linear()
     found, opened = margins(linear), linear.opened()
     grid = np.geomspace(0.05, 0.999 * np.pi / PERIOD, 40_000)
     loop = control.ss(opened.a, opened.b, -opened.c, -opened.d, PERIOD)  # python-control's loops have a minus
@@ -118,7 +118,7 @@ def test_several_inputs_by_brute_force(
 ) -> None:
     plant = two_link.plant()
     filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=period)
-    linear = RestingLoop(two_link_law, filter, plant, period).linear()
+    linear = EquilibriumLoop(two_link_law, filter, plant, period).linear()
     found = margins(linear)
     fine = found.delay_margin_s * np.array([0.0, 0.3, 0.6, 0.9, 0.99, 0.9999, 1.0001])
     radii = [np.abs(np.linalg.eigvals(linear.closed(delay))).max() for delay in fine]
@@ -138,7 +138,7 @@ def test_runs_on_both_sides_of_the_delay_margin(
     """Loop(delay=…) of the nonlinear loop: small motions die out one millisecond before it, and grow one behind."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
     filter = None if kind is None else made.filter(plant, x, kind)
-    resting = RestingLoop(two_link_law, filter, plant, PERIOD)
+    resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD)
     found, sizes = margins(resting), []
     estimator: Any = None
     if filter is not None:
@@ -159,7 +159,7 @@ def test_noise_reaches_the_inputs_as_in_a_run(
 ) -> None:
     plant, (x, u) = two_link.plant(), two_link.operating_point()
     filter = made.filter(plant, x)
-    resting = RestingLoop(two_link_law, filter, plant, PERIOD)
+    resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD)
     estimator = ConstantGainFilter(filter, resting.gain(filter.process_noise))
     deviation = np.array([1e-6, 3e-6])
     run = Loop(plant, Controller(two_link_law, estimator, PERIOD)).run(noise=deviation, duration=60.0)
@@ -186,7 +186,7 @@ def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> No
         inputs=("flow",),
     )
     law = made.Gains(plant, [[2.0]], np.zeros(1), np.zeros(1))
-    found = margins(RestingLoop(law, None, plant, 0.01, positions="level"))
+    found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
     assert math.isinf(found.delay_margin_s)
     assert np.isnan(found.bandwidth).all()
     assert found.peak_sensitivity < 1.7
@@ -197,7 +197,7 @@ def test_a_delay_of_the_loop_is_part_of_it() -> None:
     arm = fh.paper_arm()
     problem = arm.problem()
     law = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=2)
-    plain, late = (RestingLoop(law, None, arm.plant(), 1e-3, 0.0, delay=samples) for samples in (0, 12))
+    plain, late = (EquilibriumLoop(law, None, arm.plant(), 1e-3, 0.0, delay=samples) for samples in (0, 12))
     found, delayed = margins(plain), margins(late)
     assert delayed.delay_margin_s == pytest.approx(found.delay_margin_s - 0.012, rel=1e-9)
     system = plain.linear().part("w", "u+w", 0.012)

@@ -162,7 +162,7 @@ def test_other_poles_compile_nothing(made, monkeypatch):
     def none(key, build):
         return share(key, lambda: pytest.fail("compiled again"))
 
-    monkeypatch.setattr("flexhinf.loop.controller.share", none)
+    monkeypatch.setattr("flexhinf.loop.controller.controller.share", none)
     second = Controller(FeedbackLinearisation.tuned(problem, 4.0), None, moving=True)
     x, inputs = goal + 0.05, []
     for control in (first, second):

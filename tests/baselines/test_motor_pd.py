@@ -142,7 +142,7 @@ def test_other_gains_compile_nothing(made, monkeypatch):
     def none(key, build):
         return share(key, lambda: pytest.fail("compiled again"))
 
-    monkeypatch.setattr("flexhinf.loop.controller.share", none)
+    monkeypatch.setattr("flexhinf.loop.controller.controller.share", none)
     x = np.array([0.1, 0.0, 0.2, 0.3])
     np.testing.assert_allclose(other.step(x), other.law.gain @ x, rtol=1e-13)
     assert not np.allclose(first.law.gain, other.law.gain)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis import budget
+from flexhinf.analysis import dissipation_budget
 from flexhinf.design import Design, Specification, design
 from flexhinf.design.guarantee import looked_for
 
@@ -57,7 +57,7 @@ def test_the_last_row_is_the_step_of_the_report_without_extras(made: Design) -> 
         seed=bench.specification.seed,
     )
     np.testing.assert_array_equal(run.signals["state"], made.response.run.signals["state"])
-    spent = budget(run, loop, made.chosen.level, u).total
+    spent = dissipation_budget(run, loop, made.chosen.level, u).total
     assert spent == pytest.approx(made.guarantee.expenses[-1].budget.total, rel=1e-9)
 
 

@@ -50,7 +50,7 @@ def test_growth_in_the_run_is_that_of_the_eigenvalues(preset: str, goal: float) 
     order = np.argsort(modes.rate)
     for k in (order[0], order[len(order) // 2], order[-2], order[-1]):
         rate = modes.rate[k]
-        time, away = away_from_rest(bench, population.values[k], modes.rest[k])
+        time, away = away_from_rest(bench, population.values[k], modes.equilibrium[k])
         if rate < -0.7:  # at rest long before the end
             assert largest(time, away, 25.0) < 1e-6 * largest(time, away, 0.0)
             continue

@@ -10,7 +10,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import ProcessNoise, unstable_share
-from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
 from flexhinf.design import Specification
 from flexhinf.design.bench import Bench
 from flexhinf.design.presets.choose import DAMPING, choose

@@ -5,7 +5,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.estimation import OutputInjectionObserver
-from flexhinf.loop import controller as controller_module
+from flexhinf.loop.controller import controller as controller_module
 from flexhinf.plant import Plant
 
 PERIOD, R = 1e-3, np.deg2rad(0.1) ** 2

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_continuous_are
 
 from flexhinf.hinf.riccati import solve_riccati
-from flexhinf.hinf.scaling import balance
+from flexhinf.hinf.scaled_problem import balance
 
 
 @pytest.mark.oracle

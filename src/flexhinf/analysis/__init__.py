@@ -1,55 +1,41 @@
-"""Tolerances drawn and worst cases searched: many true plants, margins, disturbances and what runs spend."""
+"""What one loop does: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
 
-from __future__ import annotations
+Enter at `EquilibriumLoop`: one law, one estimator, one true plant, linearised where the sampled loop is in equilibrium.
+`margins`, `frequency_response` and `tolerance_corners` are figures of it. `worst_disturbance` searches for a lower
+bound of the nonlinear loop's gain, and `dissipation_budget` accounts for what sampling, delay, estimator and limits
+use up of a level set along one run.
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+The names are imported here and not on first use, because some functions are called like their files: a file that
+were imported later would replace the function.
+"""
 
-_HOME = {
-    "Attained": "disturbance_runs",
-    "Budget": "spending",
-    "DiscreteSystem": "discrete",
-    "DisturbanceSearch": "disturbance_search",
-    "Expense": "spending_table",
-    "LinearLoop": "linear_loop",
-    "Margins": "loop_margins",
-    "Modes": "modes",
-    "Population": "population",
-    "ProcessNoise": "sweep",
-    "RestingLoop": "resting",
-    "Swept": "sweep",
-    "budget": "spending",
-    "budget_table": "spending_table",
-    "corner_population": "population",
-    "corners": "population",
-    "margins": "loop_margins",
-    "unstable_share": "sweep",
-    "worst_disturbance": "disturbance_search",
-}
+from flexhinf.analysis.discrete_system import DiscreteSystem
+from flexhinf.analysis.dissipation_budget import (
+    BudgetTerm,
+    DissipationBudget,
+    budget_terms,
+    dissipation_budget,
+)
+from flexhinf.analysis.disturbance_runs import Attained
+from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
+from flexhinf.analysis.law_batch import LawRows
+from flexhinf.analysis.linear_loop import LinearLoop, Modes
+from flexhinf.analysis.margins import Margins, margins
+from flexhinf.analysis.tolerance_corners import (
+    ALL_STATES,
+    VELOCITIES,
+    Population,
+    ProcessNoise,
+    Swept,
+    corner_population,
+    corners,
+    unstable_share,
+)
+from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturbance
 
 __all__ = [
-    "Attained", "Budget", "DiscreteSystem", "DisturbanceSearch", "Expense", "LinearLoop", "Margins", "Modes",
-    "Population", "ProcessNoise", "RestingLoop", "Swept", "budget", "budget_table", "corner_population", "corners",
-    "margins", "unstable_share", "worst_disturbance",
+    "ALL_STATES", "VELOCITIES", "Attained", "BudgetTerm", "DiscreteSystem", "DissipationBudget", "DisturbanceSearch",
+    "EquilibriumLoop", "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise", "Swept",
+    "budget_terms", "corner_population", "corners", "dissipation_budget", "margins", "unstable_share",
+    "worst_disturbance",
 ]  # fmt: skip
-
-if TYPE_CHECKING:
-    from flexhinf.analysis.discrete import DiscreteSystem
-    from flexhinf.analysis.disturbance_runs import Attained
-    from flexhinf.analysis.disturbance_search import DisturbanceSearch, worst_disturbance
-    from flexhinf.analysis.linear_loop import LinearLoop
-    from flexhinf.analysis.loop_margins import Margins, margins
-    from flexhinf.analysis.modes import Modes
-    from flexhinf.analysis.population import Population, corner_population, corners
-    from flexhinf.analysis.resting import RestingLoop
-    from flexhinf.analysis.spending import Budget, budget
-    from flexhinf.analysis.spending_table import Expense, budget_table
-    from flexhinf.analysis.sweep import ProcessNoise, Swept, unstable_share
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'flexhinf.analysis' has no attribute {name!r}")
-    value = getattr(import_module(f"flexhinf.analysis.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.resting import RestingLoop
-from flexhinf.analysis.rows import Rows
+from flexhinf.analysis.batch import Rows
+from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
@@ -167,7 +167,7 @@ class DisturbanceRuns:
 
     # Small motions -------------------------------------------------------------------------------------
     @cached_property
-    def resting(self) -> RestingLoop:
-        """The loop at rest at the operating point, an estimator at its stationary gain."""
+    def equilibrium_loop(self) -> EquilibriumLoop:
+        """The loop in equilibrium at the operating point, an estimator at its stationary gain."""
         controller = self.loop.controller
-        return RestingLoop(self.law, controller.estimator, self.problem.plant, self.period)
+        return EquilibriumLoop(self.law, controller.estimator, self.problem.plant, self.period)

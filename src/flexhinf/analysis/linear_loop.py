@@ -1,8 +1,10 @@
-"""The loop around its rest as a linear system, with any delay of the input.
+"""The loop near its equilibrium as a linear system, with any delay of the input.
 
 An input delayed by (j + φ) periods changes φ periods after a sample: in the interval from sample k on the plant sees
 u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop is exact for delays between samples too
 [astrom1997].
+
+`Modes` has the multipliers of one period for many true plants.
 """
 
 from __future__ import annotations
@@ -12,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.discrete import DiscreteSystem
+from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.sampled_controller import Stepped
 
-__all__ = ["LinearLoop"]
+__all__ = ["LinearLoop", "Modes"]
 
 #: Delays this close to a whole number of samples (in samples) are one.
 WHOLE = 1e-9
@@ -23,7 +25,7 @@ WHOLE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
-    """Deviations from rest.
+    """Deviations from the equilibrium.
 
     Attributes
     ----------
@@ -128,19 +130,60 @@ class LinearLoop:
         return DiscreteSystem(later[:, :size], later[:, size:], u[:, :size], u[:, size:], self.period)
 
     @staticmethod
-    def of(resting: Any, z: np.ndarray, vector: np.ndarray, stepped: Stepped, by_y: np.ndarray) -> LinearLoop:
-        """At the rest z of a `RestingLoop` with one true plant, from the controller's step there."""
-        plant, step = resting.plant, resting.step
+    def of(loop: Any, z: np.ndarray, vector: np.ndarray, stepped: Stepped, by_y: np.ndarray) -> LinearLoop:
+        """At the equilibrium z of an `EquilibriumLoop` with one true plant, from the controller's step there."""
+        plant, step = loop.plant, loop.step
         n, m, s, p = plant.n, len(plant.inputs), step.size, step.p
         at = plant.with_parameters(**vars(plant.parameters.named(vector)))
         u = stepped.u.value[0]
         a, b, _, _ = at.linearise(z[:n], u)
         law, memory = stepped.u.by[0], stepped.memory.by[0]
-        by_command = resting.by_command()
-        positions = [plant.index(name) for name in resting.positions]
+        by_command = loop.by_command()
+        positions = [plant.index(name) for name in loop.positions]
         return LinearLoop(
-            resting.period, a, b, by_y[:, :n], by_y[:, n : n + m],
+            loop.period, a, b, by_y[:, :n], by_y[:, n : n + m],
             memory[:, : s + p], law[:, : s + p],
             memory[:, s + p :] @ by_command, law[:, s + p :] @ by_command,
-            np.eye(n)[positions], tuple(resting.positions),
+            np.eye(n)[positions], tuple(loop.positions),
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Multipliers of one period, for N true plants.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    equilibrium : (N, n + s) array
+        State of the loop in equilibrium (true plant, then the memory of `SampledController`); NaN where there is none.
+    multipliers : (N, K) complex array
+        Eigenvalues of one period; infinite where the loop has no equilibrium.
+    """
+
+    period: float
+    equilibrium: np.ndarray
+    multipliers: np.ndarray
+
+    @property
+    def radius(self) -> np.ndarray:
+        """Largest |multiplier|, (N,)."""
+        return np.abs(self.multipliers).max(axis=1)
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Which loops are stable, (N,)."""
+        return self.radius < 1.0
+
+    @property
+    def rate(self) -> np.ndarray:
+        """log(radius) / period, (N,) in 1/s: positive for a loop that grows, infinite for one without equilibrium."""
+        return np.log(self.radius) / self.period
+
+    def slowest(self, count: int) -> np.ndarray:
+        """The `count` slowest exponents log(multiplier) / period, (N, count) in 1/s."""
+        order = np.argsort(-np.abs(self.multipliers), axis=1, kind="stable")[:, :count]
+        chosen = np.take_along_axis(self.multipliers, order, axis=1)
+        with np.errstate(invalid="ignore"):
+            return np.log(chosen) / self.period

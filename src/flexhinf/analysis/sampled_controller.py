@@ -1,7 +1,8 @@
 """One step of a controller whose estimator has come to rest, with its derivatives, for many rows at once.
 
-The same step as `flexhinf.loop.step.controller_step` (correct, integrate, law, predict), without limits of the
-input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace of the whole.
+The same step as `flexhinf.loop.controller.step.controller_step` (correct, integrate, law, predict), without
+limits of the input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace
+of the whole.
 """
 
 from __future__ import annotations
@@ -13,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.dual import Dual, stacked, variables
-from flexhinf.analysis.law_rows import LawRows
-from flexhinf.analysis.rows import Rows
+from flexhinf.analysis.batch import Dual, Rows, stacked, variables
+from flexhinf.analysis.law_batch import LawRows
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller

@@ -3,7 +3,7 @@
 γ is what the law was designed for. It bounds the gain from above as far as the inequality holds; the sampled region
 checks a slightly weaker one. What a disturbance found by search attains is a bound from below. Everything that is not
 the law fed the true state (sampling, delay, estimator, limits) spends of the region's level, see
-`flexhinf.analysis.spending`.
+`flexhinf.analysis.dissipation_budget`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.analysis import Attained, Expense, budget_table, worst_disturbance
+from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
 from flexhinf.design.bench import Bench
 from flexhinf.design.linearised import Linearised
 from flexhinf.design.synthesis import Synthesis
@@ -35,12 +35,12 @@ class Guarantee:
     ----------
     attained : Attained or None
         The worst disturbance found with which V stays below the sampled level, true state; None if none was looked for.
-    expenses : tuple of Expense
+    expenses : tuple of BudgetTerm
         Of the step, row by row; the level is infinite where no region was looked at.
     """
 
     attained: Attained | None
-    expenses: tuple[Expense, ...]
+    expenses: tuple[BudgetTerm, ...]
 
 
 def looked_for(states: int, rays: int) -> bool:
@@ -61,7 +61,7 @@ def guarantee(bench: Bench, synthesis: Synthesis, linear: Linearised) -> Guarant
         )
     x, u = bench.robot.operating_point(bench.start)
     try:
-        expenses = budget_table(
+        expenses = budget_terms(
             law, bench.model, s.period, np.inf if level is None else level, delay=s.delay or None,
             estimator=bench.estimator(bench.start), saturation=s.saturation, start="bumpless",
             initial_state=x, initial_input=u, duration=duration, noise=bench.noise, seed=s.seed,

@@ -50,8 +50,8 @@ class Response:
         """Figures of merit of each joint's true link position; nothing where the run diverged."""
         if self.diverged is not None:
             return [{} for _ in self.goal]
-        from flexhinf.loop.metrics import StepShape
-        from flexhinf.loop.metrics import step_response as judged
+        from flexhinf.loop.simulation.metrics import StepShape
+        from flexhinf.loop.simulation.metrics import step_response as judged
 
         rows = []
         for joint, (begin, end) in enumerate(zip(self.start, self.goal)):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.bench import Bench
 from flexhinf.plant import Law
 
 __all__ = ["resting_loop"]
 
 
-def resting_loop(bench: Bench, law: Law, estimated: bool = True) -> RestingLoop:
+def resting_loop(bench: Bench, law: Law, estimated: bool = True) -> EquilibriumLoop:
     """The loop of a law about the goal.
 
     Parameters
@@ -22,6 +22,6 @@ def resting_loop(bench: Bench, law: Law, estimated: bool = True) -> RestingLoop:
     """
     s = bench.specification
     estimator = bench.estimator(bench.goal) if estimated else None
-    return RestingLoop(
+    return EquilibriumLoop(
         law, estimator, bench.true_plant, s.period, bench.goal, delay=round(s.delay / s.period)
     )

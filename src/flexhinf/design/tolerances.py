@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexhinf.analysis import Population, ProcessNoise, Swept, corner_population, unstable_share
-from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
 from flexhinf.design.bench import Bench
 from flexhinf.design.resting import resting_loop
 from flexhinf.plant import Law

@@ -3,7 +3,6 @@
 from flexhinf.hinf.gamma import smallest_gamma
 from flexhinf.hinf.hji import linear_law, solve_hji
 from flexhinf.hinf.sampled import SampledCheck
-from flexhinf.hinf.solution import HJISolution
-from flexhinf.hinf.storage import load_solution
+from flexhinf.hinf.solution import HJISolution, load_solution
 
 __all__ = ["HJISolution", "SampledCheck", "linear_law", "load_solution", "smallest_gamma", "solve_hji"]

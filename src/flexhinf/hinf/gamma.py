@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from flexhinf.errors import NoFeasibleGamma
-from flexhinf.hinf.conditions import check_problem, disturbance_reaches_output
-from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.hinf.linear_part import LinearPart, check_problem, disturbance_reaches_output
 from flexhinf.plant.problem import Problem
 
 __all__ = ["is_feasible", "linear_smallest_gamma", "smallest_gamma"]

@@ -10,7 +10,7 @@ For ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), lᵀl = R2, f(0) = 0, h(
 
 with u = −R2⁻¹ g2ᵀ V_xᵀ and worst disturbance d = g1ᵀ V_xᵀ/γ². γ = ∞ leaves the Hamilton–Jacobi–Bellman equation
 of optimal regulation. With R2 = L Lᵀ and the columns g_c of (g1/γ, g2 L⁻ᵀ), signs s_c = +1 for d and −1 for u, the
-quadratic terms are squares of scalar polynomials (`game.py`):
+quadratic terms are squares of scalar polynomials (`scaled_problem.py`):
 
     V_x f + q + ½ Σ_c s_c w_c² = 0,    w_c = V_x g_c,    q = ½ hᵀh.
 
@@ -32,7 +32,7 @@ gives the law through degree d − 1. Degrees with r_k empty vanish: for odd f a
 
 The algorithm
 -------------
-1. *Scale* the states and V by powers of two that balance the Hamiltonian matrix (`scaling.py`).
+1. *Scale* the states and V by powers of two that balance the Hamiltonian matrix (`scaled_problem.py`).
 2. *Riccati*: ordered real Schur form of the Hamiltonian matrix, then Newton steps with the residual formed in
    extended precision. The Schur form alone, good to 1e-10, would cap every higher degree. No P ≥ 0: γ ≤ γ*, and γ* is
    found by bisection on the existence of P (`gamma.py`), since it may be lost by P → ∞ and not by an
@@ -62,13 +62,11 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
-from flexhinf.hinf.conditions import check_problem
-from flexhinf.hinf.game import ScaledGame
+from flexhinf.hinf.cost import check_memory, degree_progress
 from flexhinf.hinf.gamma import linear_smallest_gamma
-from flexhinf.hinf.linear_part import LinearPart
-from flexhinf.hinf.memory import check_memory
-from flexhinf.hinf.progress import degree_progress
+from flexhinf.hinf.linear_part import LinearPart, check_problem
 from flexhinf.hinf.recursion import solve_degrees
+from flexhinf.hinf.scaled_problem import ScaledProblem
 from flexhinf.hinf.solution import HJISolution
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
@@ -134,9 +132,9 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     if riccati is None:
         raise _infeasible(linear, gamma)
     riccati_seconds = perf_counter() - begin
-    game = ScaledGame.of(plant, gamma, degree, scaling)
+    scaled_problem = ScaledProblem.of(plant, gamma, degree, scaling)
     with degree_progress(len(plant.state_names), degree) as advance:
-        scaled, records, condition = solve_degrees(game, riccati, riccati_seconds, advance)
+        scaled, records, condition = solve_degrees(scaled_problem, riccati, riccati_seconds, advance)
     parts = _unscaled(scaled, scaling.state, scaling.value)
     if not all(np.isfinite(part).all() for part in parts.values()):
         raise NumericalFailure(

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.value_function import ValueFunction
 
 __all__ = ["Inequality", "Rays", "Stops"]
 
@@ -76,7 +74,7 @@ class Rays:
     values: np.ndarray
 
     @classmethod
-    def of(cls, solution: HJISolution, direction: np.ndarray) -> Rays:
+    def of(cls, solution: ValueFunction, direction: np.ndarray) -> Rays:
         """Evaluate V's parts on directions (N, n)."""
         parts = solution.gradient_parts(direction)
         degrees = np.array(list(parts))
@@ -101,13 +99,13 @@ class Inequality:
 
     Attributes
     ----------
-    solution : HJISolution
+    solution : ValueFunction
     gamma : float
     output : callable
         The checked h from x (N, n) and the designed h (N, s).
     """
 
-    solution: HJISolution
+    solution: ValueFunction
     gamma: float
     output: Callable[[np.ndarray, np.ndarray], np.ndarray]
     _root: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False)
@@ -129,13 +127,7 @@ class Inequality:
     def terms(self, x: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """The four terms of r at deviations (N, n) with gradients (N, n), shape (4, N)."""
         f, g1, g2, h = self.solution.exact_fields(x)
-        h = self.output(x, h)
-        w1 = np.einsum("ai,aij->aj", slope, g1) / self.gamma
-        w2 = np.einsum("ai,aij->aj", slope, g2)
-        priced = np.linalg.solve(self.solution.expansion.r2, w2.T).T
-        return np.stack(
-            [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
-        )
+        return self.solution.hamiltonian_terms(slope, (f, g1, g2, self.output(x, h)), self.gamma)
 
     def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """V, whether r > 0, and whether V has stopped increasing, at one radius per ray, each (N,)."""

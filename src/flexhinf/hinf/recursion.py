@@ -19,8 +19,8 @@ from time import perf_counter
 
 import numpy as np
 
-from flexhinf.hinf.game import Parts, ScaledGame
 from flexhinf.hinf.riccati import RiccatiSolution
+from flexhinf.hinf.scaled_problem import Parts, ScaledProblem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, product
 from flexhinf.polynomial.homological import HomologicalEquation
@@ -50,13 +50,13 @@ class DegreeRecord:
 
 
 def solve_degrees(
-    game: ScaledGame, riccati: RiccatiSolution, seconds: float, advance: Callable[[int], None]
+    problem: ScaledProblem, riccati: RiccatiSolution, seconds: float, advance: Callable[[int], None]
 ) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
     """All degrees of V in scaled coordinates.
 
     Parameters
     ----------
-    game : ScaledGame
+    problem : ScaledProblem
     riccati : RiccatiSolution
         Of the scaled linear part.
     seconds : float
@@ -72,55 +72,55 @@ def solve_degrees(
     condition : float
         Condition number of the closed loop's eigenvectors.
     """
-    n = game.n
+    n = problem.n
     equation = HomologicalEquation(riccati.closed_loop)
     value: Parts = {2: riccati.p[np.triu_indices(n)] / 2}
     records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
     gradients: Parts = {2: gradient(value[2], n, 2)}
-    rows: Parts = {1: gradients[2] @ game.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
-    for k in range(3, game.degree + 1):
+    rows: Parts = {1: gradients[2] @ problem.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
+    for k in range(3, problem.degree + 1):
         begin = perf_counter()
-        rest = _channel_rows(game, gradients, k)
+        rest = _channel_rows(problem, gradients, k)
         if rest is not None:
             rows[k - 1] = rest
-        known = _known_part(game, gradients, rows, k)
+        known = _known_part(problem, gradients, rows, k)
         if known is None:
             records.append(DegreeRecord(k, "zero by parity", 0.0, perf_counter() - begin))
         else:
             solution = equation.solve(known / basis.multiplicity(n, k), k)
             value[k] = solution.entries
-            if k < game.degree:
+            if k < problem.degree:
                 gradients[k] = gradient(value[k], n, k)
-                add_part(rows, k - 1, gradients[k] @ game.g[0][:, :, 0])
+                add_part(rows, k - 1, gradients[k] @ problem.g[0][:, :, 0])
             records.append(DegreeRecord(k, solution.method, solution.residual, perf_counter() - begin))
         advance(k)
-    return value, tuple(records), equation.condition if game.degree > 2 else float("nan")
+    return value, tuple(records), equation.condition if problem.degree > 2 else float("nan")
 
 
-def _channel_rows(game: ScaledGame, gradients: Parts, k: int) -> np.ndarray | None:
+def _channel_rows(problem: ScaledProblem, gradients: Parts, k: int) -> np.ndarray | None:
     """w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}; None if there is nothing."""
     total = None
     for i, slope in gradients.items():
-        fields = game.g.get(k - i)
+        fields = problem.g.get(k - i)
         if k - i < 1 or fields is None:
             continue
         if total is None:
-            total = np.zeros((basis.count(game.n, k - 1), len(game.signs)))
+            total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
         for channel in np.flatnonzero(fields.any(axis=(0, 2))):
-            total[:, channel] += product(slope, fields[:, channel], game.n, i - 1, k - i)
+            total[:, channel] += product(slope, fields[:, channel], problem.n, i - 1, k - i)
     return total
 
 
-def _known_part(game: ScaledGame, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
+def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
     """Monomial coefficients of all that is known at degree k; None if there is nothing."""
-    n = game.n
-    terms = [game.q[k]] if k in game.q else []
+    n = problem.n
+    terms = [problem.q[k]] if k in problem.q else []
     for i, slope in gradients.items():
-        if k + 1 - i >= 2 and k + 1 - i in game.f:
-            terms.append(product(slope, game.f[k + 1 - i], n, i - 1, k + 1 - i))
+        if k + 1 - i >= 2 and k + 1 - i in problem.f:
+            terms.append(product(slope, problem.f[k + 1 - i], n, i - 1, k + 1 - i))
     for a, left in rows.items():
         b = k - a
         if b <= a and b in rows:
-            weights = game.signs * (0.5 if a == b else 1.0)
+            weights = problem.signs * (0.5 if a == b else 1.0)
             terms.append(product(left, (rows[b] * weights).T, n, a, b))
     return sum(terms[1:], start=terms[0]) if terms else None

@@ -13,17 +13,16 @@ then lowered further by ascent over directions.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.rays import Inequality, Stops
-
-if TYPE_CHECKING:
-    from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.step_amplitude import step_amplitude
+from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.notebook import Summarised, number_text
 
 __all__ = ["GAMMA_MARGIN", "PENALTY_MARGIN", "SampledCheck", "sample_region"]
 
@@ -37,13 +36,13 @@ _OFFSPRING, _ROUNDS = 16, 30  # variations of each start, rounds
 Penalty = Callable[[np.ndarray], np.ndarray] | Mapping[str, float] | Sequence[float] | np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class SampledCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class SampledCheck(Summarised):
     """The largest level set {V ≤ level} around 0 on which nothing against it was found.
 
     Attributes
     ----------
-    solution : HJISolution
+    solution : ValueFunction
     gamma : float
         The checked attenuation level.
     margin : str
@@ -59,7 +58,7 @@ class SampledCheck:
         Largest deviation (in any state) that was looked at.
     """
 
-    solution: HJISolution = field(repr=False)
+    solution: ValueFunction
     gamma: float
     margin: str
     level: float
@@ -72,13 +71,21 @@ class SampledCheck:
     def step_amplitude(
         self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
     ) -> float:
-        """Largest rest-to-rest step whose start lies in the level set; see `rest.step_amplitude`."""
-        from flexhinf.hinf.rest import step_amplitude
-
+        """Largest rest-to-rest step whose start lies in the level set; see `flexhinf.hinf.step_amplitude`."""
         return step_amplitude(self.solution, self.level, moved, integrals)
 
+    def summary(self) -> dict[str, str]:
+        """Level, limit, checked pair and number of rays, for ``repr``."""
+        return {
+            "level of V": number_text(self.level),
+            "limited by": self.limit,
+            "checked gamma": number_text(self.gamma),
+            "checked pair": self.margin,
+            "rays": f"{self.rays}, not a proof",
+        }
+
     def report(self) -> str:
-        """The result in words."""
+        """Level, limiting point and checked pair as text."""
         names = ", ".join(
             f"{name} = {value:.4g}"
             for name, value in zip(self.solution.state_names, self.worst_point, strict=True)
@@ -94,7 +101,7 @@ class SampledCheck:
 
 
 def sample_region(
-    solution: HJISolution,
+    solution: ValueFunction,
     gamma: float | None = None,
     penalty: Penalty | None = None,
     *,
@@ -145,7 +152,7 @@ def sample_region(
 
 
 def _checked_penalty(
-    solution: HJISolution, penalty: Penalty | None
+    solution: ValueFunction, penalty: Penalty | None
 ) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
     """A function (x, designed h) → checked h, and its description."""
     n = len(solution.P)

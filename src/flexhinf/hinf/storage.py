@@ -7,6 +7,7 @@ import os
 import tempfile
 import zipfile
 import zlib
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,19 +16,25 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf.recursion import DegreeRecord
-from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial.basis import count
 
-__all__ = ["load_solution", "save_solution"]
+__all__ = ["read_solution", "write_solution"]
 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
 
 
-def save_solution(solution: HJISolution, path: str | os.PathLike[str]) -> None:
-    """Write a solution to `path` (no suffix is added); the file is whole or not there.
+def write_solution(
+    path: str | os.PathLike[str],
+    solution: ValueFunction,
+    records: Sequence[DegreeRecord],
+    condition: float,
+    memory: int,
+) -> None:
+    """Write a value function and the record of its solve (no suffix is added); the file is whole or not there.
 
     Raises
     ------
@@ -44,9 +51,9 @@ def save_solution(solution: HJISolution, path: str | os.PathLike[str]) -> None:
         "states": list(plant.state_names),
         "inputs": list(plant.input_names),
         "polynomial": isinstance(solution.problem, PolynomialPlant),
-        "condition": repr(solution.condition),
-        "memory": solution.memory,
-        "records": [asdict(record) for record in solution.records],
+        "condition": repr(condition),
+        "memory": memory,
+        "records": [asdict(record) for record in records],
     }
     arrays = {"P": solution.P, "r2": plant.r2, "operating_point": plant.operating_point}
     arrays["operating_input"] = plant.operating_input
@@ -80,16 +87,8 @@ def _write_atomically(path: Path, arrays: dict[str, np.ndarray]) -> None:
         raise
 
 
-def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
-    """Read what `HJISolution.save` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-    problem : Problem, optional
-        The exact plant. Without it a solution of a `PolynomialPlant` is complete; one of another plant
-        evaluates V, its gradient and law, but its residual raises, because the file holds only the
-        expansion.
+def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict[str, Any]:
+    """The fields of an `HJISolution` by name, from a file that `write_solution` wrote.
 
     Raises
     ------
@@ -126,7 +125,7 @@ def _unreadable(path: Path, found: str) -> InvalidInput:
     )
 
 
-def _assembled(arrays: dict[str, Any], problem: Problem | None) -> HJISolution:
+def _assembled(arrays: dict[str, Any], problem: Problem | None) -> dict[str, Any]:
     header = json.loads(str(arrays["header"]))
     if header["format"] != _FORMAT or header["version"] != _VERSION:
         raise InvalidInput("Another format.", f"{header['format']!r}, version {header['version']!r}")
@@ -148,17 +147,17 @@ def _assembled(arrays: dict[str, Any], problem: Problem | None) -> HJISolution:
         np.isfinite(part).all() for part in (arrays["P"], *value.values())
     ):
         raise InvalidInput("Wrong numbers.", "P or V has the wrong shape or is not finite")
-    return HJISolution(
-        float(header["gamma"]),
-        degree,
-        arrays["P"],
-        exact.expand(degree - 1),
-        problem if problem is not None else (exact if header["polynomial"] else None),
-        value,
-        tuple(DegreeRecord(**record) for record in header["records"]),
-        float(header["condition"]),
-        int(header["memory"]),
-    )
+    return {
+        "gamma": float(header["gamma"]),
+        "degree": degree,
+        "P": arrays["P"],
+        "expansion": exact.expand(degree - 1),
+        "problem": problem if problem is not None else (exact if header["polynomial"] else None),
+        "value_parts": value,
+        "records": tuple(DegreeRecord(**record) for record in header["records"]),
+        "condition": float(header["condition"]),
+        "memory": int(header["memory"]),
+    }
 
 
 def _gather(arrays: dict[str, Any], name: str) -> dict[int, np.ndarray]:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import Population, ProcessNoise, RestingLoop, corner_population
-from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis import EquilibriumLoop, Population, ProcessNoise, corner_population
+from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
 from flexhinf.paper.bench import PaperBench
 from flexhinf.plant import Law
 from flexhinf.report import number
@@ -79,7 +79,7 @@ class ToleranceSweep:
     def __init__(self, bench: PaperBench, law: Law) -> None:
         self.bench, self.law = bench, law
         self.estimated = bench.settings.estimator != "none"
-        self._loops: dict[tuple[float, bool], RestingLoop] = {}
+        self._loops: dict[tuple[float, bool], EquilibriumLoop] = {}
 
     @property
     def chosen(self) -> Case:
@@ -93,13 +93,15 @@ class ToleranceSweep:
             return ()
         return tuple(Case(form, q) for form in (ALL_STATES, VELOCITIES) for q in SWEPT)
 
-    def loop(self, goal: float, estimated: bool) -> RestingLoop:
+    def loop(self, goal: float, estimated: bool) -> EquilibriumLoop:
         """The loop at rest at a goal, made on first use."""
         if (goal, estimated) not in self._loops:
             bench = self.bench
             filter = bench.estimator() if estimated else None
             coil = bench.arm.plant(inductance=True)
-            self._loops[goal, estimated] = RestingLoop(self.law, filter, coil, bench.settings.period, goal)
+            self._loops[goal, estimated] = EquilibriumLoop(
+                self.law, filter, coil, bench.settings.period, goal
+            )
         return self._loops[goal, estimated]
 
     def growth(self, cases: Sequence[Case], population: Population) -> dict[tuple[Case, float], np.ndarray]:

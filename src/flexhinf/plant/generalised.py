@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.equilibrium import equilibrium, pose_values
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import Plant
@@ -23,8 +24,8 @@ __all__ = ["GeneralisedPlant"]
 REST_TOLERANCE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class GeneralisedPlant:
+@dataclass(frozen=True, eq=False, repr=False)
+class GeneralisedPlant(Summarised):
     """A plant with integrals of the tracking error, a penalty and disturbance channels.
 
     Parameters
@@ -167,6 +168,21 @@ class GeneralisedPlant:
                 f"expected a vector with h(0) = 0, got {offset.tolist()}",
                 "a penalty on deviations from the operating point",
             )
+
+    def summary(self) -> dict[str, str]:
+        """States, inputs, disturbances, R2 and operating point, for ``repr``."""
+        point = [
+            f"{name} = {value:.4g}"
+            for name, value in zip(self.plant.states, self._rest[0], strict=True)
+            if value
+        ]
+        return {
+            "states": names_text(self.state_names),
+            "inputs": names_text(self.input_names),
+            "disturbances": names_text(self.disturbance_names),
+            "R2": np.array2string(np.diag(self.r2), precision=4, separator=", "),
+            "operating point": ", ".join(point[:6]) + (", …" if len(point) > 6 else "") or "origin",
+        }
 
     # The problem ----------------------------------------------------------------------------------
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
 
 if TYPE_CHECKING:
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["Plant"]
 
 
-@dataclass(frozen=True, eq=False)
-class Plant:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plant(Summarised):
     """A system with named states, inputs, disturbances and parameters.
 
     Parameters
@@ -153,6 +154,14 @@ class Plant:
         weights = Penalty.of(penalty).expanded(self.groups)
         channels = None if disturbances is None else self.expanded(disturbances)
         return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, rest)
+
+    def summary(self) -> dict[str, str]:
+        """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
+        kinds = ("states", "inputs", "disturbances", "outputs")
+        facts = {
+            ("measured" if kind == "outputs" else kind): names_text(getattr(self, kind)) for kind in kinds
+        }
+        return facts | {"parameters": names_text(tuple(self.parameters.values))}
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.coefficients import (
     check_rest,
     checked_names,
@@ -24,8 +25,8 @@ from flexhinf.polynomial.kronecker import from_kronecker
 __all__ = ["PolynomialPlant"]
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class PolynomialPlant:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PolynomialPlant(Summarised):
     """ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l u), lᵀl = R2, with polynomial f, g1, g2 and h.
 
     Parameters
@@ -225,6 +226,20 @@ class PolynomialPlant:
         """Numbers of states, disturbances, inputs and penalised outputs (n, md, m, s)."""
         n, md, _ = self.g1_parts[0].shape
         return n, md, self.g2_parts[0].shape[1], self.h_parts[1].shape[0]
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and highest degrees of the fields, for ``repr``."""
+        _, disturbances, _, outputs = self.size
+        degrees = ", ".join(
+            f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h")
+        )
+        return {
+            "states": names_text(self.state_names),
+            "inputs": names_text(self.input_names),
+            "disturbances": str(disturbances),
+            "penalised outputs": str(outputs),
+            "degrees": degrees,
+        }
 
     def expand(self, degree: int) -> PolynomialPlant:
         """The same plant with f and h truncated after `degree`, g1 and g2 after `degree` − 1."""

@@ -25,7 +25,7 @@ def check_reference(
     ----------
     robot : Robot
     signals : sequence, mapping by joint or link position, or one signal with a column per joint
-        Commands with ``derivatives`` (`flexhinf.loop.references`), or numbers.
+        Commands with ``derivatives`` (`flexhinf.loop.signals.references`), or numbers.
     duration : float
         s; looked at every `period` seconds, both ends included.
     effort : number, (n,) or mapping by joint, optional

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Links
@@ -25,8 +26,8 @@ from flexhinf.robot.single_link import Pendulum
 __all__ = ["Robot"]
 
 
-@dataclass(frozen=True)
-class Robot:
+@dataclass(frozen=True, repr=False)
+class Robot(Summarised):
     """A robot with elastic joints.
 
     Parameters
@@ -83,6 +84,16 @@ class Robot:
     def nominal(self) -> dict[str, float]:
         """Nominal values by name."""
         return {parameter.name: parameter.value for parameter in self.parameters}
+
+    def summary(self) -> dict[str, str]:
+        """Name, joints, drive, parameters and how many of them have a tolerance, for ``repr``."""
+        return {
+            "name": self.name,
+            "joints": names_text(self.joint_names),
+            "drive": self.drive,
+            "parameters": f"{len(self.parameters)}, {len(self.uncertain)} with a tolerance",
+            "penalty of its own": "no" if self.penalty is None else "yes",
+        }
 
     def __getitem__(self, name: str) -> Parameter:
         for parameter in self.parameters:

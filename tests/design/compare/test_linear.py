@@ -103,7 +103,7 @@ def test_extras_that_are_not_smooth_at_rest_are_left_out(bench: Bench) -> None:
 
 
 def test_a_loop_without_rest_is_not_called_unstable(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexhinf.analysis import RestingLoop
+    from flexhinf.analysis import EquilibriumLoop
     from flexhinf.design.compare.linear import sensitivity_at_rest
     from flexhinf.errors import NumericalFailure
 
@@ -114,5 +114,5 @@ def test_a_loop_without_rest_is_not_called_unstable(bench: Bench, monkeypatch: p
     def nowhere(self: object, *arguments: object) -> None:
         raise NumericalFailure("The loop does not rest.", "expected a rest, found none", "another law")
 
-    monkeypatch.setattr(RestingLoop, "linear", nowhere)
+    monkeypatch.setattr(EquilibriumLoop, "linear", nowhere)
     assert sensitivity_at_rest(bench, law) == 0.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.law_rows import LawRows
+from flexhinf.analysis.law_batch import LawRows
 from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.scalars import trace

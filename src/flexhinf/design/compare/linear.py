@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import RestingLoop, corner_population, margins
+from flexhinf.analysis import EquilibriumLoop, corner_population, margins
 from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.design.bench import Bench
 from flexhinf.design.compare.runs import integrates
@@ -63,7 +63,7 @@ def linear_bench(bench: Bench) -> Bench:
     return replace(bench, specification=replace(s, extras=smooth))
 
 
-def resting_loop(bench: Bench, law: Law) -> RestingLoop:
+def resting_loop(bench: Bench, law: Law) -> EquilibriumLoop:
     """The sampled loop of a law about the goal, as the law is commanded.
 
     A command goes through the integrals of a law that has some; for one without, x_d(q) and u_d(q) are moved.
@@ -71,8 +71,8 @@ def resting_loop(bench: Bench, law: Law) -> RestingLoop:
     bench = linear_bench(bench)
     s, rest = bench.specification, bench.robot.operating_point(bench.goal)
     joints = bench.model.states[: len(bench.goal)]
-    return RestingLoop(
-        law, bench.estimator(bench.goal), bench.true_plant, s.period, rest=rest, moving=not integrates(law),
+    return EquilibriumLoop(
+        law, bench.estimator(bench.goal), bench.true_plant, s.period, equilibrium=rest, moving=not integrates(law),
         delay=round(s.delay / s.period), positions=joints,
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Swept
-from flexhinf.analysis.sweep import ALL_STATES, VELOCITIES
+from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
 from flexhinf.design.page.changes import change_words
 from flexhinf.design.page.notes import section_notes
 from flexhinf.design.result import Design

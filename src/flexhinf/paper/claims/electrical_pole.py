@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import RestingLoop
+from flexhinf.analysis import EquilibriumLoop
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.bench import PaperBench
@@ -115,7 +115,7 @@ def _compare(bench: PaperBench, law: HJISolution) -> Iterator[Compared]:
                 estimator = bench.estimator(name)
                 run = bench.run(law, Step(goal), DURATION, inductance=coil, estimator=estimator, noise=False)
                 metrics.append(run.metrics)
-                loop = RestingLoop(law, estimator, bench.arm.plant(inductance=coil), period, goal)
+                loop = EquilibriumLoop(law, estimator, bench.arm.plant(inductance=coil), period, goal)
                 modes.append(loop.modes([bench.arm.nominal]).slowest(5)[0])
             feedback = "true state" if name == "none" else name.upper()
             yield Compared(feedback, goal, (metrics[0], metrics[1]), (modes[0], modes[1]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.loop import Trajectory
-from flexhinf.loop.metrics import disturbance_response
+from flexhinf.loop.simulation.metrics import disturbance_response
 from flexhinf.paper.bench import Outcome
 from flexhinf.paper.experiments import DISTURBED_FROM
 from flexhinf.report import Figure, figure_to_svg, label, legend, new_figure, time_response

@@ -1,0 +1,346 @@
+"""The sampled closed loop linearised at its equilibrium: whether it is stable, and how fast it grows or decays.
+
+What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
+update, then the true plant over one period with u held), with two changes: the estimator corrects with its
+stationary gain, and the input has no limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis.batch import Rows, one_period
+from flexhinf.analysis.law_batch import equilibrium_integrals
+from flexhinf.analysis.linear_loop import LinearLoop, Modes
+from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
+from flexhinf.loop import Loop
+from flexhinf.plant import Law, Plant
+from flexhinf.plant import equilibrium as plant_equilibrium
+from flexhinf.plant.equilibrium import pose_values
+from flexhinf.scalars import trace
+
+__all__ = ["EquilibriumLoop"]
+
+#: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
+ITERATIONS, LAST_STEP = 12, 1e-7
+
+
+class EquilibriumLoop:
+    """A law with an estimator at its stationary gain, or fed back the true state, in equilibrium at a goal.
+
+    A law with integrals has its equilibrium at the goal, whatever the true plant. One without has it where the true
+    plant and its input balance: off the goal, if the true plant is not the model.
+
+    Parameters
+    ----------
+    law : Law
+        Any; several joints, with integrals or without.
+    filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
+        A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
+    true_plant : Plant
+        May have more states than the law's plant (a coil); its parameters are given to `modes`.
+    period : float
+        s.
+    goal : float, (k,) array or mapping, optional
+        Wanted values of the tracked states; those of the law's operating point by default.
+    equilibrium : ((n,), (m,)) arrays, optional
+        State and input of the law's plant at the goal, where they are known; instead of `goal`.
+    moving : bool
+        The law acts on deviations from the goal, and its input adds to the one that holds it there, as
+        `flexhinf.loop.Controller` with ``moving=True``.
+    delay : int
+        Whole samples between an input and its effect, of which the estimator does not know.
+    positions : str or sequence of str, optional
+        States that a command is for, in `linear`; the tracked ones by default.
+
+    Raises
+    ------
+    InvalidInput, NumericalFailure
+        If something does not fit, or the law's plant has no equilibrium at the goal.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        filter: Any,
+        true_plant: Plant,
+        period: float,
+        goal: Any = None,
+        *,
+        equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
+        moving: bool = False,
+        delay: int = 0,
+        positions: str | Sequence[str] | None = None,
+    ) -> None:
+        if goal is not None and equilibrium is not None:
+            raise InvalidInput(
+                "The equilibrium is given twice.",
+                f"got goal={goal!r} and equilibrium={equilibrium!r}",
+                "one of them",
+            )
+        if isinstance(delay, bool) or not isinstance(delay, int) or delay < 0:
+            raise InvalidInput(
+                "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
+            )
+        self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
+        self.moving, self.delay = moving, delay
+        self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
+        self.model_equilibrium = (
+            self._model_equilibrium(goal)
+            if equilibrium is None
+            else (np.array(equilibrium[0]), np.array(equilibrium[1]))
+        )
+        steady = filter
+        if self._tunable:
+            steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
+        self.step = SampledController(law, steady, period, moving)
+        self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
+        self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
+
+    def _model_equilibrium(self, goal: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Where the law's plant is held at the goal."""
+        n, law = len(self._states), self.law
+        tracked = [name.removesuffix("_integral") for name in law.state_names[n:]]
+        if goal is None:
+            return np.array(law.operating_point[:n], dtype=float), np.array(law.operating_input, dtype=float)
+        if not tracked:
+            raise InvalidInput(
+                "A law without integrals has no goal of its own.",
+                f"got goal={goal!r}",
+                "equilibrium=(x, u): state and input of its plant there, with moving=True",
+            )
+        plant = self.plant if self.filter is None else self.filter.plant
+        x, u = plant_equilibrium(plant, tracked, pose_values(goal, tracked))
+        return x[[plant.index(name) for name in self._states]], u
+
+    # The estimator -------------------------------------------------------------------------------------
+    @property
+    def _tunable(self) -> bool:
+        """Whether the gain follows from R^v: that of a Kalman filter."""
+        own = isinstance(self.filter, OutputInjectionObserver)
+        return isinstance(self.filter, RecursiveFilter) and not own
+
+    @cached_property
+    def _model(self) -> tuple[np.ndarray, np.ndarray]:
+        """F and H of the filter's model, linearised at the goal."""
+        x, u = self.model_equilibrium
+        plant, rows = self.filter.plant, model_rows(self.filter)
+        _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), self.filter.sub_steps)
+        return slope[0, : len(x), : len(x)], plant.linearise(x, u)[3]
+
+    def gain(self, process_noise: np.ndarray) -> np.ndarray:
+        """The filter's stationary gain (n, p) at the goal for this R^v (n, n)."""
+        if not self._tunable:
+            raise InvalidInput(
+                "This loop has no filter whose gain depends on R^v.",
+                f"got {type(self.filter).__name__}",
+                "an unscented or extended Kalman filter",
+            )
+        return stationary_gain(self._model, process_noise, self.filter.measurement_noise)
+
+    # One period ----------------------------------------------------------------------------------------
+    @cached_property
+    def measure(self) -> Rows:
+        """(x, u, parameters) → what the controller is given."""
+        plant, n = self.plant, self.plant.n
+        places = [plant.index(name) for name in self._states] if self.filter is None else None
+
+        def measured(moving: Any, held: Any) -> Any:
+            if places is not None:
+                return moving[places]
+            return np.atleast_1d(plant.output(moving[:n], moving[n:], plant.parameters.named(held)))
+
+        sizes = (n + len(plant.inputs), plant.parameters.size)
+        return Rows(("measure", plant.code_key, places), lambda: trace(measured, *sizes, name="measure"))
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(x*, u*) of the law, or of the goal it moves with."""
+        if not self.moving:
+            return self.step.centre
+        x, u = self.model_equilibrium
+        return np.concatenate([x, self.law.operating_point[len(x) :], u])
+
+    @property
+    def command(self) -> np.ndarray:
+        """Wanted values of the tracked states, (k,)."""
+        return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
+
+    def stepped(
+        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
+    ) -> tuple[Stepped, np.ndarray]:
+        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m)."""
+        n, place = self.plant.n, self.step.places["u"]
+        x, memory = z[:, :n], z[:, n:]
+        y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)
+        command = np.broadcast_to(self.command, (len(z), self.step.k))
+        return self.step.step(memory, y, command, self.centre, fixed), by_y
+
+    def _period(
+        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s)."""
+        n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
+        stepped, by_y = self.stepped(z, vectors, fixed)
+
+        def by_z(by: np.ndarray) -> np.ndarray:
+            through = by[:, :, s : s + p] @ by_y
+            whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
+            whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
+            return whole
+
+        x, slope = one_period(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        moved = slope[:, :, n : n + self.step.m] @ by_z(stepped.u.by)
+        moved[:, :, :n] += slope[:, :, :n]
+        after = np.hstack([x, stepped.memory.value])
+        return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
+
+    # Rest ----------------------------------------------------------------------------------------------
+    @cached_property
+    def start(self) -> np.ndarray:
+        """State of the loop (n + s,) where the nominal plant is held at the goal.
+
+        Raises
+        ------
+        NumericalFailure
+            If no integrals make the law give the input that holds the goal.
+        """
+        x, u = self.model_equilibrium
+        integral = self.law.operating_point[len(x) :]
+        if not self.moving:
+            integral = equilibrium_integrals(self.step.law_rows, x, u)
+        position = np.zeros(self.step.k) if self.moving else self.command
+        return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position])
+
+    def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The same equilibrium of the true plant; states that the law's plant lacks are solved for."""
+        plant = self.plant
+        known = dict(zip(self._states, x))
+        state = np.array([known.get(name, 0.0) for name in plant.states])
+        extra = [i for i, name in enumerate(plant.states) if name not in known]
+        if extra:
+            slope = plant.linearise(state, u)[0][:, extra]
+            state[extra] -= np.linalg.lstsq(slope, plant.derivative(state, u), rcond=None)[0]
+        return state
+
+    def by_command(self) -> np.ndarray:
+        """What commanded positions move in the controller's step: ∂(command, centre)/∂positions.
+
+        A law about its operating point has the command in its integrals only. About a moving reference the
+        command is the whole equilibrium at the commanded positions: f(x_d, u_d) = 0 along x_d = x_d(q), u_d = u_d(q).
+        """
+        step, (x, u) = self.step, self.model_equilibrium
+        tracked = np.array([[float(name == other) for other in self.positions] for name in step.tracked])
+        by = np.zeros((step.k + step.n + step.k + step.m, len(self.positions)))
+        by[: step.k] = tracked.reshape(step.k, len(self.positions))
+        if self.moving:
+            plant = self.plant if self.filter is None else self.filter.plant
+            at = x if self.filter is not None else self._true_start(x, u)
+            a, b, _, _ = plant.linearise(at, u)
+            given = [plant.index(name) for name in self.positions]
+            free = [i for i in range(plant.n) if i not in given]
+            moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, given], rcond=None)[0]
+            state = np.zeros((plant.n, len(given)))
+            state[given], state[free] = np.eye(len(given)), moved[: len(free)]
+            states = [plant.index(name) for name in self._states]
+            by[step.k : step.k + step.n], by[step.k + step.n + step.k :] = state[states], moved[len(free) :]
+        return by
+
+    def modes(
+        self, values: Sequence[Mapping[str, Any]] | np.ndarray, process_noise: np.ndarray | None = None
+    ) -> Modes:
+        """Rest and multipliers with these true plants.
+
+        Parameters
+        ----------
+        values : sequence of mapping by name, or (N, q) array of parameter vectors of the true plant
+            Numbers, or arrays where there are joints; names that are left out keep their nominal value.
+        process_noise : (n, n) array, optional
+            R^v instead of the filter's.
+        """
+        vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
+        z, slope, found = self._equilibrium(vectors, process_noise)
+        if self.delay:
+            delayed = [
+                self._linear(z[i], vectors[i], process_noise).closed(self.delay * self.period)
+                for i in np.flatnonzero(found)
+            ]
+            slope = np.zeros((len(z), *delayed[0].shape)) if delayed else slope
+            slope[found] = delayed if delayed else slope[found]
+        multipliers = np.full(slope.shape[:2], np.inf, dtype=complex)
+        if found.any():
+            multipliers[found] = np.linalg.eigvals(slope[found])
+        return Modes(self.period, np.where(found[:, None], z, np.nan), multipliers)
+
+    def linear(
+        self, values: Mapping[str, Any] | None = None, process_noise: np.ndarray | None = None
+    ) -> LinearLoop:
+        """The loop linearised at its equilibrium with one true plant, the nominal one by default.
+
+        Raises
+        ------
+        NumericalFailure
+            If the loop has no equilibrium with this plant.
+        """
+        vectors = self.vectors([values or {}])
+        z, _, found = self._equilibrium(vectors, process_noise)
+        if not found[0]:
+            raise NumericalFailure(
+                "The loop has no equilibrium with this plant.",
+                f"none was found near the goal {np.array2string(self.command, precision=6)}",
+                "another law or goal",
+            )
+        return self._linear(z[0], vectors[0], process_noise)
+
+    def _linear(self, z: np.ndarray, vector: np.ndarray, process_noise: np.ndarray | None) -> LinearLoop:
+        stepped, by_y = self.stepped(z[None, :], vector[None, :], self._fixed(process_noise))
+        return LinearLoop.of(self, z, vector, stepped, by_y[0])
+
+    def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        """Parameter vectors (N, q) of true plants with these values."""
+        table = self.plant.parameters
+        return np.array([table.replaced(v).vector() for v in values]).reshape(len(values), table.size)
+
+    def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
+        return None if process_noise is None else self.gain(process_noise).ravel()
+
+    def _equilibrium(
+        self, vectors: np.ndarray, process_noise: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(equilibrium, Jacobian there, whether it was found), all plants at once."""
+        count, k = len(vectors), self.plant.n + self.step.size
+        try:
+            z = np.tile(self.start, (count, 1))
+        except NumericalFailure:
+            return np.full((count, k), np.nan), np.zeros((count, k, k)), np.zeros(count, bool)
+        fixed = self._fixed(process_noise)
+        slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
+        for _ in range(ITERATIONS):
+            later, slope = self._period(z, vectors, fixed)
+            flat, gap = slope.reshape(count, -1), later - z
+            fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
+            size[~fine] = np.inf
+            if not fine.any() or np.all(size[fine] <= LAST_STEP):
+                break
+            move = _solved((np.eye(k) - slope)[fine], gap[fine])
+            solved = np.isfinite(move.sum(axis=1))
+            z[fine] += np.where(solved[:, None], move, 0.0)
+            scale = np.maximum(1.0, np.abs(z[fine]).max(axis=1))
+            size[fine] = np.where(solved, np.abs(move).max(axis=1) / scale, np.inf)
+        return z, slope, size <= LAST_STEP
+
+
+def _solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Solutions (N, k); NaN where a matrix is singular: that loop has no equilibrium of its own."""
+    try:
+        return np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(vectors.shape, np.nan)
+        return np.vstack([_solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])

@@ -1,0 +1,339 @@
+"""A lower bound of the loop's gain, found by search: the finite-energy disturbance that makes ∫|z|²/∫|d|² largest.
+
+Power iteration: d is replaced by the gradient of ∫|z|², scaled to the same energy [tierno1997]. For a linear loop
+that is the power iteration of its H∞ norm squared, and the search begins with what is worst for small motions, a
+sinusoid at the frequency of that norm under a window. What is attained is a lower bound of the gain.
+
+The search may run at a longer period than the loop, and takes an estimator at its stationary gain; what it finds is
+then run with the loop itself.
+
+The gradient ∂∫|z|²/∂d comes from the adjoint of the sampled loop. The state of the sampled loop is that of the plant
+and the controller's memory (`SampledController`). With ζ' = F(ζ, d) from sample to sample, λ_k = ∂|z_k|²/∂ζ_k +
+λ_{k+1} ∂F/∂ζ is followed backwards, and the gradient is λ_{k+1} ∂F/∂d. All derivatives along the run are computed at
+once; only the products of the recursion are in turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis.batch import one_period
+from flexhinf.analysis.discrete_system import DiscreteSystem
+from flexhinf.analysis.disturbance_runs import Attained, DisturbanceRuns
+from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Trajectory
+from flexhinf.plant import GeneralisedPlant, Law
+
+__all__ = ["DisturbanceSearch", "gradient", "small_motions", "worst_disturbance"]
+
+#: Samples whose derivatives are held in memory at a time.
+CHUNK = 2048
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Derivatives at N samples.
+
+    Attributes
+    ----------
+    state, disturbance : (N, K, K) and (N, K, k) arrays
+        Of the next state: by the state, and by the torques of the interval that begins (commands are zero).
+    command : (N, K, c) array
+        By the commands of the interval that ends.
+    x_by, u_by : tuples of (N, …, K) and (N, …, c) arrays
+        Of the deviation and the input, by the state and by these commands.
+    """
+
+    state: np.ndarray
+    disturbance: np.ndarray
+    command: np.ndarray
+    x_by: tuple[np.ndarray, np.ndarray]
+    u_by: tuple[np.ndarray, np.ndarray]
+
+
+def _slopes(
+    runs: DisturbanceRuns,
+    x: np.ndarray,
+    memory: np.ndarray,
+    command: np.ndarray,
+    d: np.ndarray,
+    started: np.ndarray,
+) -> _Slopes:
+    """At states x (N, n) of the plant and memories (N, s) of the controller."""
+    equilibrium_loop, plant = runs.equilibrium_loop, runs.problem.plant
+    step, (count, n), c = equilibrium_loop.step, x.shape, runs.commands
+    s, p, m, place = step.size, step.p, step.m, step.places["u"]
+    vectors = np.broadcast_to(plant.parameters.vector(), (count, plant.parameters.size))
+    y, by_y = equilibrium_loop.measure(np.hstack([x, memory[:, place]]), vectors)
+    stepped = step.step(memory, y, command, started=started)
+
+    def split(by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        through = by[:, :, s : s + p] @ by_y
+        whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
+        whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
+        return whole, by[:, :, s + p : s + p + c]
+
+    torques = np.zeros((count, len(plant.disturbances)))
+    chosen = [tuple(plant.disturbances).index(name) for name in runs.problem.disturbances or ()]
+    torques[:, chosen] = d[:, c:]
+    u_by, after = split(stepped.u.by), split(stepped.memory.by)
+    sub_steps = runs.loop.sub_steps
+    moved = one_period(plant, runs.period, sub_steps, x, stepped.u.value, vectors, torques)[1]
+    by_input = moved[:, :, n : n + m]
+    state = np.concatenate([by_input @ u_by[0], after[0]], axis=1)
+    state[:, :n, :n] += moved[:, :, :n]
+    disturbance = np.zeros((count, n + s, d.shape[1]))
+    disturbance[:, :n, c:] = moved[:, :, n + m :][:, :, chosen]
+    deviation = split(stepped.deviation.by)
+    true = np.zeros((count, len(step.states), n + s))
+    places = [plant.index(name) for name in step.states]
+    true[:, np.arange(len(places)), places] = 1.0
+    x_by = (
+        np.concatenate([true, deviation[0][:, step.n :]], axis=1),
+        np.concatenate([np.zeros((count, step.n, c)), deviation[1][:, step.n :]], axis=1),
+    )
+    return _Slopes(state, disturbance, np.concatenate([by_input @ u_by[1], after[1]], axis=1), x_by, u_by)
+
+
+def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """(∂/∂d (N, k), ∫|z|²) for samples d (N, k), both integrals as sums over samples; None if the loop diverged."""
+    run, whole = runs.run(d)
+    x_moved, u_moved = runs.deviations(run, d)
+    cost, by_x, by_u = runs.cost(x_moved, u_moved)
+    if not (whole and np.all(np.isfinite(cost)) and np.all(np.isfinite(by_x))):
+        return None
+    x, memory, command = run.signals["state"], _memories(runs, x_moved, run), _before(runs, d)
+    started = np.minimum(np.arange(len(d)), 1.0)
+    adjoint, found = np.zeros(x.shape[1] + memory.shape[1]), np.zeros(d.shape)
+    for begin in reversed(range(0, len(d), CHUNK)):
+        part = slice(begin, min(begin + CHUNK, len(d)))
+        slopes = _slopes(runs, x[part], memory[part], command[part], d[part], started[part])
+        own, by_command = (
+            np.einsum("ki,kij->kj", by_x[part], slopes.x_by[which])
+            + np.einsum("ki,kij->kj", by_u[part], slopes.u_by[which])
+            for which in (0, 1)
+        )
+        for k in reversed(range(part.stop - begin)):
+            found[begin + k] += adjoint @ slopes.disturbance[k]
+            if begin + k:  # the command of the interval before acts now
+                found[begin + k - 1, : runs.commands] += by_command[k] + adjoint @ slopes.command[k]
+            adjoint = own[k] + adjoint @ slopes.state[k]
+    return found * runs.period, float(cost.sum() * runs.period)
+
+
+def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
+    """From d, held between samples, to z = (h(x), R2^½ u) at the samples, for small motions."""
+    equilibrium_loop = runs.equilibrium_loop
+    start, n, c = equilibrium_loop.start[None, :], equilibrium_loop.plant.n, runs.commands
+    k = runs.channels
+    slopes = _slopes(
+        runs, start[:, :n], start[:, n:], equilibrium_loop.command[None, :], np.zeros((1, k)), np.ones(1)
+    )
+    weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
+    size = n + equilibrium_loop.step.size
+    a, b = np.zeros((size + c, size + c)), np.zeros((size + c, k))
+    a[:size, :size], a[:size, size:] = slopes.state[0], slopes.command[0]
+    b[:size], b[size:, :c] = slopes.disturbance[0], np.eye(c)  # a command is remembered for a period
+    seen = np.vstack([
+        weights @ np.hstack([slopes.x_by[0][0], slopes.x_by[1][0]]),
+        root @ np.hstack([slopes.u_by[0][0], slopes.u_by[1][0]]),
+    ])  # fmt: skip
+    return DiscreteSystem(a, b, seen, np.zeros((len(seen), k)), runs.period)
+
+
+def _before(runs: DisturbanceRuns, d: np.ndarray) -> np.ndarray:
+    """Commands (N, k) of the interval that ends at each sample."""
+    controller = runs.loop.controller
+    wanted = np.broadcast_to(controller.operating_reference, (len(d), len(controller.tracked))).copy()
+    wanted[1:, : runs.commands] += d[:-1, : runs.commands]
+    return wanted
+
+
+def _memories(runs: DisturbanceRuns, x_moved: np.ndarray, run: Trajectory) -> np.ndarray:
+    """The controller's memory (N, s) before each sample of a run."""
+    law, step, u = runs.law, runs.equilibrium_loop.step, run.signals["input"]
+    integral = x_moved[:, step.n :] + law.operating_point[step.n :]
+    first = (law.operating_input, law.operating_point[step.n :], np.zeros(step.k))
+    last, before, position = (
+        np.vstack([start[None, :], rows[:-1]])
+        for start, rows in zip(first, (u, integral, runs.tracked(run)), strict=True)
+    )
+    belief = step.beliefs(run.signals["output"], u, run.signals["estimate"], last)
+    return np.hstack([belief, last, before, position])
+
+
+#: Period of the search without an estimator, s, unless the loop's is longer.
+SEARCH_PERIOD = 1e-2
+
+#: The energy grows by this factor while the state stays in the level set, and shrinks by it while it does not; at
+#: most so often.
+FACTOR, ROUNDS = 1.5, 12
+
+
+class DisturbanceSearch:
+    """Ascent on ∫|z|²/∫|d|².
+
+    Parameters
+    ----------
+    problem, law, estimator, period, horizon
+        As of `DisturbanceRuns`; a Kalman filter is taken at its stationary gain in the search.
+    search_period : float, optional
+        s; 10 ms, or the loop's where that is longer. With an estimator always the loop's.
+    """
+
+    def __init__(
+        self,
+        problem: GeneralisedPlant,
+        law: Law,
+        estimator: Any = None,
+        period: float = 1e-3,
+        horizon: float = 20.0,
+        search_period: float | None = None,
+    ) -> None:
+        if estimator is not None and search_period not in (None, period):
+            raise InvalidInput(
+                "An estimator has one period.",
+                f"expected search_period={period:g} s or none, got {search_period!r}",
+                "search_period only where the true state is fed back",
+            )
+        if search_period is None:
+            search_period = max(period, SEARCH_PERIOD) if estimator is None else period
+        steady = (
+            None
+            if estimator is None
+            else EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
+        )
+        self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon)
+        same = estimator is steady and search_period == period
+        self.runs = self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon)
+
+    def attained(self, d: np.ndarray) -> Attained:
+        """Of samples (N, k) at the search's period, run by the loop itself."""
+        return self.runs.attained(self.on(self.runs.times, d))
+
+    def on(self, times: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Samples of the search, held, at other times."""
+        place = (times / self.search_runs.period + 1e-6).astype(int)
+        return d[np.minimum(place, len(d) - 1)]
+
+    def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
+        """d with ∫|d|² = energy."""
+        return d * np.sqrt(energy / (self.search_runs.period * float((d**2).sum())))
+
+    def small(self) -> tuple[float, np.ndarray]:
+        """(gain of small motions of the sampled loop, the sinusoid that attains it, under a window)."""
+        system = small_motions(self.search_runs)
+        gain, frequency = system.norm()
+        if not np.isfinite(gain):
+            return gain, np.ones((len(self.search_runs.times), self.search_runs.channels))
+        direction = np.linalg.svd(system.response(frequency)[0])[2][0].conj()
+        t = self.search_runs.times
+        window = np.sin(np.pi * (t + self.search_runs.period) / (t[-1] + 2.0 * self.search_runs.period)) ** 2
+        wave = np.real(np.exp(1j * frequency * t)[:, None] * direction)
+        return gain, wave * window[:, None]
+
+    def random(self, seed: int) -> np.ndarray:
+        """Noise that fades: a start without a preference."""
+        t = self.search_runs.times
+        noise = np.random.default_rng(seed).normal(size=(len(t), self.search_runs.channels))
+        return noise * np.exp(-3.0 * t / t[-1])[:, None]
+
+    def ascend(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
+        """The disturbance (N, k) of this energy found from `start`; None if the loop diverges on the way."""
+        d, best = self.scaled(start, energy), (-np.inf, start)
+        for _ in range(turns):
+            found = gradient(self.search_runs, d)
+            if found is None or not np.all(np.isfinite(found[0])):
+                return None
+            slope, value = found
+            best = max(best, (value, d), key=lambda pair: pair[0])
+            if not slope.any():
+                break
+            d = self.scaled(slope, energy)
+        return best[1]
+
+
+def worst_disturbance(
+    problem: GeneralisedPlant,
+    law: Law,
+    estimator: Any = None,
+    period: float = 1e-3,
+    *,
+    energy: float | None = None,
+    level: float | None = None,
+    horizon: float = 20.0,
+    turns: int = 12,
+    starts: int = 2,
+    seed: int = 0,
+    search_period: float | None = None,
+) -> Attained:
+    """The worst disturbance found, of a given energy or with the state inside {V ≤ level}.
+
+    Parameters
+    ----------
+    problem, law, estimator, period, horizon, search_period
+        See `DisturbanceSearch`.
+    energy : float, optional
+        ∫|d|².
+    level : float, optional
+        Instead of an energy: begins with 2 level/γ², up to which the dissipation inequality itself keeps V below the
+        level, and then takes more or less, as long as the state stays inside.
+    turns : int
+        Of each ascent.
+    starts : int
+        The worst sinusoid of small motions, then fading noise with the seeds `seed`, `seed` + 1, …
+
+    Returns
+    -------
+    Attained
+        The largest gain; infinite if the loop diverged under a disturbance of this energy.
+
+    Raises
+    ------
+    InvalidInput
+        If neither or both of energy and level are given, or the law has no V where a level is.
+    """
+    given = [number for number in (energy, level) if number is not None]
+    if len(given) != 1 or not (np.isfinite(given[0]) and given[0] > 0.0):
+        raise InvalidInput(
+            "The disturbance has no size.",
+            f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
+            "level=solution.sampled_region().level",
+        )
+    if level is not None and not (hasattr(law, "value") and np.isfinite(getattr(law, "gamma", np.inf))):
+        raise InvalidInput(
+            "The law has no level sets.", f"got level={level!r} and {type(law).__name__}", "energy=…"
+        )
+    search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
+    first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
+    if energy is not None:
+        return max((_climbed(search, start, energy, turns) for start in first), key=lambda a: a.gain)
+    assert level is not None
+    found = [_inside(search, start, level, turns) for start in first]
+    return max(found, key=lambda a: a.gain)
+
+
+def _climbed(search: DisturbanceSearch, start: np.ndarray, energy: float, turns: int) -> Attained:
+    d = search.ascend(start, energy, turns)
+    return search.attained(search.scaled(start, energy) if d is None else d)
+
+
+def _inside(search: DisturbanceSearch, start: np.ndarray, level: float, turns: int) -> Attained:
+    """The best of all energies tried with which V stayed below the level; the smallest energy if there is none."""
+    gamma = search.runs.law.gamma  # type: ignore[attr-defined]
+    energy, best, grows = 2.0 * level / gamma**2, None, None
+    for _ in range(ROUNDS):
+        found = _climbed(search, start, energy, turns)
+        inside = found.largest_value <= level
+        if inside and (best is None or found.gain > best.gain):
+            best = found
+        if grows is None:
+            grows = inside
+        if inside != grows:
+            break
+        energy *= FACTOR if inside else 1.0 / FACTOR
+    return found if best is None else best

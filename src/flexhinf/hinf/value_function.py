@@ -1,0 +1,218 @@
+"""The value function V of a synthesis: its polynomial, its law, and Eq. (8) with the exact fields of the plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Integral
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf.gamma import linear_smallest_gamma
+from flexhinf.hinf.linear_part import LinearPart
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.problem import Problem
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.algebra import gradient, monomials
+from flexhinf.polynomial.kronecker import to_kronecker
+
+__all__ = ["ValueFunction"]
+
+_CHUNK = 2_000_000  # monomials evaluated at a time
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ValueFunction:
+    """V = V_2 + … + V_degree of Eq. (8) for one problem and one γ; what stands on V alone.
+
+    All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
+
+    Attributes
+    ----------
+    gamma : float
+        Attenuation level; infinite for the Hamilton–Jacobi–Bellman equation.
+    degree : int
+        Degree of V; the law has one less.
+    P : ndarray, shape (n, n)
+        V_2 = ½ xᵀPx.
+    expansion : PolynomialPlant
+        The Taylor expansion that was used.
+    problem : Problem or None
+        The exact plant. None after loading a file when the plant was not a polynomial one.
+    value_parts : dict degree → ndarray, shape (count(n, degree),)
+        Monomial coefficients of V; vanishing degrees are missing.
+    """
+
+    gamma: float
+    degree: int
+    P: np.ndarray
+    expansion: PolynomialPlant
+    problem: Problem | None
+    value_parts: dict[int, np.ndarray]
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return self.expansion.state_names
+
+    @property
+    def operating_point(self) -> np.ndarray:
+        """The point x is measured from, shape (n,)."""
+        return self.expansion.operating_point
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return self.expansion.input_names
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """The input at the operating point, shape (m,)."""
+        return self.expansion.operating_input
+
+    @cached_property
+    def gamma_star(self) -> float:
+        """Smallest feasible attenuation level of the problem (computed when first asked for)."""
+        return linear_smallest_gamma(LinearPart.of(self.expansion))
+
+    # The polynomial ----------------------------------------------------------------------------
+    def coefficients(self, k: int) -> dict[tuple[int, ...], float]:
+        """V_k in plain monomials, {exponents: coefficient}, every monomial of degree `k`."""
+        keys = map(tuple, self.exponents(k).tolist())
+        return dict(zip(keys, self.coefficient_array(k).tolist(), strict=True))
+
+    def coefficient_array(self, k: int) -> np.ndarray:
+        """The same as an array, shape (count(n, k),), in the order of `exponents(k)`."""
+        self._check_degree(k)
+        part = self.value_parts.get(k)
+        return np.zeros(basis.count(len(self.P), k)) if part is None else part.copy()
+
+    def kronecker(self, k: int) -> np.ndarray:
+        """v_k of V = ½ Σ v_kᵀ (x ⊗ … ⊗ x), symmetric, shape (n^k,): the form of PPR and NLbalancing."""
+        return 2 * to_kronecker(self.coefficient_array(k), len(self.P), k)
+
+    def exponents(self, k: int) -> np.ndarray:
+        """Exponent vectors of the monomials of degree `k`, shape (count(n, k), n)."""
+        self._check_degree(k)
+        return basis.exponents(len(self.P), k)
+
+    def _check_degree(self, k: int) -> None:
+        if not isinstance(k, Integral) or not 2 <= k <= self.degree:
+            raise InvalidInput(
+                f"V has no part of degree {k}.",
+                f"expected a degree from 2 to {self.degree}, got {k}",
+                "solve_hji with a higher degree",
+            )
+
+    # The functions -----------------------------------------------------------------------------
+    def value(self, x: np.ndarray) -> np.ndarray:
+        """V(x): a scalar, or shape (N,)."""
+        points, single = self._points(x)
+        total = np.concatenate([self._value(chunk) for chunk in self._chunks(points)])
+        return total[0] if single else total
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        """V_x(x): shape (n,) or (N, n)."""
+        points, single = self._points(x)
+        slope = self._gradient(points)
+        return slope[0] if single else slope
+
+    def gradient_parts(self, x: np.ndarray) -> dict[int, np.ndarray]:
+        """V_k,x by degree k of V, at deviations (N, n): shape (N, n) each; vanishing degrees are missing."""
+        chunks = []
+        for points in self._chunks(x):
+            powers = monomials(points, [k - 1 for k in self.slope_parts])
+            chunks.append({k: powers[k - 1] @ slope for k, slope in self.slope_parts.items()})
+        return {k: np.concatenate([chunk[k] for chunk in chunks]) for k in self.slope_parts}
+
+    def law(self, x: np.ndarray) -> np.ndarray:
+        """u = −R2⁻¹ g2(x)ᵀ V_xᵀ, deviation of the input: shape (m,) or (N, m)."""
+        points, single = self._points(x)
+        _, _, g2, _ = self._fields(points, "g2")
+        inputs = -np.linalg.solve(self.expansion.r2, np.einsum("ai,aij->ja", self._gradient(points), g2)).T
+        return inputs[0] if single else inputs
+
+    def worst_disturbance(self, x: np.ndarray) -> np.ndarray:
+        """d = g1(x)ᵀ V_xᵀ / γ²: shape (md,) or (N, md); zero for γ = ∞."""
+        points, single = self._points(x)
+        _, g1, _, _ = self._fields(points, "g1")
+        disturbance = np.einsum("ai,aij->aj", self._gradient(points), g1) / self.gamma**2
+        return disturbance[0] if single else disturbance
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Left-hand side of Eq. (8) with the exact f, g1, g2 and h: a scalar, or shape (N,)."""
+        points, single = self._points(x)
+        terms = self.hamiltonian_terms(self._gradient(points), self._fields(points, "residual"), self.gamma)
+        left = terms.sum(axis=0)
+        return left[0] if single else left
+
+    def hamiltonian_terms(
+        self, slope: np.ndarray, fields: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], gamma: float
+    ) -> np.ndarray:
+        """V_x f, ½ hᵀh, ½ |g1ᵀ V_xᵀ|²/γ² and −½ V_x g2 R2⁻¹ g2ᵀ V_xᵀ, the terms of Eq. (8), shape (4, N).
+
+        Parameters
+        ----------
+        slope : ndarray, shape (N, n)
+            V_x.
+        fields : tuple of ndarray
+            f, g1, g2 and h at the same points, as `exact_fields` returns them.
+        gamma : float
+        """
+        f, g1, g2, h = fields
+        w1 = np.einsum("ai,aij->aj", slope, g1) / gamma
+        w2 = np.einsum("ai,aij->aj", slope, g2)
+        priced = np.linalg.solve(self.expansion.r2, w2.T).T
+        return np.stack(
+            [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
+        )
+
+    def exact_fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) of the exact plant at deviations (N, n)."""
+        return self._fields(x, "this")
+
+    # Inside ------------------------------------------------------------------------------------
+    @cached_property
+    def slope_parts(self) -> dict[int, np.ndarray]:
+        """Monomial coefficients of V_k,x by degree k of V, shape (count(n, k−1), n)."""
+        n = len(self.P)
+        return {k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in self.value_parts.items()}
+
+    def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
+        n = len(self.P)
+        try:
+            points: np.ndarray = np.asarray(x, dtype=float)
+        except (TypeError, ValueError):
+            points = np.array(np.nan)
+        if points.ndim not in (1, 2) or points.shape[-1] != n:
+            raise InvalidInput(
+                "The state does not fit the solution.",
+                f"expected shape ({n},) or (N, {n}), got {points.shape if points.ndim else repr(x)}",
+                f"deviations of {', '.join(self.state_names)} from the operating point",
+            )
+        return np.atleast_2d(points), points.ndim == 1
+
+    def _chunks(self, points: np.ndarray) -> list[np.ndarray]:
+        step = max(1, _CHUNK // basis.count(len(self.P), self.degree))
+        return [points[begin : begin + step] for begin in range(0, max(len(points), 1), step)]
+
+    def _value(self, points: np.ndarray) -> np.ndarray:
+        powers = monomials(points, self.value_parts)
+        return sum((powers[k] @ part for k, part in self.value_parts.items()), start=np.zeros(len(points)))
+
+    def _gradient(self, points: np.ndarray) -> np.ndarray:
+        return sum(self.gradient_parts(points).values(), start=np.zeros(points.shape))
+
+    def _fields(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Exact fields; without the plant the expansion's g1 where that is constant, and its g2."""
+        if self.problem is not None:
+            return self.problem.fields(points)
+        constant = {"g1": self.expansion.g1_parts, "g2": self.expansion.g2_parts}.get(what, {})
+        if set(constant) == {0} or what == "g2":
+            return self.expansion.fields(points)
+        raise InvalidInput(
+            "The exact plant is not known to this solution.",
+            f"{what} needs it; the file it was loaded from holds the expansion only",
+            "load_solution(path, problem=…), or law_polynomial() for the law to the degree of V",
+        )

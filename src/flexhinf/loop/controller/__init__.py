@@ -1,0 +1,1 @@
+"""A sampled controller: `controller` compiles and remembers, `step` is what one sample computes."""

@@ -1,0 +1,372 @@
+"""A sampled controller: the shell around `controller_step` that compiles it and remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
+from flexhinf.codegen.steps import Step
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.controller.law_code import LawCode
+from flexhinf.loop.controller.memory import Layout, data_layout, data_values, input_before, memory_layout
+from flexhinf.loop.controller.options import (
+    INTEGRAL,
+    Limits,
+    Mode,
+    Source,
+    check_kinds,
+    check_names,
+    positive,
+)
+from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.loop.controller.step import controller_step
+from flexhinf.loop.controller.transfer import STEPS, fade_time
+from flexhinf.loop.shared import share
+from flexhinf.plant import Estimator, Law
+from flexhinf.scalars import drop_empty, trace
+
+__all__ = ["ONE_TRACE", "Controller"]
+
+#: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
+#: Above, it is composed of pieces in loops.
+ONE_TRACE = 5_000
+
+READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
+BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
+
+
+class Controller:
+    """A sampled controller: measurement and command in, input out.
+
+    Parameters
+    ----------
+    solution : Law or Schedule
+        A solution of `solve_hji` or any other law; or several, see `Schedule`.
+    estimator : Estimator or None
+        None feeds back the true state: `step` then takes the state of the plant that the law was made for.
+    period : float
+        Sampling period, s; that of the estimator.
+    saturation : None, float, (m,) array or tuple (lower, upper)
+        Limits of the input; a number or an array means ±. Integrals that would push a saturated input
+        further stand still.
+    moving : bool
+        The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
+        the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
+        ė = x_i − x_di of the tracked states. A law that says how it depends on the reference (``evaluate_about``
+        of `flexhinf.plant.Law`) is given it. Without a command the operating point and its input are it. A law
+        without integrals tracks nothing.
+    start : {"zero", "bumpless"}
+        The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
+        and `flexhinf.loop.controller.transfer`.
+    fade : float, optional
+        Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
+
+    Raises
+    ------
+    InvalidInput
+        If period, names or limits do not fit each other.
+    """
+
+    def __init__(
+        self,
+        solution: Law,
+        estimator: Estimator | None,
+        period: float = 1e-3,
+        saturation: Any = None,
+        *,
+        moving: bool = False,
+        start: str = "zero",
+        fade: float | None = None,
+    ) -> None:
+        self.law, self.estimator = solution, estimator
+        self.period = positive(period, "sampling period", "1e-3 for 1 kHz")
+        check_kinds(solution, estimator)
+        self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
+        self.mode = Mode(moving, start, len(self.laws))
+        self._fade, self.fade = fade, fade_time(fade, self.mode)
+        self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
+        self.tracked = tuple(
+            name[: -len(INTEGRAL)] for name in solution.state_names if name.endswith(INTEGRAL)
+        )
+        check_names(solution, estimator, self.period, self.states, self.tracked)
+        self.limits = Limits.of(saturation, len(solution.input_names))
+        self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
+        self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
+        self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
+        self._memory = self.initial_memory()
+        self._reference = np.zeros(max(1, len(self.commanded)))
+        self._estimate = np.zeros(len(self.states))
+        self.reset()
+
+    def fresh(self) -> Controller:
+        """The same controller with a memory of its own, as at the start."""
+        limits = (self.limits.lower, self.limits.upper)
+        ways: Any = {"moving": self.mode.moving, "start": self.mode.start, "fade": self._fade}
+        return Controller(self.law, self.estimator, self.period, limits, **ways)
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """Names of the command's elements: the tracked states, or all states and inputs of a moving reference."""
+        return (*self.states, *self.law.input_names) if self.mode.moving else self.tracked
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """States that figures of merit are about: the tracked; where none is and the reference moves, the measured
+        ones, or the first."""
+        if self.tracked or not self.mode.moving:
+            return self.tracked
+        return tuple(name for name in self.measured if name in self.states) or self.states[:1]
+
+    # Layout: what is data and what is remembered --------------------------------------------------
+    @cached_property
+    def memory(self) -> Layout:
+        """What is remembered from one step to the next."""
+        sizes = (len(self.law.input_names), len(self.tracked), len(self.commanded))
+        return memory_layout(self.estimator, self.mode, *sizes)
+
+    @cached_property
+    def data(self) -> Layout:
+        """Numbers the step is made of: changing them compiles nothing."""
+        return data_layout(self.law_code, self.estimator, self.mode, len(self.tracked))
+
+    @cached_property
+    def data_vector(self) -> np.ndarray:
+        """The numbers themselves, flat."""
+        codes = [LawCode(law, self.composed) for law in self.laws]
+        values = data_values(codes, self.estimator, self.mode, len(self.tracked), self.limits)
+        values["period"] = self.period
+        if self.mode.takes_over:
+            values["decay"] = np.exp(-self.period / self.fade)
+        if isinstance(self.law, Schedule):
+            values["closer"] = 1.0 - self.law.hysteresis
+        vector = self.data.flat({name: values[name] for name in self.data.parts})
+        vector.setflags(write=False)
+        return vector
+
+    @property
+    def operating_reference(self) -> np.ndarray:
+        """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
+        point = np.asarray(self.law.operating_point, dtype=float)
+        if self.mode.moving:
+            return np.concatenate([point[: len(self.states)], self.law.operating_input])
+        return point[self._places]
+
+    def input_before(self, given: Any = None) -> np.ndarray:
+        """The input (m,) before the first sample: `given` if it fits, or the operating input."""
+        names = tuple(self.law.input_names)
+        return input_before(given, self.law.operating_input, self.limits, names)
+
+    def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
+        """The memory before the first step, flat; see `reset`."""
+        if state is not None and self.estimator is None:
+            raise InvalidInput(
+                "There is no estimate to set: this controller feeds back the true state.",
+                f"expected state=None, got {state!r}",
+                "reset(); the state of the plant is the loop's initial_state",
+            )
+        k = len(self.tracked)
+        values: dict[str, Any] = {"u": self.input_before(input), "started": 0.0}
+        values |= {"bias": 0.0, "active": np.eye(self.mode.laws)[0]}
+        values |= {name: np.zeros(k) for name in ("integral", "position")}
+        values["reference"] = self.operating_reference
+        if self.estimator is not None:
+            initial = self.estimator.initial
+            values["belief"] = list(initial if state is None else self.estimator.initial_at(state))
+        return self.memory.flat({name: values[name] for name in self.memory.parts})
+
+    # Code -----------------------------------------------------------------------------------------
+    @cached_property
+    def composed(self) -> bool:
+        """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
+        evaluations = self.mode.laws + STEPS if self.mode.takes_over else 1
+        law = evaluations * np.size(self.law.law_data)
+        return law + getattr(self.estimator, "operations", 0) > ONE_TRACE
+
+    @cached_property
+    def law_code(self) -> LawCode:
+        """How the law is evaluated, and its numbers in that form."""
+        return LawCode(self.laws[0], self.composed)
+
+    @property
+    def code_key(self) -> tuple[object, ...]:
+        """What distinguishes this controller's code from another's (not its data)."""
+        law, estimator = self.laws[0], self.estimator
+        names = (tuple(law.state_names), tuple(law.input_names))
+        model = None
+        if estimator is not None:
+            model = (type(estimator), estimator.estimator_key, estimator.plant.code_key)
+        sizes = (self.composed, self.memory.size, self.data.size)
+        return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
+
+    def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
+        """`controller_step` of this controller."""
+        parts = (self.law_code, self.estimator, self._sources)
+        return controller_step(*parts, y, r, memory, data, run, self.mode)
+
+    @cached_property
+    def traced(self) -> Any:
+        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
+
+        def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
+            named = self.memory.named(memory), self.data.named(data)
+            u, estimate, after = self._stepped(y, r, *named)
+            return u, estimate, self.memory.flat(after)
+
+        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
+        names = ("y", "r", "memory", "data")
+        return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=names))
+
+    def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
+        """One step as a part of a program.
+
+        Parameters
+        ----------
+        places : mapping
+            Where y, r, memory and data are read, and u, estimate and memory written; None without elements.
+
+        Returns
+        -------
+        steps, buffers
+            The steps, and scratch buffers that the program must have for them.
+        """
+        if not self.composed:
+            read, written = (
+                [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
+            )
+            return (Call(drop_empty(self.traced), tuple(read), tuple(written)),), ()
+        run = Composer()
+        y, r, memory, data = (
+            Block(place, (place.size if place else 0,)) for place in (places[name] for name in READ)
+        )
+        named = self.memory.named(memory), self.data.named(data)
+        u, estimate, after = self._stepped(y, r, *named, run)
+        run.copy(u, Block(places["u"], u.shape))
+        run.copy(estimate, Block(places["estimate"], estimate.shape))
+        for part, place in self.memory.pairs(after):
+            run.copy(part, memory[place])
+        return tuple(run.body), run.buffers
+
+    @cached_property
+    def _bound(self) -> tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], np.ndarray]:
+        """The compiled step on this controller's memory: run, fill y, fill r, and where u appears."""
+        y, u = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names))
+        arrays = {"y": y, "r": self._reference, "data": self.data_vector.copy(), "memory": self._memory}
+        arrays |= {"u": u, "estimate": self._estimate}
+        kernel = share(("step", self.code_key), lambda: compile_program(self._program(arrays)))
+        reference = self._reference[: len(self.commanded)]
+        return kernel.bind(arrays, {}), _filler(y), _filler(reference), u
+
+    def _program(self, arrays: dict[str, np.ndarray]) -> Program:
+        roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
+        buffers = [Buffer(name, arrays[name].size, role) for name, role in roles.items()]  # type: ignore[arg-type]
+        whole = {name: Slice(name, size=array.size) for name, array in arrays.items()}
+        places: dict[str, Slice | None] = {**whole, "r": whole["r"] if self.commanded else None}
+        steps, scratch = self.steps(places)
+        body = (
+            Guard(whole["y"], BAD_MEASUREMENT),
+            Guard(whole["r"], BAD_REFERENCE),
+            *steps,
+            Guard(whole["u"], BAD_RESULT),
+            Guard(whole["memory"], BAD_RESULT),
+        )
+        return Program("controller_step", (*buffers, *scratch), body, ())
+
+    # The step -------------------------------------------------------------------------------------
+    def step(self, y: Any, reference: Any = None) -> np.ndarray:
+        """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
+
+        A plain number will do for one signal. Without a command the last one is kept (that of the operating
+        point at first).
+
+        Raises
+        ------
+        NumericalFailure
+            If y or the command is not finite: the memory is untouched. Or if the estimate or the input is no
+            longer finite: then only `reset` helps.
+        InvalidInput
+            If y or the command does not have the right size.
+        """
+        run, fill_measurement, fill_reference, u = self._bound
+        try:
+            fill_measurement(y)
+            if reference is not None:
+                fill_reference(reference)
+        except (ValueError, TypeError) as error:
+            raise self._misfit(y, reference) from error
+        code = run()
+        if code:
+            raise self._failure(code, y, reference)
+        return u.copy()
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """x(k|k) of the last step, (n,); NaN before the first."""
+        return self._estimate.copy()
+
+    @property
+    def integrals(self) -> np.ndarray:
+        """Integrals of the tracking errors after the last step, (k,)."""
+        return np.array(self.memory.named(self._memory).integral)
+
+    def reset(self, state: Any = None, input: Any = None) -> None:
+        """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+
+        The input before the first sample is `input` (m,), by default the operating input: the estimator's first
+        step sees it, and a law with ``start="bumpless"`` continues from it.
+
+        Raises
+        ------
+        InvalidInput
+            If state or input do not fit, or there is no estimator that could take the state.
+        """
+        self._memory[:] = self.initial_memory(state, input)
+        self._keep_reference()
+        self._estimate[:] = np.nan
+
+    def _keep_reference(self) -> None:
+        """Make the command of the last good sample the one that holds."""
+        self._reference[: len(self.commanded)] = self.memory.named(self._memory).reference
+
+    def _misfit(self, y: Any, reference: Any) -> InvalidInput:
+        return InvalidInput(
+            "The measurement or the command does not fit.",
+            f"expected one measurement for each of {list(self.measured)} and one command for each of "
+            f"{list(self.commanded)}, got y={y!r}, reference={reference!r}",
+            "arrays of these lengths, or plain numbers for one signal",
+        )
+
+    def _failure(self, code: int, y: Any, reference: Any) -> NumericalFailure:
+        if code == BAD_RESULT:
+            return NumericalFailure(
+                "The controller's estimate or input is no longer finite.",
+                f"after y={y!r}, reference={reference!r}",
+                "reset(); then check the measurement's unit and the noise covariances",
+            )
+        self._keep_reference()
+        return NumericalFailure(
+            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
+            "nothing was updated.",
+            f"got y={y!r}, reference={reference!r}",
+            "hold the last input for this sample",
+        )
+
+
+def _filler(buffer: np.ndarray) -> Callable[[Any], None]:
+    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
+    memory: Any = memoryview(buffer)  # type: ignore[arg-type]
+    shape = buffer.shape
+
+    def fill_one(value: Any) -> None:
+        memory[0] = value if isinstance(value, float) else np.asarray(value, dtype=float).item()
+
+    def fill(value: Any) -> None:
+        array = np.asarray(value, dtype=float)
+        if array.shape != shape:
+            raise ValueError(array.shape)
+        buffer[:] = array
+
+    return fill_one if buffer.size == 1 else fill

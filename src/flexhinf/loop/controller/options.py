@@ -1,0 +1,196 @@
+"""What a controller is given beside its law: mode, saturation and period, checked before any work is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Estimator, Law
+
+__all__ = ["INTEGRAL", "Limits", "Mode", "Source", "check_kinds", "check_names", "positive"]
+
+
+class Source(NamedTuple):
+    """Where a tracked state is read: of the measurement where it is measured, else of the estimate.
+
+    Attributes
+    ----------
+    measured : bool
+    place : int
+        In the measurement, or in the estimate.
+    state : int
+        Its place among the states of the plant.
+    """
+
+    measured: bool
+    place: int
+    state: int
+
+    @staticmethod
+    def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
+        """The measurement itself where the state is measured, so that the integral removes the error of the
+        measured signal, whatever the estimator's model gets wrong."""
+        state = states.index(name)
+        return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What the text of a step depends on, beside law and estimator.
+
+    Parameters
+    ----------
+    moving : bool
+        Whether the law acts about a moving reference (x_d, u_d) instead of the operating point.
+    start : {"zero", "bumpless"}
+        What the integrals are at the first sample: zero, or such that the input continues from the one before.
+    laws : int
+        How many there are, of which one is active.
+
+    Raises
+    ------
+    InvalidInput
+        If `moving` is neither True nor False, or there is no such start.
+    """
+
+    moving: bool = False
+    start: str = "zero"
+    laws: int = 1
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.moving, bool):
+            raise InvalidInput(
+                "Whether the law acts about a moving reference is not said.",
+                f"expected moving=True or moving=False, got {self.moving!r}",
+                "moving=True for commands (x_d, u_d) of states and inputs",
+            )
+        if self.start not in ("zero", "bumpless"):
+            raise InvalidInput(
+                "There is no such start of a controller.",
+                f"expected 'zero' or 'bumpless', got {self.start!r}",
+                "start='bumpless' to continue from the last input",
+            )
+
+    @property
+    def bumpless(self) -> bool:
+        """Whether the law takes over the last input at the first sample."""
+        return self.start == "bumpless"
+
+    @property
+    def takes_over(self) -> bool:
+        """Whether a law ever takes over: at the first sample, or from another law."""
+        return self.bumpless or self.laws > 1
+
+
+def positive(value: Any, what: str, example: str) -> float:
+    """A positive finite number of seconds."""
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError):
+        seconds = np.nan
+    if not (np.isfinite(seconds) and seconds > 0.0):
+        raise InvalidInput(f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example)
+    return seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Lower and upper limits of the input, (m,) each, infinite where there is none."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @staticmethod
+    def of(saturation: Any, inputs: int) -> Limits:
+        """From None, a number (±), an array with one number (±) per input, or a tuple (lower, upper) of them.
+
+        Raises
+        ------
+        InvalidInput
+            If shapes do not fit, or lower < upper does not hold.
+        """
+        if saturation is None:
+            return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf))
+        pair = isinstance(saturation, tuple) and len(saturation) == 2
+        lower, upper = (_edge(part, inputs) for part in (saturation if pair else (saturation, saturation)))
+        lower = lower if pair else -upper
+        if not np.all(lower < upper):
+            raise InvalidInput(
+                "The saturation leaves no room for the input.",
+                f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
+                "saturation=48.0 for ±48, or saturation=(lower, upper)",
+            )
+        return Limits(lower, upper)
+
+
+def _edge(value: Any, inputs: int) -> np.ndarray:
+    try:
+        return np.array(np.broadcast_to(np.asarray(value, dtype=float), (inputs,)))
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(
+            "The saturation does not fit the inputs.",
+            f"expected one number or {inputs}, got {value!r}",
+            "saturation=48.0 for ±48, or saturation=(lower, upper)",
+        ) from error
+
+
+#: What the name of an integral of an error ends with.
+INTEGRAL = "_integral"
+
+
+def check_kinds(law: Any, estimator: Any) -> None:
+    """They are a law with finite numbers of the right sizes, and an estimator or None."""
+    if not isinstance(law, Law):
+        raise InvalidInput(
+            "The controller needs a law.",
+            f"expected state_names, evaluate_law and so on, got {type(law).__name__}",
+            "a solution of solve_hji or linear_law",
+        )
+    if estimator is not None and not isinstance(estimator, Estimator):
+        raise InvalidInput(
+            "The controller's estimator is none.",
+            f"expected UnscentedKalmanFilter, ExtendedKalmanFilter or None, got {type(estimator).__name__}",
+            "Controller(solution, estimator, period)",
+        )
+    n, m = len(law.state_names), len(law.input_names)
+    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
+    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
+        raise InvalidInput(
+            "The law's numbers do not fit its names, or are not finite.",
+            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
+            "one value per name",
+        )
+
+
+def check_names(
+    law: Law, estimator: Estimator | None, period: float, states: tuple[str, ...], tracked: tuple[str, ...]
+) -> None:
+    """The law's states are the plant's, then integrals; the estimator means the same, at the same period."""
+    order = (*states, *(name + INTEGRAL for name in tracked))
+    if order != tuple(law.state_names) or not set(tracked) <= set(states):
+        raise InvalidInput(
+            "The law's states are not the plant's states followed by integrals of some of them.",
+            f"got {list(law.state_names)}",
+            "name the integral of the error of NAME 'NAME_integral', last",
+        )
+    if estimator is None:
+        return
+    plant = estimator.plant
+    model = (tuple(plant.states), tuple(plant.inputs))
+    if model != (states, tuple(law.input_names)):
+        raise InvalidInput(
+            "The estimator and the law do not mean the same states and inputs.",
+            f"the law needs {list(states)} and {list(law.input_names)}, "
+            f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
+            "the same plant for both",
+        )
+    if abs(estimator.period - period) > 1e-12 * period:
+        raise InvalidInput(
+            "The estimator and the controller run at different periods.",
+            f"expected {period} s, got {estimator.period} s",
+            "the same period for both",
+        )

@@ -1,0 +1,215 @@
+"""Several laws, designed at several poses, behind one controller: the nearest to the command is active."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.options import INTEGRAL, Mode, check_kinds
+from flexhinf.loop.staged import offers
+from flexhinf.plant import Law
+from flexhinf.polynomial import basis
+from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.scalars import where
+
+__all__ = ["PaddedLaw", "Schedule", "chosen", "of_one_text"]
+
+
+class Schedule:
+    """Laws at several poses, of which one is active at a time.
+
+    Active is the law whose operating point's tracked positions are nearest (Euclidean distance) to the command.
+    It changes only when another law is nearer by the share `hysteresis`: distance < (1 − hysteresis) · distance of
+    the active law's. At a change the integrals are chosen so that the input continues from the last one, see
+    `flexhinf.loop.controller.transfer`. About a moving reference x_d and u_d are the command's, and only k changes.
+
+    Where one law is asked for (names, operating point and input, numbers), it is the first.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        Of the same states and inputs, and of the same text: solved to the same degree. Degrees that vanish at one
+        pose only, by symmetry, do not matter.
+    hysteresis : float
+        At least 0, below 1.
+
+    Raises
+    ------
+    InvalidInput
+        If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
+    """
+
+    def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
+        self.laws = _checked(laws)
+        self.hysteresis = _share(hysteresis)
+        first = self.laws[0]
+        self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
+        self.operating_point, self.operating_input = first.operating_point, first.operating_input
+        self.law_data, self.law_key = first.law_data, first.law_key
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,), of the text that the laws share."""
+        return self.laws[0].evaluate_law(x, data)
+
+
+def chosen(
+    run: Any, places: Sequence[int], mode: Mode, r: Any, active: Any, started: Any, data: Any
+) -> tuple[Any, ...]:
+    """Which law is active at this sample, and its numbers.
+
+    Parameters
+    ----------
+    run : flexhinf.codegen.Direct or Composer
+    places : sequence of int
+        Of the tracked states among all states.
+    mode : Mode
+    r : (k,), or (n + m,) of a moving reference
+        The command.
+    active : (L,)
+        1 for the law that was active, else 0.
+    started : (1,)
+        0 at the first sample, which knows no active law.
+    data : namespace
+        As `Controller.data` lays it out.
+
+    Returns
+    -------
+    active, taken, operating_point, operating_input, integral_gain, inverse_slope
+        What is active now (L,); 1 where a law takes over (1,); numbers of the active law.
+    """
+    tables = (data.operating_point, data.operating_input, data.integral_gain, data.inverse_slope)
+    return run.call(partial(_chosen, list(places), mode), r, active, started, data.closer, *tables)
+
+
+def _chosen(
+    places: list[int],
+    mode: Mode,
+    r: Any,
+    active: Any,
+    started: Any,
+    closer: Any,
+    points: Any,
+    *tables: Any,
+) -> tuple[Any, ...]:
+    apart = points[:, places] - (r[places] if mode.moving else r)
+    distances = (apart * apart).sum(axis=1)
+    nearest, index = distances[0], 0.0
+    for law, distance in enumerate(distances[1:], 1):
+        index = where(distance < nearest, float(law), index)
+        nearest = where(distance < nearest, distance, nearest)
+    # Squared distances, so squared shares; the first sample chooses without hysteresis.
+    changes = where(started[0] > 0.5, nearest < closer[0] * closer[0] * (active @ distances), True)
+    now = np.array([where(changes, where(index == law, 1.0, 0.0), was) for law, was in enumerate(active)])
+    taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.bumpless else 0.0)
+    rows = (np.tensordot(now, table, axes=1) for table in (points, *tables))
+    return now, np.array([taken]), *rows
+
+
+def _checked(laws: Any) -> tuple[Law, ...]:
+    if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
+        raise InvalidInput(
+            "A schedule needs laws.", f"expected a sequence of laws, got {laws!r}", "Schedule([law, other])"
+        )
+    for law in laws:
+        check_kinds(law, None)
+    first = laws[0]
+    for law in laws[1:]:
+        for what in ("state_names", "input_names"):
+            if tuple(getattr(law, what)) != tuple(getattr(first, what)):
+                raise InvalidInput(
+                    "The laws of a schedule do not mean the same states and inputs.",
+                    f"expected {what} {list(getattr(first, what))}, got {list(getattr(law, what))}",
+                    "laws of one problem at several poses",
+                )
+    laws = of_one_text(laws)
+    text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
+    for other in others:
+        if text != other:
+            raise InvalidInput(
+                "The laws of a schedule are not of one text.",
+                f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
+                f"got {other[0].__name__} {other[1]!r} of {other[2]}",
+                "solve all to the same degree",
+            )
+    _check_poses(laws)
+    return laws
+
+
+def _check_poses(laws: Sequence[Law]) -> None:
+    names = tuple(laws[0].state_names)
+    places = [names.index(name[: -len(INTEGRAL)]) for name in names if name.endswith(INTEGRAL)]
+    poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
+    if not places or len(set(poses)) < len(poses):
+        raise InvalidInput(
+            "The poses of a schedule do not tell its laws apart.",
+            f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
+            "laws with integrals, each about a pose of its own",
+        )
+
+
+def _share(hysteresis: Any) -> float:
+    try:
+        share = float(hysteresis)
+    except (TypeError, ValueError):
+        share = np.nan
+    if not 0.0 <= share < 1.0:
+        raise InvalidInput(
+            "The hysteresis of a schedule is no share.",
+            f"expected 0 <= number < 1, got {hysteresis!r}",
+            "hysteresis=0.1: another law must be nearer by 10 %",
+        )
+    return share
+
+
+class PaddedLaw:
+    """A polynomial law with more degrees than occur in it.
+
+    Parameters
+    ----------
+    law : Law
+        With a method ``law_polynomial()``.
+    degrees : tuple of int
+        Ascending; those of the law among them.
+    """
+
+    def __init__(self, law: Law, degrees: tuple[int, ...]) -> None:
+        polynomial: PolynomialLaw = law.law_polynomial()  # type: ignore[attr-defined]
+        n, own = polynomial.n, polynomial.coefficients
+        parts, start = [], 0
+        for degree in degrees:
+            size = basis.count(n, degree)
+            if degree in polynomial.degrees:
+                parts.append(own[:, start : start + size])
+                start += size
+            else:
+                parts.append(np.zeros((len(own), size)))
+        self.polynomial = PolynomialLaw(n, degrees, np.concatenate(parts, axis=1))
+        self.state_names, self.input_names = tuple(law.state_names), tuple(law.input_names)
+        self.operating_point, self.operating_input = law.operating_point, law.operating_input
+        self.law_data, self.law_key = self.polynomial.coefficients.ravel(), f"polynomial {n} {degrees}"
+
+    def law_polynomial(self) -> PolynomialLaw:
+        """The polynomial."""
+        return self.polynomial
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,), for a deviation x (n,) on any element."""
+        return self.polynomial.evaluate(x, np.asarray(data).reshape(self.polynomial.coefficients.shape))
+
+
+def of_one_text(laws: Sequence[Law]) -> tuple[Law, ...]:
+    """The laws, padded if they are polynomials of one kind and one ``degree`` whose monomials differ."""
+    alike = len({(type(law), getattr(law, "degree", law.law_key)) for law in laws}) == 1
+    if len({law.law_key for law in laws}) == 1 or not alike or not all(map(_polynomial, laws)):
+        return tuple(laws)
+    degrees = {degree for law in laws for degree in law.law_polynomial().degrees}  # type: ignore[attr-defined]
+    return tuple(PaddedLaw(law, tuple(sorted(degrees))) for law in laws)
+
+
+def _polynomial(law: Law) -> bool:
+    """Whether `law_polynomial` says what `evaluate_law` computes."""
+    return offers(law, "law_polynomial", "evaluate_law") and getattr(law, "law_is_polynomial", True)

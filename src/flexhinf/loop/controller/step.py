@@ -1,0 +1,192 @@
+"""One step of a sampled controller: estimator, integrals, law, saturation, as NumPy code.
+
+It is what the compiled kernels run, what `Controller.step` calls and what is exported later. How its functions
+are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import DIRECT
+from flexhinf.loop.controller.law_code import LawCode
+from flexhinf.loop.controller.options import Mode, Source
+from flexhinf.loop.controller.schedule import chosen
+from flexhinf.loop.controller.transfer import continued
+from flexhinf.loop.staged import offers
+from flexhinf.plant import Estimator
+from flexhinf.scalars import clip, where
+
+__all__ = ["controller_step"]
+
+STANDING = Mode()
+
+
+def controller_step(
+    law: LawCode,
+    estimator: Estimator | None,
+    tracked: Sequence[Source],
+    y: Any,
+    r: Any,
+    memory: Any,
+    data: Any,
+    run: Any = DIRECT,
+    mode: Mode = STANDING,
+) -> tuple[Any, Any, dict[str, Any]]:
+    """One step of the controller, pure, on any element.
+
+    Parameters
+    ----------
+    law, estimator : LawCode, Estimator or None
+        Without an estimator, y is the state of the plant that the law was designed for.
+    tracked : sequence of Source
+        Where each tracked state is read.
+    y, r : (p,), (k,)
+        Measurement and command; a moving reference is r = (x_d, u_d), (n + m,).
+    memory, data : namespaces
+        As `Controller.memory` and `Controller.data` lay them out.
+    run : flexhinf.codegen.Direct or Composer
+    mode : Mode
+
+    Returns
+    -------
+    u, estimate, memory
+        Input (m,), estimate x(k|k) (n,), and the memory for the next step.
+    """
+    estimate: Any = y
+    belief: Any = None
+    if estimator is not None:
+        prior = type(estimator.initial)(*memory.belief)
+        belief = _corrected(run, estimator, prior, y, memory.u, data)
+        estimate = belief.mean
+    active: Any = None
+    taken: Any = None
+    point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
+    inverse = data.inverse_slope if mode.takes_over else None
+    if mode.laws > 1:
+        places = [source.state for source in tracked]
+        active, taken, point, rest, gain, inverse = chosen(
+            run, places, mode, r, memory.active, memory.started, data
+        )
+    elif mode.takes_over:
+        taken = run.call(_first, memory.started)
+    rest = r[len(estimate) :] if mode.moving else rest
+    text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
+    position, growth, integral, deviation = run.call(
+        partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
+        memory.started, data.period, point, *moving,
+    )  # fmt: skip
+    about = run.call(partial(_split, len(estimate)), r) if mode.moving and law.placed else None
+    law_of = law.on(run, data.law, active, about)
+    feedback = law_of(deviation)
+    after = {"position": position, "reference": r, "active": active}
+    if mode.takes_over:
+        wanted = run.call(_difference, memory.u, rest)
+        feedback, growth, integral, after["bias"] = continued(
+            run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
+        )
+    after["u"], after["integral"], after["started"] = run.call(
+        _input, feedback, growth, integral, memory.integral, rest, data.lower, data.upper, gain
+    )
+    u = after["u"]
+    if estimator is not None:
+        after["belief"] = _predicted(run, estimator, belief, u, data)
+    return u, estimate, after
+
+
+def _split(states: int, r: Any) -> tuple[Any, Any]:
+    """State and input of a moving reference, in memory of their own: loops inside a sample may read them."""
+    return r[:states], r[states:]
+
+
+def _first(started: Any) -> Any:
+    """1 at the first sample, else 0."""
+    return 1.0 - started
+
+
+def _difference(one: Any, other: Any) -> Any:
+    return one - other
+
+
+def _deviation(
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """Tracked positions, growth of the integrals, integrals, and the law's argument x − x*."""
+    # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
+    position = _positions(tracked, y, estimate)
+    growth = started * period * (0.5 * (last + position) - reference)
+    integral = integral + growth
+    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - point
+
+
+def _error_coordinates(
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+    moving: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """As `_deviation`, with the law's argument x − x_d about the moving reference of this sample."""
+    # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
+    n, places = len(estimate), [source.state for source in tracked]
+    position = _positions(tracked, y, estimate)
+    growth = started * period * 0.5 * ((last - reference[places]) + (position - moving[places]))
+    integral = integral + growth
+    deviation = np.concatenate([np.asarray(estimate) - moving[:n], integral - point[n:]])
+    return position, growth, integral, deviation
+
+
+def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
+    """The tracked states, (k,)."""
+    return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
+
+
+def _input(
+    feedback: Any, growth: Any, integral: Any, before: Any, rest: Any, lower: Any, upper: Any, gain: Any
+) -> tuple[Any, Any, Any]:
+    """The input within its limits, the integrals after anti-windup, and that a step was made."""
+    wanted = rest + feedback
+    u = clip(wanted, lower, upper)
+    # Anti-windup: an integral that would push a saturated input further stands still.
+    pushes = growth * ((wanted - u) @ gain)
+    choices = zip(pushes, before, integral)
+    return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
+
+
+def _corrected(run: Any, estimator: Any, belief: Any, y: Any, u: Any, data: Any) -> Any:
+    if offers(estimator, "measurement_stages", "measurement_update", "innovate"):
+        return estimator.measurement_stages(run, belief, y, u, data.parameters, data.measurement_noise)
+
+    def update(y: Any, u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
+        p = estimator.plant.parameters.named(vector)
+        return tuple(estimator.measurement_update(type(belief)(*parts), y, u, p, noise))
+
+    return type(belief)(*run.call(update, y, u, data.parameters, data.measurement_noise, *belief))
+
+
+def _predicted(run: Any, estimator: Any, belief: Any, u: Any, data: Any) -> Any:
+    if offers(estimator, "time_stages", "time_update"):
+        return estimator.time_stages(run, belief, u, data.parameters, data.process_noise)
+
+    def update(u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
+        p = estimator.plant.parameters.named(vector)
+        return tuple(estimator.time_update(type(belief)(*parts), u, p, noise))
+
+    return type(belief)(*run.call(update, u, data.parameters, data.process_noise, *belief))

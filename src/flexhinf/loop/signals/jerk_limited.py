@@ -1,0 +1,236 @@
+"""Time-optimal motion within limits of velocity, acceleration and jerk, [berscheid2021]."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.signals.references import checked_order
+
+__all__ = ["JerkLimited", "Pieces", "moved"]
+
+#: Powers of a piece: position, velocity, acceleration, jerk, snap.
+POWERS = 5
+
+
+class Pieces(NamedTuple):
+    """Polynomials of degree four, one after the other.
+
+    Attributes
+    ----------
+    times : ndarray, (K,)
+        Where each begins, s; the last one is held for ever, before the first one its value.
+    states : ndarray, (K, 5)
+        Position and four derivatives at the beginning of each; the snap is constant.
+    """
+
+    times: np.ndarray
+    states: np.ndarray
+
+    def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
+        """The derivative of an order at times (N,), from the right where it jumps."""
+        if order >= POWERS:
+            return np.zeros(np.shape(t))
+        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
+        since = np.maximum(t - self.times[index], 0.0)
+        value = np.zeros(np.shape(t))
+        for k in reversed(range(order, POWERS)):
+            value = value * since + self.states[index, k] / math.factorial(k - order)
+        return np.where(t < self.times[0], self.states[0, 0] if order == 0 else 0.0, value)
+
+
+def moved(start: float, goal: float, lengths: np.ndarray, jerks: np.ndarray, average: float) -> Pieces:
+    """The motion from rest at `start` with phases of constant jerk, averaged over the last `average` seconds.
+
+    The jerk of a moving average rises by (j(t) − j(t − T))/T, which is constant between the corners of both.
+
+    Parameters
+    ----------
+    start, goal : float
+        What rounding leaves of the way to the goal is made up for by a scale.
+    lengths, jerks : ndarray, (K,)
+        Of the phases, s.
+    average : float
+        T, s; none for zero.
+    """
+    corners = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def jerk(t: float) -> float:
+        phase = int(np.searchsorted(corners, t, side="right")) - 1
+        return float(jerks[phase]) if 0 <= phase < len(jerks) else 0.0
+
+    times = np.unique(np.concatenate([corners, corners + average]))
+    states = np.zeros((len(times), POWERS))
+    for k, (begin, end) in enumerate(pairwise(times)):
+        middle, h = 0.5 * (begin + end), end - begin
+        if average:
+            states[k, 4] = (jerk(middle) - jerk(middle - average)) / average
+        else:
+            states[k, 3] = jerk(middle)
+        for order in range(4):
+            terms = [
+                states[k, m] * h ** (m - order) / math.factorial(m - order) for m in range(order, POWERS)
+            ]
+            states[k + 1, order] = sum(terms)
+    way = states[-1, 0]
+    states[-1] = 0.0
+    states *= (goal - start) / way if way else 0.0
+    states[:, 0] += start
+    states[-1, 0] = goal
+    return Pieces(times, states)
+
+
+LIMITS = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class JerkLimited:
+    """From rest at `start` to rest at `goal`, from `at` on, as fast as the limits allow.
+
+    Several channels arrive together. The motion is made by the ruckig library and kept as polynomials, so that
+    values and derivatives are exact. Without smoothing the jerk jumps, and a feedforward of elastic joints would
+    need pulses of its input; the moving average over `smoothing` seconds makes the snap finite, keeps all limits
+    and takes so much longer.
+
+    Parameters
+    ----------
+    start, goal : float or (k,)
+        With arrays the values have one column per channel.
+    velocity, acceleration, jerk : float or (k,)
+        Largest absolute values, positive.
+    at : float
+        s.
+    smoothing : float
+        Length of the moving average, s; none for zero.
+
+    Raises
+    ------
+    InvalidInput
+        For limits that are not positive, or shapes that do not fit.
+    """
+
+    start: Any
+    goal: Any
+    velocity: Any
+    acceleration: Any
+    jerk: Any
+    at: float = 0.0
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        arrays = {name: _numbers(name, getattr(self, name)) for name in ("start", "goal", *LIMITS)}
+        sizes = {array.size for array in arrays.values() if array.ndim}
+        if len(sizes) > 1 or 0 in sizes:
+            raise InvalidInput(
+                "The channels of a motion differ in number.",
+                f"expected one number or k each, got { ({name: a.shape for name, a in arrays.items()}) }",
+                "one start, goal and limit per channel; one number counts for all",
+            )
+        for name in LIMITS:
+            if not np.all(arrays[name] > 0.0):
+                raise InvalidInput(
+                    f"The limit of {name} must be positive.",
+                    f"expected > 0, got {getattr(self, name)!r}",
+                    "the largest absolute value that is allowed",
+                )
+        for name in ("at", "smoothing"):
+            value = _numbers(name, getattr(self, name))
+            if value.ndim or (name == "smoothing" and value < 0.0):
+                raise InvalidInput(
+                    f"The time {name!r} of a motion is not usable.",
+                    f"expected one number{' >= 0' if name == 'smoothing' else ''}, got {getattr(self, name)!r}",
+                    "seconds",
+                )
+            object.__setattr__(self, name, float(value))
+        for name, array in arrays.items():  # tuples, so that equal motions are equal
+            object.__setattr__(self, name, tuple(array.tolist()) if array.ndim else float(array))
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        smooth = f", smoothed over {self.smoothing:g} s" if self.smoothing else ""
+        return (
+            f"jerk-limited from {_words(self.start)} to {_words(self.goal)} in {self.duration:.4g} s{smooth}"
+        )
+
+    @property
+    def duration(self) -> float:
+        """From `at` to the goal, s, smoothing included."""
+        return max(float(channel.times[-1]) for channel in self._channels)
+
+    @property
+    def _several(self) -> bool:
+        return any(isinstance(getattr(self, name), tuple) for name in ("start", "goal", *LIMITS))
+
+    @cached_property
+    def _channels(self) -> tuple[Pieces, ...]:
+        asked = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
+        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*asked))
+        phases = _phases([b - a for a, b in zip(start, goal)], limits)
+        return tuple(moved(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self._derivative(t, 0)
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …), from the right where they jump.
+
+        Raises
+        ------
+        InvalidInput
+            For an order above 3, or 4 with smoothing: the next derivative is not finite.
+        """
+        if self.smoothing:
+            bound = (4, "its snap jumps", "an order of at most 4")
+        else:
+            bound = (3, "its jerk jumps", "JerkLimited(..., smoothing=0.05)")
+        order = checked_order(order, "jerk-limited motion", *bound)
+        return np.stack([self._derivative(t, k) for k in range(order + 1)])
+
+    def _derivative(self, t: Any, order: int) -> Any:
+        since = np.asarray(t, dtype=float) - self.at
+        columns = [channel(since, order) for channel in self._channels]
+        return np.stack(columns, axis=-1) if self._several else columns[0]
+
+
+def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
+    """Lengths and jerks of each channel's seven phases."""
+    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is asked for
+
+    k = len(ways)
+    asked, found = InputParameter(k), Trajectory(k)
+    asked.target_position = ways  # from rest at zero
+    asked.max_velocity, asked.max_acceleration, asked.max_jerk = limits
+    result = Ruckig(k).calculate(asked, found)
+    if result not in (Result.Working, Result.Finished):
+        raise InvalidInput(
+            "No motion was found within the limits.",
+            f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
+            "limits of a size that fits the way",
+        )
+    return [(np.array(profile.t), np.array(profile.j)) for profile in found.profiles[0]]
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.ndim > 1 or not np.all(np.isfinite(array)):
+        raise InvalidInput(
+            "A jerk-limited motion needs finite numbers.",
+            f"got {name}={value!r}",
+            "one number, or one per channel",
+        )
+    return array
+
+
+def _words(value: Any) -> str:
+    return f"({', '.join(f'{v:.6g}' for v in value)})" if isinstance(value, tuple) else f"{value:.6g}"

@@ -1,0 +1,170 @@
+"""References, disturbances and noise as arrays for a run: what a kernel takes in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.moving import Moving
+from flexhinf.loop.signals.noise import standard_normal
+from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
+from flexhinf.loop.signals.spline import Spline
+
+__all__ = ["by_name", "sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
+
+VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
+
+#: Stage times are this far (in sub-steps) inside their sub-step, so that a jump at a sample acts from it on.
+INSIDE = 1e-6
+
+#: A sample time is a product with a rounding error: it is taken this much (relative) later, so that it is
+#: never before the decimal number that a user writes for the same time.
+LATER = 1.0 + 4.0 * np.finfo(float).eps
+
+#: More numbers than this for one run's disturbance are refused (8 bytes each).
+MOST_NUMBERS = 200_000_000
+
+
+def by_name(signal: Any, plant: Any) -> Any:
+    """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
+    groups = getattr(plant, "groups", {})
+    if not isinstance(signal, Mapping):
+        return signal
+    single = {name: part for name, part in signal.items() if name not in groups}
+    grouped = {one: part for name, part in signal.items() for one in groups.get(name, ())}
+    return {**grouped, **single}
+
+
+def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what: str) -> np.ndarray:
+    """Values (N, channels) of a command or disturbance at times (N,).
+
+    Parameters
+    ----------
+    signal : None, number, callable of time, mapping by channel name, or sequence with one per channel
+    times : ndarray, (N,)
+        s.
+    channels : sequence of str
+    what : {"reference", "disturbance"}
+        For the messages.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown channels, another number of values than channels, or values that are not finite.
+    """
+    if signal is None:
+        return np.zeros((len(times), len(channels)))
+    if isinstance(signal, Mapping):
+        unknown = [name for name in signal if name not in channels]
+        if unknown:
+            raise InvalidInput(
+                f"There is no {what} {unknown[0]!r}.",
+                f"expected names out of {list(channels)}",
+                "one of these names",
+            )
+        signal = [signal.get(name) for name in channels]
+    if isinstance(signal, Sequence) and not isinstance(signal, str) and len(signal) == len(channels):
+        columns = [sample_signal(part, times, [name], what) for part, name in zip(signal, channels)]
+        return np.hstack(columns) if columns else np.zeros((len(times), 0))
+    values = _values(signal, times)
+    if values.shape not in _shapes(callable(signal), len(times), len(channels)):
+        raise InvalidInput(
+            f"The {what} does not fit its channels.",
+            f"expected {len(channels)} values for {list(channels)} at each time, got {signal!r}",
+            f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
+        )
+    values = values.reshape(len(times), -1) if callable(signal) else values
+    values = np.array(np.broadcast_to(values, (len(times), len(channels))))
+    if not np.all(np.isfinite(values)):
+        row = int(np.argmin(np.all(np.isfinite(values), axis=1)))
+        raise InvalidInput(
+            f"The {what} is not finite.", f"got {values[row]} at t = {times[row]:g} s", "finite values"
+        )
+    return values
+
+
+def _values(signal: Any, times: np.ndarray) -> np.ndarray:
+    later = times * LATER
+    try:
+        if not callable(signal):
+            return np.asarray(signal, dtype=float)
+        if isinstance(signal, VECTORISED):
+            return np.asarray(signal(later), dtype=float)
+        return np.asarray([signal(float(t)) for t in later], dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros((0, 0, 0))
+
+
+def _shapes(callable_: bool, samples: int, channels: int) -> tuple[tuple[int, ...], ...]:
+    """What a signal may return: per time if it is a function, else once; one channel needs no axis."""
+    lead = (samples,) if callable_ else ()
+    return ((*lead, channels), lead) if channels == 1 else ((*lead, channels),)
+
+
+def sample_disturbance(
+    signal: Any, period: float, samples: int, parts: int, channels: Sequence[str]
+) -> np.ndarray:
+    """Values at the start, middle and end of every sub-step, (samples · parts · 3, channels).
+
+    Parameters
+    ----------
+    signal, channels
+        As for `sample_signal`.
+    period : float
+        s.
+    samples, parts : int
+        Number of samples, and of sub-steps in each.
+
+    Raises
+    ------
+    InvalidInput
+        As `sample_signal`, and if there would be too many numbers.
+    """
+    count = samples * parts * 3
+    if count * max(1, len(channels)) > MOST_NUMBERS:
+        raise InvalidInput(
+            "The run is too long for its sub-steps.",
+            f"expected at most {MOST_NUMBERS} numbers for the disturbance, got {samples} samples of {parts} "
+            f"sub-steps with 3 stages and {len(channels)} channels",
+            "a shorter run; or Loop(..., sub_steps=...) with fewer",
+        )
+    if signal is None:
+        return np.zeros((count, len(channels)))
+    step = period / parts
+    starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
+    times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
+    return sample_signal(signal, times.ravel(), channels, "disturbance")
+
+
+def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
+    """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each.
+
+    Raises
+    ------
+    InvalidInput
+        For a deviation that is negative, not finite or of another size; for a seed that is no integer in
+        0 … 2⁶⁴ − 1.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
+        raise InvalidInput(
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {seed!r}", "seed=0"
+        )
+    if noise is None:
+        return np.zeros((samples, len(channels)))
+    try:
+        deviation = np.asarray(noise, dtype=float)
+    except (TypeError, ValueError):
+        deviation = np.array(np.nan)
+    if deviation.shape not in ((), (len(channels),)) or not np.all(
+        np.isfinite(deviation) & (deviation >= 0.0)
+    ):
+        raise InvalidInput(
+            "The measurement noise does not fit the measurements.",
+            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {noise!r}",
+            "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
+        )
+    return deviation * standard_normal(int(seed), samples, len(channels), sample)

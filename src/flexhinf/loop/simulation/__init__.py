@@ -1,0 +1,1 @@
+"""A closed loop and its runs: `closed_loop` is the way in, `trajectory` what a run leaves, `metrics` its figures."""

@@ -1,0 +1,294 @@
+"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import compile_program
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.options import positive
+from flexhinf.loop.shared import share
+from flexhinf.loop.signals.sampling import (
+    by_name,
+    sample_disturbance,
+    sample_noise,
+    sample_signal,
+    signal_name,
+)
+from flexhinf.loop.simulation.black_box import BlackBox, run_black_box
+from flexhinf.loop.simulation.channel import Channel
+from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
+from flexhinf.loop.simulation.run_arguments import check_ranges, starting_state
+from flexhinf.loop.simulation.trajectory import Trajectory
+from flexhinf.plant import Plant, sub_steps
+
+__all__ = ["Loop"]
+
+#: Longest run, in samples.
+MOST_SAMPLES = 20_000_000
+
+
+class Loop:
+    """A closed loop.
+
+    Parameters
+    ----------
+    true_plant : Plant or BlackBox
+        A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as
+        its fastest mode asks for. A black box integrates itself, see `BlackBox`.
+    controller : Controller
+        Only read: every run has a memory of its own.
+    sub_steps : int, optional
+        Sub-steps per period for a `Plant`, instead of the automatic number.
+    quantisation : float or (p,) array, optional
+        Step of the measurements, in their unit: 2π/4096 for an encoder of 12 bits.
+    delay : float
+        Between an input and its effect, s; a whole number of periods. The estimator does not know of it.
+
+    Raises
+    ------
+    InvalidInput
+        If the plant does not have the signals that the controller needs.
+    """
+
+    def __init__(
+        self,
+        true_plant: Plant | BlackBox,
+        controller: Controller,
+        sub_steps: int | None = None,
+        quantisation: Any = None,
+        delay: float = 0.0,
+    ) -> None:
+        self.true_plant, self.controller = true_plant, controller
+        self._asked_sub_steps = sub_steps
+        if not isinstance(controller, Controller):
+            raise InvalidInput(
+                "The loop needs a controller.",
+                f"expected a Controller, got {type(controller).__name__}",
+                "Controller(solution, estimator, period)",
+            )
+        if sub_steps is not None and (
+            isinstance(sub_steps, bool) or not isinstance(sub_steps, int) or sub_steps < 1
+        ):
+            raise InvalidInput(
+                "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
+            )
+        self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
+        if isinstance(true_plant, Plant):
+            self._check_plant(true_plant)
+        elif not isinstance(true_plant, BlackBox):
+            raise InvalidInput(
+                "The true plant is neither a Plant nor a black box.",
+                f"expected reset, step and output, got {type(true_plant).__name__}",
+                "robot.plant(...), or an object with these three methods",
+            )
+
+    def _check_plant(self, plant: Plant) -> None:
+        controller = self.controller
+        if controller.estimator is None:
+            needed, given = controller.states, tuple(plant.states)
+            fits = set(needed) <= set(given)
+        else:
+            needed, given = controller.measured, tuple(plant.outputs)
+            fits = needed == given
+        if not fits:
+            raise InvalidInput(
+                "The true plant does not give what the controller needs.",
+                f"expected {list(needed)}, got {list(given)}",
+                "the same `measured=` for the true plant and for the estimator's",
+            )
+        if tuple(plant.inputs) != tuple(controller.law.input_names):
+            raise InvalidInput(
+                "The true plant has other inputs than the law.",
+                f"expected {list(controller.law.input_names)}, got {list(plant.inputs)}",
+                "the same actuators",
+            )
+
+    # What is run ----------------------------------------------------------------------------------
+    @cached_property
+    def sub_steps(self) -> int:
+        """Runge–Kutta steps per period for the true plant, from its fastest mode at the operating point."""
+        plant, controller = self.true_plant, self.controller
+        if not isinstance(plant, Plant):
+            return 1
+        if self._asked_sub_steps is not None:
+            return self._asked_sub_steps
+        point = starting_state(None, plant.states, controller)
+        return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
+
+    @cached_property
+    def _sizes(self) -> LoopSizes:
+        plant, controller = self.true_plant, self.controller
+        assert isinstance(plant, Plant)
+        return LoopSizes(
+            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
+            d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
+            estimate=len(controller.states), parameters=plant.parameters.size,
+            capacity=1 << (self.sub_steps - 1).bit_length(),
+        )  # fmt: skip
+
+    @cached_property
+    def kernel(self) -> Any:
+        """The whole run as one compiled kernel."""
+        plant, controller, sizes = self.true_plant, self.controller, self._sizes
+        assert isinstance(plant, Plant)
+        key = ("loop", plant.code_key, controller.code_key, sizes, self.channel)
+        return share(key, lambda: compile_program(loop_program(plant, controller, sizes, self.channel)))
+
+    def run(
+        self,
+        reference: Any = None,
+        disturbance: Any = None,
+        noise: Any = None,
+        duration: float = 8.0,
+        initial_state: Any = None,
+        seed: int = 0,
+        initial_input: Any = None,
+    ) -> Trajectory:
+        """Simulate from a fresh controller.
+
+        Parameters
+        ----------
+        reference : callable of time, number, mapping by name, or one per tracked state
+            The command; `flexhinf.Step`, `Sine`, `Quintic`, `Samples`, or any function of time. By default
+            the operating point's. Of a controller about a moving reference: one per state and input.
+        disturbance : callable, number, or mapping by channel name
+            For example ``{"link_torque": fh.Step(2.0, at=4.0)}``; zero by default.
+        noise : float or (p,) array
+            Standard deviation of the measurement noise, in the measurement's unit.
+        duration : float
+            s; samples at 0, period, …, duration.
+        initial_state : array, mapping by name, or None
+            Of the true plant; the law's operating point by default.
+        seed : int
+            Of the noise.
+        initial_input : (m,) array, optional
+            That acts before the first sample, and in the estimator's first step; the operating input by default.
+            A controller with ``start="bumpless"`` continues from it.
+
+        Raises
+        ------
+        InvalidInput
+            If something does not fit, or a command leaves the range of its state.
+        NumericalFailure
+            If the loop diverges to numbers that are not finite: says when, and holds the run so far as
+            `.trajectory`.
+        """
+        samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
+        if not 2 <= samples <= MOST_SAMPLES:
+            raise InvalidInput(
+                "The run is too short or too long.",
+                f"expected 1 to {MOST_SAMPLES - 1} periods of {self.controller.period:g} s, got {duration!r} s",
+                "duration=8.0",
+            )
+        times = np.arange(samples) * self.controller.period
+        held = self.controller.operating_reference if reference is None else reference
+        signals = {
+            "reference": self._commanded(held, times),
+            "noise": sample_noise(noise, seed, samples, self.controller.measured),
+        }
+        if isinstance(self.true_plant, Plant):
+            start = starting_state(initial_state, self.true_plant.states, self.controller)
+            recorded, status = self._run_kernel(signals, disturbance, samples, start, initial_input)
+        else:
+            recorded, status = run_black_box(
+                self.true_plant,
+                self.controller,
+                self.channel,
+                signals,
+                disturbance,
+                times,
+                initial_state,
+                initial_input,
+            )
+        settings = {
+            "reference": signal_name(reference), "disturbance": signal_name(disturbance),
+            "noise": "none" if noise is None else str(noise), "seed": seed,
+            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.words(),
+        }  # fmt: skip
+        code, last = status
+        end = samples if not code else last + 1
+        recorded = {name: values[:end] for name, values in recorded.items()}
+        trajectory = Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings)
+        if code:
+            raise _diverged(code, times[last], trajectory)
+        return trajectory
+
+    def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
+        """The command (N, k): by name, what is not named stays at the operating point."""
+        names = self.controller.commanded
+        if isinstance(reference, Mapping):
+            held = dict(zip(names, self.controller.operating_reference.tolist()))
+            reference = {**held, **by_name(reference, self.true_plant)}
+        commands = sample_signal(reference, times, names, "reference")
+        models: list[Any] = [self.true_plant]
+        if self.controller.estimator is not None:
+            models.append(self.controller.estimator.plant)
+        limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
+        check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
+        return commands
+
+    def _run_kernel(
+        self,
+        signals: dict[str, np.ndarray],
+        disturbance: Any,
+        samples: int,
+        x: np.ndarray,
+        initial_input: Any,
+    ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
+        plant, sizes, controller = self.true_plant, self._sizes, self.controller
+        assert isinstance(plant, Plant)
+        period, channels = controller.period, plant.disturbances
+        before = controller.input_before(initial_input)
+        parts = self.sub_steps
+        d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, channels)
+        arrays = {
+            "x": x, "u": before.copy(),
+            "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
+            "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
+            "noise": signals["noise"].ravel(),
+            "states": np.zeros(samples * sizes.x), "outputs": np.zeros(samples * sizes.y),
+            "inputs": np.zeros(samples * sizes.u), "estimates": np.zeros(samples * sizes.estimate),
+        }  # fmt: skip
+        if sizes.r:
+            arrays["reference"] = signals["reference"].ravel()
+        if sizes.d:
+            arrays["disturbance"] = _roomy(d, samples, parts, sizes.capacity)
+        if self.channel.delay:
+            arrays |= {"held": before.copy(), "queue": np.tile(before, self.channel.delay)}
+        status = self.kernel.run(arrays, {"steps": samples, "parts": parts})
+        recorded = {
+            "state": arrays["states"].reshape(samples, -1),
+            "estimate": arrays["estimates"].reshape(samples, -1),
+            "output": arrays["outputs"].reshape(samples, -1),
+            "input": arrays["inputs"].reshape(samples, -1),
+            "reference": signals["reference"],
+            "disturbance": d.reshape(samples, -1)[:, : sizes.d],
+        }  # fmt: skip
+        return recorded, (int(status.code), int(status.step))
+
+
+def _roomy(d: np.ndarray, samples: int, parts: int, capacity: int) -> np.ndarray:
+    """Disturbances with room for `capacity` sub-steps a sample: a power of two, so that plants of a campaign
+    whose fastest modes differ a little run on one kernel."""
+    if parts == capacity:
+        return d.ravel()
+    room = np.zeros((samples, capacity, d.size // (samples * parts)))
+    room[:, :parts] = d.reshape(samples, parts, -1)
+    return room.ravel()
+
+
+def _diverged(code: int, time: float, trajectory: Trajectory) -> NumericalFailure:
+    who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
+    failure = NumericalFailure(
+        f"The closed loop diverged: the {who} is no longer finite.",
+        f"at t = {time:g} s, with {trajectory.settings}",
+        "a smaller command, a larger gamma, a shorter period or another penalty; the run is in .trajectory",
+    )
+    failure.trajectory = trajectory  # type: ignore[attr-defined]
+    return failure

@@ -1,0 +1,112 @@
+"""What a run is given, checked before it starts: the initial state and the ranges of commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.controller import Controller
+
+__all__ = ["check_ranges", "starting_state"]
+
+
+def starting_state(given: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
+    """Initial state (n,) of a plant with these states.
+
+    Parameters
+    ----------
+    given : array, mapping by name, or None
+        An array has one value per state of the plant, or per state of the plant that the law was designed for
+        (the others are zero, as those that a mapping leaves out). None: the law's operating point.
+    states : sequence of str
+        Of the true plant.
+    controller : Controller
+
+    Raises
+    ------
+    InvalidInput
+        For unknown names, another number of values, or values that are not finite.
+    """
+    designed = controller.states
+    if given is None:
+        point = controller.law.operating_point
+        named = {name: value for name, value in zip(designed, point) if name in states}
+    elif isinstance(given, Mapping):
+        named = dict(given)
+    else:
+        named = _by_name(given, states, designed)
+    unknown = [name for name in named if name not in states]
+    if unknown:
+        raise InvalidInput(
+            f"There is no state {unknown[0]!r}.", f"expected names out of {list(states)}", "one of these"
+        )
+    try:
+        x = np.array([float(named.get(name, 0.0)) for name in states])
+    except (TypeError, ValueError):
+        x = np.array([np.nan])
+    if not np.all(np.isfinite(x)):
+        raise InvalidInput("The initial state is not finite.", f"got {given!r}", "finite numbers")
+    return x
+
+
+def _by_name(given: Any, states: Sequence[str], designed: Sequence[str]) -> dict[str, float]:
+    try:
+        values = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        values = np.zeros((0, 0))
+    for names in (states, designed):
+        if values.shape == (len(names),):
+            return {name: float(value) for name, value in zip(names, values)}
+    raise InvalidInput(
+        "The initial state does not fit the true plant.",
+        f"expected {len(states)} values for {list(states)}, got {given!r}",
+        "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
+    )
+
+
+#: A command may pass a limit by this share of the range: rounding.
+ROUNDING = 1e-9
+
+
+def check_ranges(
+    commands: np.ndarray,
+    times: np.ndarray,
+    names: Sequence[str],
+    limits: Mapping[str, tuple[float, float]],
+    units: Mapping[str, str],
+) -> None:
+    """Refuse commands (N, k) that leave the range of a state.
+
+    Parameters
+    ----------
+    commands : ndarray, (N, k)
+    times : ndarray, (N,)
+        s.
+    names : sequence of str
+        Of the columns.
+    limits : mapping of str to (float, float)
+        By name; what is not named has none.
+    units : mapping of str to str
+        For the message.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the state, the first time, the value and the range.
+    """
+    for name, column in zip(names, commands.T):
+        if name not in limits:
+            continue
+        low, high = limits[name]
+        slack = ROUNDING * (high - low)
+        outside = np.flatnonzero((column < low - slack) | (column > high + slack))
+        if len(outside):
+            unit, first = units.get(name, ""), outside[0]
+            raise InvalidInput(
+                f"The reference leaves the range of {name!r}.",
+                f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
+                "a command within the joint's limits; angles are in rad",
+            )

@@ -1,0 +1,57 @@
+"""How results look in a terminal and in a notebook: one line, and a small table."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping, Sequence
+from html import escape
+
+__all__ = ["Summarised", "names_text", "number_text", "table_html"]
+
+
+class Summarised(abc.ABC):
+    """Base of public results: `summary` is written once, ``__repr__`` and ``_repr_html_`` follow from it.
+
+    A dataclass that derives from it needs ``@dataclass(repr=False)``, because the generated ``__repr__`` would print
+    every array.
+    """
+
+    @abc.abstractmethod
+    def summary(self) -> Mapping[str, str]:
+        """The main facts in words, {name: text with unit}, in the order in which they are shown."""
+
+    def __repr__(self) -> str:
+        facts = ", ".join(f"{name}: {text}" for name, text in self.summary().items())
+        return f"<{type(self).__name__}: {facts}>"
+
+    def _repr_html_(self) -> str:
+        return table_html(type(self).__name__, self.summary())
+
+
+def table_html(title: str, facts: Mapping[str, str]) -> str:
+    """Facts as an HTML table with two columns; names and texts are escaped.
+
+    Parameters
+    ----------
+    title : str
+        Caption of the table.
+    facts : mapping of str to str
+    """
+    rows = "".join(
+        f'<tr><th style="text-align: left">{escape(name)}</th>'
+        f'<td style="text-align: left">{escape(text)}</td></tr>'
+        for name, text in facts.items()
+    )
+    caption = f'<caption style="text-align: left"><b>{escape(title)}</b></caption>'
+    return f"<table>{caption}<tbody>{rows}</tbody></table>"
+
+
+def number_text(value: float, unit: str = "") -> str:
+    """A number with four digits and its unit, for a summary."""
+    return f"{value:.4g} {unit}".rstrip()
+
+
+def names_text(names: Sequence[str], most: int = 6) -> str:
+    """How many names there are and which; beyond `most`, the first ones and dots."""
+    shown = ", ".join(names[:most]) + (", …" if len(names) > most else "")
+    return f"{len(names)} ({shown})" if names else "none"

@@ -1,0 +1,30 @@
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.options import Limits
+
+
+@pytest.mark.parametrize(
+    ("saturation", "lower", "upper"),
+    [
+        (None, [-np.inf, -np.inf], [np.inf, np.inf]),
+        (3.0, [-3.0, -3.0], [3.0, 3.0]),
+        ([3.0, 4.0], [-3.0, -4.0], [3.0, 4.0]),
+        ((-1.0, 2.0), [-1.0, -1.0], [2.0, 2.0]),
+        (([-1.0, -2.0], 5.0), [-1.0, -2.0], [5.0, 5.0]),
+        ((-np.inf, 2.0), [-np.inf, -np.inf], [2.0, 2.0]),
+    ],
+)
+def test_every_form(saturation, lower, upper):
+    limits = Limits.of(saturation, 2)
+    np.testing.assert_array_equal(limits.lower, lower)
+    np.testing.assert_array_equal(limits.upper, upper)
+
+
+@pytest.mark.parametrize(
+    "saturation", [0.0, -1.0, (2.0, 1.0), np.nan, "much", [1.0, 2.0, 3.0], (1.0, "b"), [1.0, 0.0]]
+)
+def test_no_room_is_refused(saturation):
+    with pytest.raises(InvalidInput):
+        Limits.of(saturation, 2)
