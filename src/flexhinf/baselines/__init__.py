@@ -1,4 +1,4 @@
-"""The laws a sceptic would use, each behind `flexhinf.plant.Law`, and one way to tune them alike.
+"""The laws a sceptic would use, each behind `flexhinf.plant.Law`, and one way to tune them alike: `tune`.
 
 ============================  ==================================================================================
 law                           when to choose it
@@ -17,23 +17,26 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
+    "Candidate": "tuning",
     "FeedbackLinearisation": "feedback_linearisation",
     "GravityCompensatedLQR": "gravity_compensated_lqr",
     "GravityTorque": "gravity",
+    "Judgement": "tuning",
     "LinearQuadratic": "linear_quadratic",
     "MotorPD": "motor_pd",
     "NormalForm": "normal_form",
     "TorqueFeedback": "torque_feedback",
     "Tuning": "tuning",
     "elastic_joints": "joints",
+    "excess": "tuning",
     "lqr": "linear_quadratic",
     "lqr_gain": "linear_quadratic",
     "tune": "tuning",
 }
 
 __all__ = [
-    "FeedbackLinearisation", "GravityCompensatedLQR", "GravityTorque", "LinearQuadratic", "MotorPD", "NormalForm",
-    "TorqueFeedback", "Tuning", "elastic_joints", "lqr", "lqr_gain", "tune",
+    "Candidate", "FeedbackLinearisation", "GravityCompensatedLQR", "GravityTorque", "Judgement", "LinearQuadratic",
+    "MotorPD", "NormalForm", "TorqueFeedback", "Tuning", "elastic_joints", "excess", "lqr", "lqr_gain", "tune",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -45,7 +48,7 @@ if TYPE_CHECKING:
     from flexhinf.baselines.motor_pd import MotorPD
     from flexhinf.baselines.normal_form import NormalForm
     from flexhinf.baselines.torque_feedback import TorqueFeedback
-    from flexhinf.baselines.tuning import Tuning, tune
+    from flexhinf.baselines.tuning import Candidate, Judgement, Tuning, excess, tune
 
 
 def __getattr__(name: str) -> Any:
