@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf, log
-
 from typing import Any
 
 import numpy as np
