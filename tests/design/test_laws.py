@@ -15,6 +15,7 @@ from flexhinf.design import Specification
 from flexhinf.design.laws import (
     DEFAULT_LAWS,
     ESTIMATOR_NOISE,
+    MOTOR_NOISE,
     REFERENCE,
     LawFactory,
     law_kind,
@@ -81,7 +82,7 @@ def test_every_law_is_made_at_its_start_and_changes_with_each_parameter(
         assert low <= start[parameter] <= high
         changed = factory.make(kind, {**start, parameter: 1.1 * start[parameter]})
         same = np.allclose(changed.law_data, plain.law_data, rtol=1e-9)
-        assert same == (parameter == ESTIMATOR_NOISE)
+        assert same == (parameter in (ESTIMATOR_NOISE, MOTOR_NOISE))
     assert ESTIMATOR_NOISE in start
 
 

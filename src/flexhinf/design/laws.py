@@ -19,15 +19,16 @@ from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
 __all__ = [
-    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter", "law_kind", "law_names",
+    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "MOTOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter", "law_kind", "law_names",
     "weighted",
 ]  # fmt: skip
 
 #: The design's own law. It is not tuned: the others are tuned against it.
 REFERENCE = "nl-hinf"
 
-#: Name of the parameter that scales R^v of a law's estimator, not the law itself.
-ESTIMATOR_NOISE = "estimator_noise"
+#: Names of the parameters of a law's estimator, which the law itself does not have: factors of R^v, and beside that of
+#: its level on the velocities of the motors.
+ESTIMATOR_NOISE, MOTOR_NOISE = "estimator_noise", "motor_noise"
 
 #: Largest degree of V in a name such as ``nl-hinf-4``.
 LARGEST_DEGREE = 12
@@ -66,6 +67,8 @@ _INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "",
 _VELOCITY = TuningParameter("velocity_weight", "weight of velocities / positions", "s", 0.01, 1e-4, 1.0)
 _GAMMA = TuningParameter("gamma_ratio", "γ/γ*", "", None, 1.02, 50.0)
 _NOISE = TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4)
+_MOTOR_NOISE = TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3)
+_MOTOR_SIDE = (_NOISE, _MOTOR_NOISE)
 
 _QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, _NOISE)
 _H_INFINITY = (_GAMMA, *_QUADRATIC)
@@ -140,30 +143,30 @@ _KINDS = (
     ),
     LawKind(
         "pd", "PD on the motor side, weight at the goal compensated", _USUAL, "Tomei 1991",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _NOISE), (_MOTOR,), False,
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, *_MOTOR_SIDE), (_MOTOR,), False,
     ),
     LawKind(
         "pid", "the same with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, _NOISE), (_BOTH,),
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
     ),
     LawKind(
         "torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, _NOISE), (_TORQUE,), False,
+        (_BANDWIDTH, _DAMPING, _ROTOR, *_MOTOR_SIDE), (_TORQUE,), False,
     ),
     LawKind(
         "torque-i", "the same with the integral of the link's error", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, _NOISE), (_TORQUE_BOTH,),
+        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, *_MOTOR_SIDE), (_TORQUE_BOTH,),
     ),
     LawKind(
         "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
-        "whole model and its derivatives", (_BANDWIDTH, _NOISE), (_BOTH, _MOTOR), False,
+        "whole model and its derivatives", (_BANDWIDTH, *_MOTOR_SIDE), (_BOTH, _MOTOR), False,
     ),
     LawKind(
         "flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        (_BANDWIDTH, _INTEGRAL_RATE, _NOISE), (_BOTH, _MOTOR),
+        (_BANDWIDTH, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH, _MOTOR),
     ),
 )  # fmt: skip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
 from flexhinf.design.criterion import Criterion, Figures, pareto_front
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import ESTIMATOR_NOISE, REFERENCE, LawFactory, LawKind
+from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import worst_of
 from flexhinf.errors import FlexhinfError, NumericalFailure
@@ -238,8 +238,9 @@ class Tuner:
         coarse, simplex = next((a, b) for most, a, b in BUDGET if self._states <= most)
         start, bounds = self.factory.start(kind), self.factory.bounds(kind)
         if self.own.setup.specification.estimator == "none":
-            start.pop(ESTIMATOR_NOISE)
-            bounds.pop(ESTIMATOR_NOISE)
+            for name in (ESTIMATOR_NOISE, MOTOR_NOISE):
+                start.pop(name, None)
+                bounds.pop(name, None)
         return tune(
             lambda values: self._judged(kind, sensors, values, degree),
             start,
@@ -276,12 +277,14 @@ class Tuner:
             If there is no such law.
         """
         own = self.own.setup
+        noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
+        motors = noise.motor_velocities * values.get(MOTOR_NOISE, 1.0)
         setup = replace(
             own,
             law=self.factory.make(kind, values, degree),
             law_at_goal=None,
             specification=replace(own.specification, measured=sensors),
-            estimator_noise=own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0)),
+            estimator_noise=replace(noise, motor_velocities=motors, source="tuned"),
             linear_model=kind.name == "lqg",
         )
         return LawEvaluation(kind.name, setup, self.own.scenario, dict(values))
