@@ -19,8 +19,8 @@ from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
 __all__ = [
-    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "MOTOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter", "law_kind", "law_names",
-    "weighted",
+    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "MOTOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter",
+    "law_kind", "law_names", "weighted",
 ]  # fmt: skip
 
 #: The design's own law. It is not tuned: the others are tuned against it.
