@@ -22,7 +22,7 @@ import numpy as np
 
 __all__ = ["Channel", "channels"]
 
-#: Rank-one parts smaller than this share of a parameter's largest are left out.
+#: Rank-one parts smaller than this fraction of a parameter's largest are left out.
 SMALL = 1e-3
 
 #: A change smaller than this, relative to the robot's own torques, is rounding.
@@ -36,7 +36,7 @@ class Channel:
     Attributes
     ----------
     quantity : str
-        The parameter without its joint; channels of one quantity and kind share a scaling.
+        The parameter without its joint; channels of one quantity and kind fraction a scaling.
     torque : (2 joints,)
         t, at links and motors.
     by_state : (n,)
@@ -69,15 +69,15 @@ def channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
 
 
 def _changes(robot: Any, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
-    """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own rest."""
+    """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own equilibrium."""
     a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
     nominal = np.hstack([a, b])
     size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
     ends = []
     for sign in (1.0, -1.0):
         known = plant.parameters.known(robot.corner({name: sign}))
-        rest = robot.operating_point(pose, parameters=known)
-        there = np.hstack(plant.with_parameters(**known).linearise(*rest)[:2])
+        equilibrium = robot.operating_point(pose, parameters=known)
+        there = np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
         change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
         ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
     return np.array(ends)

@@ -1,7 +1,7 @@
 """Weights for a behaviour: two nested searches over the linear part, every try kept to be shown.
 
-Inside, for a given dial ζ, each joint's pace ω is moved by the ratio of the wanted to the found bandwidth, until all
-fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped as wanted, and is then bisected to
+Inside, for a given dial ζ, each joint's target_frequency ω is moved by the ratio of the target to the found bandwidth, until all
+fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped as target, and is then bisected to
 the smallest that does. All members of the family count: the nominal robot and corners of its tolerances.
 """
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.design.presets.behaviour import Behaviour, behaviour_of
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.synthesis import LinearDesign
+from flexhinf.design.weights.linear_family import Behaviour, behaviour_of
+from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.linear_problem import LinearDesign
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["Found", "Try", "Wanted", "search"]
+__all__ = ["SearchResult", "Candidate", "TargetBehaviour", "search"]
 
 #: The dial ζ: its first value beyond 0, its growth, and where it ends.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
@@ -25,15 +25,15 @@ SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 #: Relative width of a bandwidth that fits; turns of the inner search, and of the bisection.
 FITS, TURNS, HALVINGS = 0.01, 30, 6
 
-#: A pace moves by this power of the ratio: coupled joints swing about the fit with 1.
+#: A target_frequency moves by this power of the ratio: coupled joints swing about the fit with 1.
 CAUTION = 0.6
 
-#: A pace beyond this many times the held vibration is not looked at.
+#: A target_frequency beyond this many times the held vibration is not looked at.
 FASTEST = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class TargetBehaviour:
     """The behaviour that is asked for.
 
     Attributes
@@ -49,42 +49,42 @@ class Wanted:
 
 
 @dataclass(frozen=True, eq=False)
-class Try:
+class Candidate:
     """One candidate: its knobs and what they came to."""
 
-    pace: np.ndarray
-    knob: float
+    target_frequency: np.ndarray
+    damping_weight: float
     design: LinearDesign
     behaviour: Behaviour
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """The outcome, and the way to it.
 
     Attributes
     ----------
-    chosen : Try
-    tries : tuple of Try
+    chosen : Candidate
+    candidates : tuple of Candidate
         One per ζ, in the order of the search.
     """
 
-    chosen: Try
-    tries: tuple[Try, ...]
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
 
 
 Synthesis = Callable[[np.ndarray, float], LinearDesign]
 
 
-def search(wanted: Wanted, family: LinearFamily, synthesis: Synthesis, held: float) -> Found:
-    """The weights that meet what is wanted.
+def search(target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, held: float) -> SearchResult:
+    """The weights that meet what is target.
 
     Parameters
     ----------
-    wanted : Wanted
+    target : TargetBehaviour
     family : LinearFamily
     synthesis : callable
-        (pace (n,), ζ) → LinearDesign.
+        (target_frequency (n,), ζ) → LinearDesign.
     held : float
         Lowest vibration with held motors, rad/s.
 
@@ -94,25 +94,25 @@ def search(wanted: Wanted, family: LinearFamily, synthesis: Synthesis, held: flo
         If it cannot be met: which limit binds, and the best that was found.
     """
     inside = _Inside(family, synthesis, held)
-    return Found(_damped(wanted, inside), tuple(inside.tries))
+    return SearchResult(_damped(target, inside), tuple(inside.candidates))
 
 
 class _Inside:
-    """The inner search: paces that give each joint its bandwidth, for one ζ."""
+    """The inner search: target frequencies that give each joint its bandwidth, for one ζ."""
 
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
-        self.tries: list[Try] = []
+        self.candidates: list[Candidate] = []
         self.reached = (
-            0.0  # largest share of a wanted bandwidth that any stable loop had, in all joints at once
+            0.0  # largest fraction of a target bandwidth that any stable loop had, in all joints at once
         )
 
-    def fit(self, bandwidth: np.ndarray, knob: float) -> Try | None:
-        """The candidate, or None if no pace gives the bandwidth."""
-        pace = self.tries[-1].pace if self.tries else np.minimum(1.5 * bandwidth, FASTEST * self.held)
+    def fit(self, bandwidth: np.ndarray, damping_weight: float) -> Candidate | None:
+        """The candidate, or None if no target_frequency gives the bandwidth."""
+        target_frequency = self.candidates[-1].target_frequency if self.candidates else np.minimum(1.5 * bandwidth, FASTEST * self.held)
         for _ in range(TURNS):
             try:
-                design = self.synthesis(pace, knob)
+                design = self.synthesis(target_frequency, damping_weight)
             except FlexhinfError:
                 return None
             found = behaviour_of(self.family, design.gain)
@@ -122,37 +122,37 @@ class _Inside:
             ratio = bandwidth / np.maximum(found.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
                 break
-            pace = pace * np.clip(ratio, 0.4, 2.5) ** CAUTION
-            if np.any(pace > FASTEST * self.held):
+            target_frequency = target_frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
+            if np.any(target_frequency > FASTEST * self.held):
                 return None
         else:
             return None
-        self.tries.append(Try(pace, knob, design, found))
-        return self.tries[-1]
+        self.candidates.append(Candidate(target_frequency, damping_weight, design, found))
+        return self.candidates[-1]
 
 
-def _damped(wanted: Wanted, inside: _Inside) -> Try:
-    """The smallest ζ with which every oscillation is damped as wanted."""
-    knob, below = 0.0, 0.0
-    best: Try | None = None
-    while knob <= LARGEST:
-        tried = inside.fit(wanted.bandwidth, knob)
+def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:
+    """The smallest ζ with which every oscillation is damped as target."""
+    damping_weight, below = 0.0, 0.0
+    best: Candidate | None = None
+    while damping_weight <= LARGEST:
+        tried = inside.fit(target.bandwidth, damping_weight)
         if tried is not None:
             best = tried if best is None or tried.behaviour.damping > best.behaviour.damping else best
-            if tried.behaviour.damping >= wanted.damping:
-                return tried if knob == 0.0 else _least(wanted, inside, below, tried)
-            below = knob
-        knob = max(SMALLEST, knob * GROWTH)
-    raise _out_of_reach(wanted, best, inside.reached)
+            if tried.behaviour.damping >= target.damping:
+                return tried if damping_weight == 0.0 else _least(target, inside, below, tried)
+            below = damping_weight
+        damping_weight = max(SMALLEST, damping_weight * GROWTH)
+    raise _out_of_reach(target, best, inside.reached)
 
 
-def _least(wanted: Wanted, inside: _Inside, below: float, above: Try) -> Try:
+def _least(target: TargetBehaviour, inside: _Inside, below: float, above: Candidate) -> Candidate:
     for _ in range(HALVINGS):
-        tried = inside.fit(wanted.bandwidth, 0.5 * (below + above.knob))
-        if tried is not None and tried.behaviour.damping >= wanted.damping:
+        tried = inside.fit(target.bandwidth, 0.5 * (below + above.damping_weight))
+        if tried is not None and tried.behaviour.damping >= target.damping:
             above = tried
         else:
-            below = 0.5 * (below + above.knob)
+            below = 0.5 * (below + above.damping_weight)
     return above
 
 
@@ -161,13 +161,13 @@ def _words(values: np.ndarray) -> str:
     return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
 
 
-def _out_of_reach(wanted: Wanted, best: Try | None, reached: float) -> InvalidInput:
-    asked = f"a bandwidth of {_words(wanted.bandwidth)} rad/s with a damping ratio of {wanted.damping:g}"
+def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: float) -> InvalidInput:
+    asked = f"a bandwidth of {_words(target.bandwidth)} rad/s with a damping ratio of {target.damping:g}"
     if best is None:
         return InvalidInput(
             "The specification cannot be met: the bandwidth binds.",
             f"expected {asked}; the best found that is stable within the tolerances is "
-            f"{_words(reached * wanted.bandwidth)} rad/s",
+            f"{_words(reached * target.bandwidth)} rad/s",
             "a smaller --bandwidth; the springs' own frequency is about the most that a joint follows",
         )
     return InvalidInput(

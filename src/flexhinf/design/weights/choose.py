@@ -4,8 +4,8 @@
 preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
-damped    found for a bandwidth and a damping, see `flexhinf.design.presets.search`
-robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.presets.robust`
+damped    found for a bandwidth and a damping, see `flexhinf.design.weights.search`
+robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.weights.robust`
 given     as asked by ``--penalty``
 ========  ========================================================================================================
 
@@ -21,26 +21,28 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.presets.behaviour import worst_members
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.robust import RobustGame, Scalings, find_scalings
-from flexhinf.design.presets.search import Found, Wanted, search
-from flexhinf.design.presets.synthesis import Game, LinearDesign
-from flexhinf.design.presets.uncertain_plant import PREFIX, with_channels
-from flexhinf.design.presets.uncertainty import channels
-from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.weights.linear_family import worst_members
+from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.robust import RobustProblem, Scalings, find_scalings
+from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
+from flexhinf.design.weights.linear_problem import LinearProblem, LinearDesign
+from flexhinf.design.weights.robust import PREFIX, with_channels
+from flexhinf.design.weights.uncertainty import channels
+from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
 
-__all__ = ["BANDWIDTH_SHARE", "DAMPING", "Chosen", "Robustness", "choose", "preset_of"]
+__all__ = [
+    "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
+]  # fmt: skip
 
 #: Corners among which the worst for the first weights are looked for, to be members of the second search.
 MANY = 400
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
-BANDWIDTH_SHARE, DAMPING = 0.3, 0.2
+BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +51,11 @@ class Robustness:
 
     Attributes
     ----------
-    share : float
+    fraction : float
         Of the tolerances, for which the game has a solution.
     channels : int
     gamma_star : float
-        Smallest level for every robot within that share.
+        Smallest level for every robot within that fraction.
     nominal_gamma_star : float
         Of the same penalty without tolerances.
     nominal_gain, robust_gain : float
@@ -62,7 +64,7 @@ class Robustness:
         Smallest and largest s of the channels of each quantity.
     """
 
-    share: float
+    fraction: float
     channels: int
     gamma_star: float
     nominal_gamma_star: float
@@ -72,7 +74,7 @@ class Robustness:
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class DesignProblem:
     """The game and who says so.
 
     Attributes
@@ -86,8 +88,8 @@ class Chosen:
     nominal : GeneralisedPlant
         The same without channels of the tolerances.
     gamma_star, gamma : float
-    wanted, found : Wanted, Found or None
-        Of a preset that searches.
+    target, search : TargetBehaviour, SearchResult or None
+        What weights were searched for, and how; of a preset that searches.
     robustness : Robustness or None
     """
 
@@ -99,8 +101,8 @@ class Chosen:
     nominal: GeneralisedPlant
     gamma_star: float
     gamma: float
-    wanted: Wanted | None = None
-    found: Found | None = None
+    target: TargetBehaviour | None = None
+    search: SearchResult | None = None
     robustness: Robustness | None = None
 
 
@@ -129,6 +131,11 @@ def preset_of(robot: Any, s: Specification) -> str:
     return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
 
 
+def required_damping(s: Specification) -> float:
+    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`."""
+    return DAMPING if s.damping is None else s.damping
+
+
 def _contradiction(both: str, advice: str) -> InvalidInput:
     return InvalidInput(
         f"{both} contradict each other.",
@@ -137,7 +144,7 @@ def _contradiction(both: str, advice: str) -> InvalidInput:
     )
 
 
-def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> Chosen:
+def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> DesignProblem:
     """The game of a specification.
 
     Raises
@@ -153,7 +160,7 @@ def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) ->
     penalty, source, priced = _stated(robot, goal, s)
     problem = _problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
-    return Chosen(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
+    return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
 
 
 def _stated(robot: Any, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
@@ -169,7 +176,7 @@ def _stated(robot: Any, goal: np.ndarray, s: Specification) -> tuple[Penalty, st
         penalty, source, priced = own, "the robot's file", "the robot's file"
     else:
         scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-        weights = scales.weights(np.full(len(goal), BANDWIDTH_SHARE * scales.held), 0.0)
+        weights = scales.weights(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0)
         kept = ("link_position", "link_position_integral")
         penalty = Penalty({name: _number(weights[name]) for name in kept}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
@@ -196,31 +203,31 @@ def _command(s: Specification) -> str | None:
     return "disturbance" if s.command or s.disturbances is None else None
 
 
-def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str) -> Chosen:
-    plant, rest = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, rest)
-    wanted = Wanted(_bandwidths(s, scales, len(goal)), DAMPING if s.damping is None else s.damping)
+def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str) -> DesignProblem:
+    plant, equilibrium = robot.plant(), robot.operating_point(goal)
+    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, equilibrium)
+    target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
-        names = _problem(robot, goal, s, scales.penalty(wanted.bandwidth, 0.0)).disturbances or ()
+        names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
         torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
 
-    def nominal(pace: np.ndarray, damping: float) -> Game:
-        return Game.of(family, scales.rows(pace, damping), _command(s) is not None, torques)
+    def nominal(target_frequency: np.ndarray, damping: float) -> LinearProblem:
+        return LinearProblem.of(family, scales.rows(target_frequency, damping), _command(s) is not None, torques)
 
-    def synthesis(pace: np.ndarray, damping: float) -> LinearDesign:
-        game = nominal(pace, damping)
+    def synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        game = nominal(target_frequency, damping)
         star = game.gamma_star()
         return game.design(s.gamma_ratio * star, star)
 
-    found, family = _widened(robot, goal, wanted, family, synthesis, scales.held)
-    source = f"found for {_words(wanted)}"
+    found, family = _widened(robot, goal, target, family, synthesis, scales.held)
+    source = f"found for {_words(target)}"
     if preset == "damped":
-        penalty = scales.penalty(found.chosen.pace, found.chosen.knob)
+        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
         problem = _problem(robot, goal, s, penalty)
         star = smallest_gamma(problem)
-        return Chosen(
-            preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, wanted, found
+        return DesignProblem(
+            preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, target, found
         )
 
     tolerances = channels(robot, [goal, start])
@@ -230,31 +237,31 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
             "expected parameters with a tolerance that changes how the robot moves, got none",
             "tolerance = 10 beside a value in the robot's file, or --preset damped",
         )
-    scalings = find_scalings(RobustGame(_game_of(found, nominal), family.torques, tolerances), s.gamma_ratio)
+    scalings = find_scalings(RobustProblem(_game_of(found, nominal), family.torques, tolerances), s.gamma_ratio)
 
-    def robust_synthesis(pace: np.ndarray, damping: float) -> LinearDesign:
-        game = RobustGame(nominal(pace, damping), family.torques, tolerances)
+    def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        game = RobustProblem(nominal(target_frequency, damping), family.torques, tolerances)
         return game.design(s.gamma_ratio, scalings)
 
-    found, family = _widened(robot, goal, wanted, family, robust_synthesis, scales.held)
-    game = RobustGame(_game_of(found, nominal), family.torques, tolerances)
-    return _robust(robot, goal, s, scales, wanted, found, game, scalings)
+    found, family = _widened(robot, goal, target, family, robust_synthesis, scales.held)
+    game = RobustProblem(_game_of(found, nominal), family.torques, tolerances)
+    return _robust(robot, goal, s, scales, target, found, game, scalings)
 
 
 def _widened(
-    robot: Any, goal: np.ndarray, wanted: Wanted, family: LinearFamily, synthesis: Any, held: float
-) -> tuple[Found, LinearFamily]:
+    robot: Any, goal: np.ndarray, target: TargetBehaviour, family: LinearFamily, synthesis: Any, held: float
+) -> tuple[SearchResult, LinearFamily]:
     """A search, and again with the worst of many corners among the members."""
-    found = search(wanted, family, synthesis, held)
+    found = search(target, family, synthesis, held)
     if len(family.a) == 1:
         return found, family
     many = LinearFamily.of(robot, goal, MANY, seed=1)
     wider = family.with_members(many, worst_members(many, found.chosen.design.gain))
-    return search(wanted, wider, synthesis, held), wider
+    return search(target, wider, synthesis, held), wider
 
 
-def _game_of(found: Found, nominal: Any) -> Game:
-    return nominal(found.chosen.pace, found.chosen.knob)
+def _game_of(found: SearchResult, nominal: Any) -> LinearProblem:
+    return nominal(found.chosen.target_frequency, found.chosen.damping_weight)
 
 
 def _robust(
@@ -262,18 +269,18 @@ def _robust(
     goal: np.ndarray,
     s: Specification,
     scales: JointScales,
-    wanted: Wanted,
-    found: Found,
-    game: RobustGame,
+    target: TargetBehaviour,
+    found: SearchResult,
+    game: RobustProblem,
     scalings: Scalings,
-) -> Chosen:
+) -> DesignProblem:
     """The nonlinear game of the robust preset."""
     star = game.gamma_star(scalings, 1e-6)
     gamma = s.gamma_ratio * star
     enter, seen, price = game.parts(scalings)
-    base = scales.penalty(found.chosen.pace, found.chosen.knob)
+    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
     nominal = _problem(robot, goal, s, base)
-    rows = np.vstack([scales.rows(found.chosen.pace, found.chosen.knob), seen])
+    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weight), seen])
     physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     problem = with_channels(nominal.plant, gamma * enter).with_objective(
@@ -286,7 +293,7 @@ def _robust(
     lowest = game.nominal.gamma_star()
     plain = game.nominal.design(s.gamma_ratio * lowest, lowest)
     robustness = Robustness(
-        scalings.share,
+        scalings.fraction,
         len(game.channels),
         star,
         lowest,
@@ -294,11 +301,11 @@ def _robust(
         game.nominal.attained(found.chosen.design.gain),
         _by_quantity(game, scalings),
     )
-    source = f"found for {_words(wanted)}, beside the channels of the tolerances"
-    return Chosen("robust", base, source, "ours", problem, nominal, star, gamma, wanted, found, robustness)
+    source = f"found for {_words(target)}, beside the channels of the tolerances"
+    return DesignProblem("robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness)
 
 
-def _by_quantity(game: RobustGame, scalings: Scalings) -> dict[str, tuple[float, float]]:
+def _by_quantity(game: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
     """Smallest and largest s of the channels of each quantity."""
     values: dict[str, list[float]] = {}
     for channel, log in zip(game.channels, scalings.log):
@@ -307,7 +314,7 @@ def _by_quantity(game: RobustGame, scalings: Scalings) -> dict[str, tuple[float,
 
 
 def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
-    asked = BANDWIDTH_SHARE * scales.held if s.bandwidth is None else s.bandwidth
+    asked = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
     values = np.atleast_1d(np.asarray(asked, dtype=float))
     if len(values) not in (1, joints):
         raise InvalidInput(
@@ -318,7 +325,7 @@ def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarra
     return np.broadcast_to(values, (joints,)).copy()
 
 
-def _words(wanted: Wanted) -> str:
-    low, high = wanted.bandwidth.min(), wanted.bandwidth.max()
+def _words(target: TargetBehaviour) -> str:
+    low, high = target.bandwidth.min(), target.bandwidth.max()
     band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    return f"{band} rad/s and a damping ratio of {wanted.damping:.3g}"
+    return f"{band} rad/s and a damping ratio of {target.damping:.3g}"

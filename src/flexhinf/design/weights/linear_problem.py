@@ -1,4 +1,4 @@
-"""The linear H∞ gain of a penalty: what a search tries many times."""
+"""The linear H∞ gain of a penalty: what a search candidates many times."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.weights.linear_family import LinearFamily
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant import PolynomialPlant
 
-__all__ = ["Game", "LinearDesign"]
+__all__ = ["LinearProblem", "LinearDesign"]
 
 #: Relative width at which the bisection for γ* ends during a search.
 ROUGH = 1e-3
@@ -39,7 +39,7 @@ class LinearDesign:
 
 
 @dataclass(frozen=True, eq=False)
-class Game:
+class LinearProblem:
     """The linear game of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u).
 
     Attributes
@@ -54,7 +54,7 @@ class Game:
     r2: np.ndarray
 
     @staticmethod
-    def of(family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None) -> Game:
+    def of(family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None) -> LinearProblem:
         """With h(x) = C x, R2 = I, and disturbances by the command and by torques.
 
         Parameters
@@ -72,7 +72,7 @@ class Game:
         enter = np.zeros((n, joints))
         enter[n - joints :] = -np.eye(joints)
         parts = ([enter] if command else []) + ([] if torques is None else [family.torques @ torques])
-        return Game(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
+        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
 
     def linear_part(self) -> LinearPart:
         """As the synthesis has it, the input in units of its price."""

@@ -1,4 +1,4 @@
-"""Weights from a pace and a dial of damping, scaled by what each motor moves.
+"""Weights from a target_frequency and a dial of damping, scaled by what each motor moves.
 
 For a motor that moves the inertia M + J against a damping d, uᵀu costs as much as (w q)² at the angular frequency ω if
 w = |(M + J) ω² − i d ω| per unit of input. So R2 = 1, and each joint has
@@ -11,7 +11,7 @@ spring's torque: a spring between M and J alone, its motor paid with uᵀu, gets
 
     w_torque_rate = 2 ζ ω_v J / (k K).
 
-It hardly touches the slow motion. The pace ω of each joint and one ζ for all are the knobs of the search.
+It hardly touches the slow motion. The target_frequency ω of each joint and one ζ for all are the knobs of the search.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ import numpy as np
 from flexhinf.design.modes import stiffness_and_inertia
 from flexhinf.plant import Penalty
 
-__all__ = ["INTEGRAL_SHARE", "VELOCITY_SHARE", "JointScales"]
+__all__ = ["INTEGRAL_FRACTION", "VELOCITY_FRACTION", "JointScales"]
 
-#: Weight of the integral over that of the position times the pace; of the velocities, over the position's per pace.
-INTEGRAL_SHARE, VELOCITY_SHARE = 0.5, 0.5
+#: Weight of the integral over that of the position times the target_frequency; of the velocities, over the position's per target_frequency.
+INTEGRAL_FRACTION, VELOCITY_FRACTION = 0.5, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +54,11 @@ class JointScales:
     held: float
 
     @staticmethod
-    def of(plant: Any, rest: tuple[np.ndarray, np.ndarray]) -> JointScales:
-        """Of a robot's plant at rest."""
-        stiffness, inertia = stiffness_and_inertia(plant, rest)
+    def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
+        """Of a robot's plant at equilibrium."""
+        stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
         n = len(stiffness)
-        a, b, _, _ = plant.linearise(*rest)
+        a, b, _, _ = plant.linearise(*equilibrium)
         motors, links = np.diag(inertia)[n:], inertia[:n, :n]
         held = np.linalg.eigvals(np.linalg.solve(links, np.diag(stiffness))).real.min()
         return JointScales(
@@ -75,31 +75,31 @@ class JointScales:
         """ω_v (n,), rad/s."""
         return np.sqrt(self.stiffness * (1.0 / self.link_inertia + 1.0 / self.motor_inertia))
 
-    def weights(self, pace: np.ndarray, damping: float) -> dict[str, np.ndarray]:
+    def weights(self, target_frequency: np.ndarray, damping: float) -> dict[str, np.ndarray]:
         """Weight (n,) by name.
 
         Parameters
         ----------
-        pace : (n,)
+        target_frequency : (n,)
             ω of each joint, rad/s.
         damping : float
             ζ of the dial; 0 leaves the rates of the springs' torques free.
         """
         total = self.link_inertia + self.motor_inertia
-        position = pace * np.hypot(total * pace, self.damping) / self.per_input
-        velocity = VELOCITY_SHARE * position / pace
+        position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
+        velocity = VELOCITY_FRACTION * position / target_frequency
         twist_rate = 2.0 * damping * self.vibration * self.motor_inertia / self.per_input
         return {
             "link_position": position,
             "link_velocity": velocity,
             "motor_velocity": velocity,
             "joint_torque_rate": twist_rate / self.stiffness,
-            "link_position_integral": INTEGRAL_SHARE * position * pace,
+            "link_position_integral": INTEGRAL_FRACTION * position * target_frequency,
         }
 
-    def rows(self, pace: np.ndarray, damping: float) -> np.ndarray:
+    def rows(self, target_frequency: np.ndarray, damping: float) -> np.ndarray:
         """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫): (5n, 5n); without rows of zeros."""
-        n, w = len(self.stiffness), self.weights(pace, damping)
+        n, w = len(self.stiffness), self.weights(target_frequency, damping)
         rows = np.zeros((5 * n, 5 * n))
         for k, name in enumerate(
             ("link_position", "link_velocity", "", "motor_velocity", "link_position_integral")
@@ -110,11 +110,11 @@ class JointScales:
         rows[place, n : 2 * n], rows[place, 3 * n : 4 * n] = -np.diag(rate), np.diag(rate)
         return rows[np.any(rows != 0.0, axis=1)]
 
-    def penalty(self, pace: np.ndarray, damping: float) -> Penalty:
+    def penalty(self, target_frequency: np.ndarray, damping: float) -> Penalty:
         """The same as a penalty of the robot with R2 = 1."""
         named = {
             name: weight.tolist() if len(weight) > 1 else float(weight[0])
-            for name, weight in self.weights(np.asarray(pace, dtype=float), damping).items()
+            for name, weight in self.weights(np.asarray(target_frequency, dtype=float), damping).items()
             if np.any(weight)
         }
         return Penalty(named, 1.0)
