@@ -13,7 +13,7 @@ from flexhinf.analysis import EquilibriumLoop
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.simulation.program import measure_function, rk4_function
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 from flexhinf.robot import Robot, load_robot, paper_arm
 
 PERIOD = 1e-3
@@ -34,7 +34,7 @@ def filter_of(
     return build(plant, period, *noise, mean, 1e-6)
 
 
-class Gains:
+class Gains(Law):
     """u = u* − K (x − x*): a law that is nothing but a matrix, without integrals or with them, last in x."""
 
     def __init__(
@@ -45,7 +45,12 @@ class Gains:
         self.input_names = tuple(plant.inputs)
         self.operating_point = np.concatenate([point, np.zeros(len(integrals))])
         self.operating_input = np.asarray(rest, dtype=float)
-        self.law_data, self.law_key = self.gains.ravel(), "gains"
+
+    law_key = "gains"
+
+    @property
+    def law_data(self) -> np.ndarray:
+        return self.gains.ravel()
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         return -(np.asarray(data).reshape(self.gains.shape) @ x)

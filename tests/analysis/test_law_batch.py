@@ -25,7 +25,7 @@ LAWS = {
 
 def slope_at(law: Any, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """∂k/∂x about (x, u) by central differences, (m, n + k)."""
-    if not hasattr(law, "evaluate_about"):
+    if not law.depends_on_reference:
         return law.gain
     steps = 1e-5 * np.eye(len(law.state_names))
     data = law.law_data

@@ -11,6 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
+from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop
@@ -20,7 +21,9 @@ from flexhinf.robot import Robot
 PERIOD = 1e-3
 
 
-def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float) -> EquilibriumLoop:
+def mass(
+    made: SimpleNamespace, stiffness: float, damping: float, period: float, delay: int = 0
+) -> EquilibriumLoop:
     """A unit mass on PD: q̈ = u."""
     plant = Plant(
         lambda x, u, d, p: np.array([x[1], u[0]]),
@@ -29,7 +32,7 @@ def mass(made: SimpleNamespace, stiffness: float, damping: float, period: float)
         inputs=("force",),
     )
     law = made.Gains(plant, [[stiffness, damping]], np.zeros(2), np.zeros(1))
-    return EquilibriumLoop(law, None, plant, period, moving=True, positions="position")
+    return EquilibriumLoop(law, None, plant, period, moving=True, delay=delay, positions="position")
 
 
 @pytest.mark.oracle
@@ -52,7 +55,7 @@ def test_a_mass_on_pd_has_the_margins_of_the_textbook(made: SimpleNamespace) -> 
 @pytest.mark.oracle
 def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
     """z² + (dT + kT²/2 − 2) z + 1 + kT²/2 − dT has a root at −1 when the gain is 2/(dT) times as large."""
-    lower, upper = margins(mass(made, 100.0, 8.0, 0.01)).gain_margins  # type: ignore[misc]
+    lower, upper = margins(mass(made, 100.0, 8.0, 0.01)).gain_margins[0]
     assert upper == pytest.approx(2.0 / (8.0 * 0.01), rel=1e-9)
     assert lower == 0.0
 
@@ -70,7 +73,7 @@ def test_one_input_as_python_control_sees_it(
     loop = control.ss(opened.a, opened.b, -opened.c, -opened.d, PERIOD)  # python-control's loops have a minus
     measured = control.FRD(loop(np.exp(1j * grid * PERIOD)), grid, smooth=True)
     gains, phases, _, _, at, _ = control.stability_margins(measured, returnall=True)
-    lower, upper = found.gain_margins  # type: ignore[misc]
+    lower, upper = found.gain_margins[0]
     above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
     assert upper == pytest.approx(min(above, default=math.inf), rel=1e-4)
     assert lower == pytest.approx(max(below, default=0.0), rel=1e-4)
@@ -126,7 +129,6 @@ def test_several_inputs_by_brute_force(
     grid = np.linspace(0.01, np.pi / period, 20_000)
     sizes = np.linalg.norm(linear.part("w", "u+w").response(grid), 2, axis=(1, 2))
     assert 0.999 * found.peak_sensitivity < sizes.max() <= found.peak_sensitivity * (1.0 + 1e-9)
-    assert found.gain_margins is None
     assert np.all((found.bandwidth > 1.0) & (found.bandwidth < 30.0))
 
 
@@ -204,3 +206,111 @@ def test_a_delay_of_the_loop_is_part_of_it() -> None:
     assert delayed.peak_sensitivity == pytest.approx(system.norm()[0], rel=1e-12)
     assert delayed.peak_sensitivity > 1.01 * found.peak_sensitivity
     assert delayed.noise_to_input == pytest.approx(plain.linear().part("v", "u", 0.012).rms(), rel=1e-12)
+
+
+def closed_with(linear: LinearLoop, factors: np.ndarray) -> float:
+    """Largest multiplier of the loop with its inputs times complex factors."""
+    opened, unit = linear.opened(), np.eye(len(factors))
+    around = np.diag(factors) @ np.linalg.inv(unit - opened.d @ np.diag(factors))
+    return float(np.abs(np.linalg.eigvals(opened.a + opened.b @ around @ opened.c)).max())
+
+
+@pytest.mark.oracle
+def test_disk_margin_and_damping_of_a_mass_on_pd(made: SimpleNamespace) -> None:
+    """1/α = max |S − T|/2 [seiler2020], T's peak and ζ = d/(2 √k) in closed form."""
+    k, d, period = 100.0, 8.0, 1e-5
+    found = margins(mass(made, k, d, period))
+    s = 1j * np.linspace(0.01, 100.0, 400_001)
+    t = (d * s + k) / (s**2 + d * s + k)
+    assert found.disk_margin == pytest.approx(1.0 / np.abs(0.5 - t).max(), rel=1e-4)
+    assert found.peak_complementary == pytest.approx(np.abs(t).max(), rel=1e-4)
+    assert found.damping == pytest.approx(d / (2.0 * math.sqrt(k)), rel=1e-3)
+    assert found.damping_frequency == pytest.approx(math.sqrt(k), rel=1e-3)
+    assert found.gain_margin == found.gain_margins[0, 1]
+    low, high = found.disk_gain_margins
+    assert low * high == pytest.approx(1.0)
+    assert found.gain_margins[0, 0] <= low < 1.0 < high <= found.gain_margins[0, 1]
+    assert 0.0 < found.disk_phase_margin <= found.delay_margin_s * found.delay_frequency * (1.0 + 1e-4)
+
+
+@pytest.mark.oracle
+def test_one_input_reaches_its_disk_margin(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+    """A factor of the disk's size at the worst frequency puts a multiplier on the unit circle; no smaller one does."""
+    filter = made.filter(arm.plant(), np.zeros(4))
+    loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, 1.0, delay=4)
+    found, linear = margins(loop), loop.linear()
+    s = linear.part("w", "u+w").response(found.disk_frequency)[0, 0, 0]
+    delta = 1.0 / (s - 0.5)  # 1 = δ (S − T)/2
+    assert abs(delta) == pytest.approx(found.disk_margin, rel=1e-6)
+    factor = lambda d: np.array([(1.0 - d / 2.0) / (1.0 + d / 2.0)])  # noqa: E731
+    radii = [
+        closed_with(linear, factor(size * sign * delta)) for size in (0.999, 1.001) for sign in (-1.0, 1.0)
+    ]
+    assert max(radii[:2]) < 1.0 < max(radii[2:])
+    angles = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 60))
+    assert all(closed_with(linear, factor(0.99 * found.disk_margin * a)) < 1.0 for a in angles)
+
+
+@pytest.mark.oracle
+def test_margins_of_several_inputs_one_at_a_time_and_at_once(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
+) -> None:
+    plant = two_link.plant()
+    filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=2e-3)
+    loop = EquilibriumLoop(two_link_law, filter, plant, 2e-3, delay=2)
+    found, linear = margins(loop), loop.linear()
+    assert found.gain_margins.shape == (2, 2)
+    for i, (low, high) in enumerate(found.gain_margins):
+        for factor, stable in (
+            (1.01 * low, True),
+            (0.99 * low, False),
+            (0.99 * high, True),
+            (1.01 * high, False),
+        ):
+            if 1e-3 < factor < 1e3:
+                factors = np.ones(2)
+                factors[i] = factor
+                assert (closed_with(linear, factors) < 1.0) == stable
+    rng = np.random.default_rng(0)
+    delta = 0.999 * found.disk_margin * np.exp(2j * np.pi * rng.uniform(size=(400, 2)))
+    factors = (1.0 + delta / 2.0) / (1.0 - delta / 2.0)
+    assert max(closed_with(linear, row) for row in factors) < 1.0
+    # Not far below the largest: S − ½ needs at most its spectral radius' inverse.
+    grid = np.geomspace(0.1, 1500.0, 2000)
+    least = np.abs(np.linalg.eigvals(linear.part("w", "u+w").response(grid) - 0.5 * np.eye(2))).max()
+    assert 0.5 / least < found.disk_margin <= 1.0 / least * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("delay", [0, 30, 90])
+def test_damping_is_that_of_every_pole_of_the_running_loop(
+    arm: Robot, cubic: HJISolution, made: SimpleNamespace, delay: int
+) -> None:
+    """Estimator and delay counted; as a free motion of that pole decays."""
+    loop = EquilibriumLoop(
+        cubic, made.filter(arm.plant(), np.zeros(4)), arm.plant(), PERIOD, 1.0, delay=delay
+    )
+    found, matrix = margins(loop), loop.linear().closed()
+    values = np.linalg.eigvals(matrix).astype(complex)
+    poles = np.log(values[np.abs(values) > math.exp(-0.5)]) / PERIOD
+    assert found.damping == pytest.approx((-poles.real / np.abs(poles)).min(), abs=1e-9)
+    assert found.stable == (np.abs(values).max() < 1.0)
+
+
+def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) -> None:
+    """5 s at 1 ms built a dense matrix of 5000 rows and seemed to hang."""
+    with pytest.raises(InvalidInput, match="out of proportion") as caught:
+        EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=5000)
+    assert "milliseconds" in str(caught.value)
+
+
+def test_the_bandwidth_counts_the_delay(made: SimpleNamespace) -> None:
+    """|T| of the delayed loop, not of the loop without its delay."""
+    late = mass(made, 100.0, 8.0, 1e-3, delay=40)
+    found = margins(late)
+    running = late.linear().part("r", "q", 0.04)
+    followed = np.abs(running.response(np.array([1e-6, found.bandwidth[0]]))[:, 0, 0])
+    assert followed[1] / followed[0] == pytest.approx(math.sqrt(0.5), rel=1e-6)
+    assert abs(found.bandwidth[0] - margins(mass(made, 100.0, 8.0, 1e-3)).bandwidth[0]) > 0.5
+    # The linear loop knows its own delay: the same figures when it is given instead.
+    assert margins(late.linear()).bandwidth == pytest.approx(found.bandwidth)
+    assert margins(late.linear()).delay_margin_s == found.delay_margin_s

@@ -24,7 +24,7 @@ def continuous(plant, law, start, duration, reference=None, times=None, disturba
         x, e = z[: plant.n], z[plant.n :]
         x_d, u_d = at(t)
         deviation = np.concatenate([x - x_d, e])
-        if hasattr(law, "evaluate_about"):
+        if law.depends_on_reference:
             k = law.evaluate_about(deviation, x_d, u_d, data)
         else:
             k = law.evaluate_law(deviation, data)

@@ -39,10 +39,10 @@ def test_the_exit_code_says_whether_the_specification_is_met(
     shown = capsys.readouterr().out
     assert "≤ 50 " in shown
     assert "NOT MET" not in shown
-    assert tomllib.loads(text_of(folder, "design.toml"))["found"]["met"] is True
+    assert tomllib.loads(text_of(folder, "design.toml"))["result"]["met"] is True
     assert main([*words, "--overshoot", "0.5"]) == 1
     assert "NOT MET" in capsys.readouterr().out
-    found = tomllib.loads(text_of(folder, "design.toml"))["found"]
+    found = tomllib.loads(text_of(folder, "design.toml"))["result"]
     assert found["met"] is False
     missed = [line for line in found["specification"] if not line["holds"]]
     assert [(line["what"], line["asked"], line["by_default"]) for line in missed] == [
@@ -68,7 +68,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         "via": [[0.35, 0.55]], "measured": ["motor_position"], "load": 0.1, "delay": 1e-3, "quantisation": 1e-5,
         "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
     }  # fmt: skip
-    again = "--via 0.35,0.55 --bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24.0"
+    again = "--via 0.35,0.55 --bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24"
     assert again in text_of(folder)
 
 
@@ -119,7 +119,16 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_rep
 def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["design", "--help"]) == 0
     shown = capsys.readouterr().out
-    for text in ("--preset", "--via", "--peak-voltage", "rad/s: 4", "It was Hz", "observer", "Exit code"):
+    for text in (
+        "--preset",
+        "--via",
+        "--peak-voltage",
+        "4 (rad/s)",
+        "[mujoco]",
+        "Examples",
+        "observer",
+        "Exit code",
+    ):
         assert text in " ".join(shown.replace("│", " ").split()), text
     for default in ("flexhinf-design", "0.001", "ukf", "1.5", "5.0", "link_position"):
         assert f"[default: {default}]" in shown

@@ -34,8 +34,8 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     stated = file_of(first)["design"]
     assert stated["robot"] == "../arm.toml"
     assert file_of(again)["design"] == {**stated, "robot": "../../arm.toml"}
-    assert file_of(again)["found"] == file_of(first)["found"]
-    found = file_of(first)["found"]
+    assert file_of(again)["result"] == file_of(first)["result"]
+    found = file_of(first)["result"]
     assert found["preset"] == "robust"
     assert found["robust"]["channels"] == len(found["robust"]["scalings"])
     assert main(["design", "flexhinf-design/design.toml"]) == code  # the file lies in what is replaced
@@ -45,7 +45,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
 
 def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *QUICK])
-    first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["found"]
+    first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]
     assert (found["preset"], found["R2"]) == ("damped", 1.0)
     weights = ",".join(f"{name}={weight!r}" for name, weight in found["weights"].items())
     main(["design", "vertical-rig", "--penalty", weights, "--effort", "1", *QUICK])
@@ -80,7 +80,7 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         "robot": "vertical-rig", "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
     }  # fmt: skip
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
-    again = "design mine.toml --bandwidth 5rad/s --saturation 0.0 --duration 0.0 --compare-rigid"
+    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --compare-rigid"
     assert again in page
     capsys.readouterr()
     main(["design", "mine.toml", "--penalty", "link_position=40,link_position_integral=80"])

@@ -44,11 +44,11 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--from-pose", "2.0"], "outside the limits"),
         (["--via", "0.1", "--via", "2.0"], "outside the limits"),
         (["--via", "0.1,0.2"], "does not fit"),
-        (["--via", "there"], "pose on the way cannot be read"),
+        (["--via", "there"], "via cannot be used"),
         (["--pose", "0.1,0.2"], "does not fit"),
-        (["--pose", "90grad"], "cannot be read"),
+        (["--pose", "90grad"], "text with deg"),
         (["--preset", "smooth"], "expected paper, damped, robust, got 'smooth'"),
-        (["--bandwidth", "4xyz"], "bandwidth cannot be read"),
+        (["--bandwidth", "4xyz"], "bandwidth cannot be used"),
         (["--bandwidth", "-4"], "bandwidth"),
         (["--bandwidth", "0Hz"], "rad/s > 0"),
         (["--bandwidth", "nan"], "rad/s > 0"),
@@ -62,6 +62,9 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--overshoot", "-5"], "overshoot"),
         (["--overshoot", "0"], "overshoot"),
         (["--delay", "-1e-3"], "delay"),
+        (["--delay", "5"], "5000 samples"),
+        (["--duration", "-3"], "a time > 0"),
+        (["--duration", "5000"], "5000000 samples"),
         (["--quantisation", "-1"], "quantisation"),
         (["--quantisation", "inf"], "quantisation"),
         (["--load", "nan"], "load"),
@@ -76,11 +79,11 @@ def test_what_is_wrong_with_a_robot_is_told(
         ([*BOTH, "--bandwidth", "1"], "contradict"),
         ([*BOTH, "--damping", "0.3"], "contradict"),
         (["--preset", "robust"], "no tolerances"),
-        (["--degrees", "two"], "cannot be read"),
+        (["--degrees", "two"], "integers from 2 to 12"),
         (["--degrees", "1"], "degrees"),
         (["--penalty", "1,2,3"], "penalty"),
         (["--penalty", "link_positon=1"], "link_positon"),
-        (["--penalty", "link_position=a"], "cannot be read"),
+        (["--penalty", "link_position=a"], "weights by name"),
         (["--gamma-ratio", "0.5"], "gamma ratio"),
         (["--gamma-ratio", "1", "--preset", "paper"], "gamma ratio"),
         (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], "check cannot be made"),
@@ -102,6 +105,10 @@ def test_what_is_wrong_with_an_option_is_told(
 ) -> None:
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
     refused(["design", "arm.toml", *words], what, folder)
+
+
+def test_degrees_without_their_unit_are_asked_about(folder: Path, refused: Callable[..., str]) -> None:
+    assert "90deg" in refused(["design", "paper", "--goal", "90"], "were degrees meant?", folder)
 
 
 def test_torques_do_not_fit_motors_that_are_driven_by_volts(

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import Specification, asked_of, load_design
+from flexhinf.design import Specification, design_schema, load_design, read_request
 from flexhinf.design.design_file import is_design_file
-from flexhinf.design.file_fields import FIELDS
-from flexhinf.design.file_text import asked_text
+from flexhinf.design.design_file_text import request_text
+from flexhinf.design.specification import FIELDS
 from flexhinf.plant import Penalty
 
 #: For every field, a value that is not its default; nothing here fits one robot.
@@ -26,6 +26,9 @@ OTHERS: dict[str, Any] = {
     "bandwidth": (4.0, 2 * np.pi * 0.6),
     "damping": 0.1 + 0.2,
     "peak_effort": 60.0,
+    "peak_sensitivity": 1.9,
+    "gain_margin": 2.5,
+    "angle_unit": "deg",
     "overshoot": 2.5,
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
     "effort": 10.0,
@@ -62,7 +65,7 @@ def names() -> list[str]:
 def written(folder: Path, specification: Specification, **places: Any) -> Path:
     file = folder / "design.toml"
     file.write_text(
-        asked_text(specification, **{"robot": "paper", **places}, folder=folder), encoding="utf-8"
+        request_text(specification, **{"robot": "paper", **places}, folder=folder), encoding="utf-8"
     )
     return file
 
@@ -93,16 +96,40 @@ def test_nothing_asked_is_nothing_written_but_the_defaults_stand_there(tmp_path:
     assert (robot.name, read) == ("paper", Specification())
     text = file.read_text(encoding="utf-8")
     assert tomllib.loads(text) == {"design": {"robot": "paper"}}
-    commented = tomllib.loads(text.split("# By default:")[1].replace("# ", ""))
+    lines = text.split("# By default:")[1].splitlines()
+    commented = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines))
     for name, value in commented.items():
         default = getattr(Specification(), name)
         assert value == (list(default) if isinstance(default, tuple) else default), name
 
 
 def test_every_example_of_a_field_can_be_read() -> None:
-    for name, kind in FIELDS.items():
-        line = kind.example.replace(", below it ", "\n").replace("[design.", "[")
-        Specification(**{name: kind.read(tomllib.loads(line)[name])})
+    for name, field in FIELDS.items():
+        text: Any = field.about.example or True
+        Specification(**{name: text})
+        assert (field.about.example == "") == isinstance(field.default, bool)
+
+
+def test_the_schema_has_every_field_with_its_help() -> None:
+    table = design_schema()["properties"]["design"]
+    assert list(table["properties"]) == ["robot", "elastic", *FIELDS]
+    assert table["additionalProperties"] is False
+    assert table["properties"]["preset"]["anyOf"][0]["enum"] == ["paper", "damped", "robust"]
+    assert table["properties"]["overshoot"]["exclusiveMinimum"] == 0.0
+    for name, field in FIELDS.items():
+        assert field.about.help in table["properties"][name]["description"]
+
+
+def test_texts_with_units_are_read_and_degrees_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        "[design]\nrobot = 'paper'\npose = '90°'\nbandwidth = '0.6Hz'\ndelay = '5ms'\n", encoding="utf-8"
+    )
+    _, read = load_design(tmp_path / "mine.toml")
+    assert (read.pose, read.delay, read.in_degrees) == ((np.pi / 2,), 5e-3, True)
+    file = written(tmp_path, read)
+    assert "pose = [1.5707963267948966] # 90°" in file.read_text(encoding="utf-8")
+    assert load_design(file)[1] == read
+    assert not Specification(pose=(0.5,)).in_degrees
 
 
 def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
@@ -120,7 +147,7 @@ def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, [1.0, 2.0])])
 def test_what_a_file_cannot_hold_is_refused(penalty: Any, tmp_path: Path) -> None:
     with pytest.raises(fh.InvalidInput, match="design file"):
-        asked_text(Specification(penalty=penalty), "paper")
+        request_text(Specification(penalty=penalty), "paper")
 
 
 def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,14 +160,14 @@ def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 'robot = "../../my robots/arm.toml"' in file.read_text(encoding="utf-8")
     monkeypatch.chdir(robots)
     assert load_design(file)[0].joint_names == fh.load_robot("vertical-rig").joint_names
-    again = asked_of(Path("..") / "out" / "report" / "design.toml")
+    again = read_request(Path("..") / "out" / "report" / "design.toml")
     assert Path(again.source).resolve() == (robots / "arm.toml").resolve()
     assert again.specification.seed == 3
 
 
 def test_what_is_given_wins_over_the_file_and_nothing_takes_back(tmp_path: Path) -> None:
     file = written(tmp_path, Specification(bandwidth=4.0, damping=0.3, saturation=24.0))
-    asked = asked_of(file, given={"bandwidth": 5.0, "saturation": None, "seed": 7})
+    asked = read_request(file, given={"bandwidth": 5.0, "saturation": None, "seed": 7})
     assert asked.specification == Specification(bandwidth=5.0, damping=0.3, seed=7)
     assert asked.notes == ()
 
@@ -162,7 +189,7 @@ def test_what_is_given_wins_over_the_file_and_nothing_takes_back(tmp_path: Path)
 def test_what_contradicts_it_in_the_file_gives_way(
     file: dict[str, Any], given: dict[str, Any], left: dict[str, Any], tmp_path: Path
 ) -> None:
-    asked = asked_of(written(tmp_path, Specification(**file)), given=given)
+    asked = read_request(written(tmp_path, Specification(**file)), given=given)
     assert asked.specification == Specification(**left)
     gone = {name for name in file if name not in left and name not in given}
     assert {note.split()[1] for note in asked.notes} == gone
@@ -174,7 +201,7 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
         assert not is_design_file(path)
     (tmp_path / "design.toml").write_text("[design", encoding="utf-8")
     assert not is_design_file(tmp_path / "design.toml")
-    asked = asked_of("vertical-rig", given={"seed": 2})
+    asked = read_request("vertical-rig", given={"seed": 2})
     assert (asked.source, asked.elastic, asked.specification.seed) == ("vertical-rig", None, 2)
 
 
@@ -186,30 +213,30 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
         ("[desing]\nrobot = 'paper'", "no table [design]", "desing", "[design] for 'desing'"),
         ("design = 3", "no table [design]", "design", "robot = 'arm.toml'"),
         ("[found]\ngamma = 3", "no table [design]", "found", "robot = 'arm.toml'"),
-        ("[design]\nrobot = 'paper'\n[foung]\n", "'foung'", "found", "'found'"),
+        ("[design]\nrobot = 'paper'\n[resutl]\n", "'resutl'", "result", "'result'"),
         ("[design]\nseed = 3", "no 'robot'", "seed", "planar-two-link"),
         ("[design]\nrobt = 'paper'", "no 'robot'", "robt", "'robot' for 'robt'"),
         ("[design]\nrobot = 'papr'", "robot 'papr' is not there", "catalogue", "'paper'"),
         ("[design]\nrobot = 'arm.toml'", "robot 'arm.toml' is not there", "folder of design.toml", "path"),
         ("[design]\nrobot = 4", "'robot'", "expected text, got 4", "arm.toml"),
         ("[design]\nrobot = 'paper'\nelastic = 'j.toml'", "elastic 'j.toml'", "expected a file", "path"),
-        ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "a number, got 'high'", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "a number, got True", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "a number, got nan", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "from 0 to 1, got 'high'", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "from 0 to 1, got True", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "from 0 to 1, got nan", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "from 0 to 1, got 2", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\nbandwidth = '4Hz'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
+        ("[design]\nrobot = 'paper'\nbandwidth = '4Hy'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\nbandwidth = []", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "paper, damped, robust", "damped"),
         ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "a list of poses", "[[0.1"),
-        ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "an integer, got 1.5", "seed = 0"),
+        ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "below 2^63, got 1.5", "seed = 0"),
         ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "a list of integers", "[2, 4]"),
         ("[design]\nrobot = 'paper'\ndegrees = [1]", "'degrees'", "from 2 to 12", "[2, 4]"),
-        ("[design]\nrobot = 'paper'\nmeasured = 'link'", "'measured'", "a list of names", "motor_position"),
+        ("[design]\nrobot = 'paper'\nmeasured = 3", "'measured'", "a list of names", "motor_position"),
         ("[design]\nrobot = 'paper'\ncommand = 1", "'command'", "true or false, got 1", "command = true"),
         ("[design]\nrobot = 'paper'\npenalty = 3", "'penalty'", "weights by name", "design.penalty"),
         ("[design]\nrobot = 'paper'\n[design.penalty]\nq = 'a'", "'penalty'", "weights by name", "design.p"),
         ("[design]\nrobot = 'paper'\npenalty = [[1, 2], [3]]", "'penalty'", "rows", "design.penalty"),
-        ("[design]\nrobot = 'paper'\nperiod = 2", "'period'", "1e-5 to 1 s", "period = 1e-3"),
+        ("[design]\nrobot = 'paper'\nperiod = 2", "'period'", "1e-5 to 0.1 s", "period = \"2ms\""),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_told(
@@ -218,7 +245,7 @@ def test_what_is_wrong_with_a_file_is_told(
     file = tmp_path / "design.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(fh.InvalidInput) as caught:
-        asked_of(file) if is_design_file(file) else load_design(file)
+        read_request(file) if is_design_file(file) else load_design(file)
     assert caught.value.what.startswith("design.toml: ")
     assert what in caught.value.what
     assert found in caught.value.found

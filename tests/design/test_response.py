@@ -21,10 +21,14 @@ def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: f
         most = max(most, (value - end) / height)
         if abs(value - end) > 0.02 * abs(height):
             last = t
+    way = (q - begin) / height
+    rise = [np.interp(level, way[k - 1 : k + 1], time[k - 1 : k + 1])
+            for level in (0.1, 0.9) for k in [int(np.argmax(way >= level))]]  # fmt: skip
     tail = [k for k in range(len(q)) if k >= len(q) - int(np.ceil(0.1 * len(q)))]
     return {
         "overshoot_percent": 100.0 * most,
         "settling_time_s": 0.0 if last is None else last,
+        "rise_time_s": rise[1] - rise[0],
         "steady_state_error": max(abs(q[k] - end) for k in tail),
         "peak_input": max(abs(v) for v in u),
         "input_noise": float(np.std([u[k] for k in tail])),

@@ -65,7 +65,7 @@ def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named)
     assert what == "The specification cannot be met: the peak of the input binds."
     assert "expected at most 14; with a bandwidth of 4 rad/s" in found
     best = float(re.search(r"bandwidth of ([\d.]+) rad/s$", found).group(1))  # type: ignore[union-attr]
-    assert f"--bandwidth {best:.3g}" in advice
+    assert f"bandwidth={best:.3g}" in advice
     takes = float(re.search(r"takes ([\d.]+)", found).group(1))  # type: ignore[union-attr]
     assert takes == pytest.approx(peak_of(robot, asked(), 4.0), rel=1e-3)
     again = choose_within_peak(

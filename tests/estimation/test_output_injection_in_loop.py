@@ -6,7 +6,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.estimation import OutputInjectionObserver
 from flexhinf.loop.controller import controller as controller_module
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 
 PERIOD, R = 1e-3, np.deg2rad(0.1) ** 2
 SLOW = [-12.0, -15.0, -9.0 + 6.0j, -9.0 - 6.0j]
@@ -36,7 +36,7 @@ def test_compiled_it_is_the_shell(monkeypatch, make, one_trace):
     plant, rng = make(), np.random.default_rng(0)
     m, p = len(plant.inputs), len(plant.outputs)
 
-    class Feedback:
+    class Feedback(Law):
         state_names, input_names = plant.states, plant.inputs
         operating_point, operating_input = np.zeros(plant.n), np.zeros(m)
         law_data, law_key = rng.normal(size=m * plant.n), f"linear, for a test {one_trace}"
@@ -153,7 +153,7 @@ def test_any_plant_with_the_form_two_outputs():
     )  # fmt: skip
     filter = observer(plant, mean=np.array([1.0, -2.0, 0.5, 3.0]), poles=[-4.0, -5.0, -6.0, -7.0])
 
-    class Feedback:
+    class Feedback(Law):
         state_names, input_names = ("a", "da", "b", "c"), ("u",)
         operating_point, operating_input = np.zeros(4), np.zeros(1)
         law_data, law_key = np.array([-3.0, -3.0, 0.0, 0.0]), "linear, for a test"

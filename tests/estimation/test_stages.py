@@ -19,8 +19,8 @@ def composed_step(estimator):
     }  # fmt: skip
     blocks = {name: Block(Slice(name, 0, int(np.prod(shape))), shape) for name, shape in shapes.items()}
     belief = type(estimator.initial)(blocks["mean"], blocks["covariance"])
-    belief = estimator.measurement_stages(run, belief, blocks["y"], blocks["u"], blocks["p"], blocks["r"])
-    belief = estimator.time_stages(run, belief, blocks["u"], blocks["p"], blocks["q"])
+    belief = estimator.measurement_update_on(run, belief, blocks["y"], blocks["u"], blocks["p"], blocks["r"])
+    belief = estimator.time_update_on(run, belief, blocks["u"], blocks["p"], blocks["q"])
     run.copy(belief.mean, blocks["mean"])
     run.copy(belief.covariance, blocks["covariance"])
     roles = {name: "state" if name in ("mean", "covariance") else "in" for name in shapes}

@@ -6,14 +6,14 @@ from scipy.linalg import solve_continuous_are
 
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 from flexhinf.robot import load_robot, paper_arm
 
 #: Sampling period of `plain_loop`, s.
 H = 1e-2
 
 
-class LinearLaw:
+class LinearLaw(Law):
     """u = u* + K (x − x*), the smallest thing that is a law."""
 
     law_key = "linear"

@@ -41,12 +41,12 @@ def test_a_group_needs_one_weight_or_one_each():
 
 def test_a_given_operating_point_is_used_and_checked():
     plant, penalty = two_carts(), Penalty({"place_a": 1.0})
-    problem = GeneralisedPlant(plant, penalty, rest=([0.5, 0.0, 0.0, 0.0], [0.5, 0.0]))
+    problem = GeneralisedPlant(plant, penalty, equilibrium=([0.5, 0.0, 0.0, 0.0], [0.5, 0.0]))
     assert problem.operating_point.tolist() == [0.5, 0.0, 0.0, 0.0]
     assert problem.operating_input.tolist() == [0.5, 0.0]
     with pytest.raises(InvalidInput, match="not an equilibrium"):
-        GeneralisedPlant(plant, penalty, rest=([0.5, 0.0, 0.0, 0.0], [0.4, 0.0]))
+        GeneralisedPlant(plant, penalty, equilibrium=([0.5, 0.0, 0.0, 0.0], [0.4, 0.0]))
     with pytest.raises(InvalidInput, match="does not fit"):
-        GeneralisedPlant(plant, penalty, rest=([0.5], [0.4, 0.0]))
-    with pytest.raises(InvalidInput, match="pose or rest"):
-        GeneralisedPlant(plant, penalty, ("place_a",), pose=[0.5], rest=(np.zeros(4), np.zeros(2)))
+        GeneralisedPlant(plant, penalty, equilibrium=([0.5], [0.4, 0.0]))
+    with pytest.raises(InvalidInput, match="pose or equilibrium"):
+        GeneralisedPlant(plant, penalty, ("place_a",), pose=[0.5], equilibrium=(np.zeros(4), np.zeros(2)))

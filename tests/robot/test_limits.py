@@ -114,3 +114,11 @@ def test_limits_that_are_none_are_refused(effort):
 def test_times_that_are_none_are_refused():
     refused(lambda: check_reference(paper_arm(), 0.0, 0.0))
     refused(lambda: check_reference(paper_arm(), 0.0, 1.0, period=np.nan))
+
+
+@pytest.mark.parametrize("pose", [90, [-180.0]])
+def test_a_pose_beyond_one_turn_asks_whether_degrees_were_meant(pose):
+    text = refused(lambda: paper_arm().problem(pose=pose))
+    assert "were degrees meant?" in text
+    assert "90deg" in text or "-180deg" in text
+    paper_arm().problem(pose=[2.0 * np.pi])

@@ -18,6 +18,7 @@ from flexhinf.analysis.dissipation_budget import (
 )
 from flexhinf.analysis.disturbance_runs import Attained
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
+from flexhinf.analysis.frequency_response import FrequencyResponse, frequency_response
 from flexhinf.analysis.law_batch import LawRows
 from flexhinf.analysis.linear_loop import LinearLoop, Modes
 from flexhinf.analysis.margins import Margins, margins
@@ -35,7 +36,7 @@ from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturb
 
 __all__ = [
     "ALL_STATES", "VELOCITIES", "Attained", "BudgetTerm", "DiscreteSystem", "DissipationBudget", "DisturbanceSearch",
-    "EquilibriumLoop", "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise", "Swept",
-    "budget_terms", "corner_population", "corners", "dissipation_budget", "margins", "unstable_share",
-    "worst_disturbance",
+    "EquilibriumLoop", "FrequencyResponse", "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise",
+    "Swept", "budget_terms", "corner_population", "corners", "dissipation_budget", "frequency_response", "margins",
+    "unstable_share", "worst_disturbance",
 ]  # fmt: skip

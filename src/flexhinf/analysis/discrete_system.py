@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ __all__ = ["DiscreteSystem"]
 
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
+
+#: An eigenvalue below this is gone after one sample.
+GONE = 1e-12
 
 #: Eigenvalues this close to the imaginary axis (relative to the largest) lie on it.
 ON_AXIS = 1e-8
@@ -35,25 +39,41 @@ class DiscreteSystem:
     d: np.ndarray
     period: float
 
+    @cached_property
+    def multipliers(self) -> np.ndarray:
+        """Eigenvalues of a, (n,): what one period makes of each mode."""
+        return np.linalg.eigvals(self.a).astype(complex)
+
     @property
     def stable(self) -> bool:
         """Whether all eigenvalues are inside the unit circle."""
-        return bool(np.abs(np.linalg.eigvals(self.a)).max() < 1.0)
+        return bool(np.abs(self.multipliers).max() < 1.0)
 
-    def response(self, frequency: Any) -> np.ndarray:
-        """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s."""
-        z = np.exp(1j * np.atleast_1d(frequency) * self.period)
-        n = len(self.a)
-        return (
-            self.c @ np.linalg.solve(z[:, None, None] * np.eye(n) - self.a, self.b.astype(complex)) + self.d
+    @property
+    def poles(self) -> np.ndarray:
+        """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0 are left out."""
+        lasting = self.multipliers[np.abs(self.multipliers) > GONE]
+        poles = np.asarray(np.log(lasting) / self.period)
+        return poles[np.argsort(-poles.real, kind="stable")]
+
+    def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
+        """Some outputs by some inputs."""
+        part = DiscreteSystem(
+            self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.period
         )
+        vars(part)["multipliers"] = self.multipliers  # of the same a: not computed again
+        return part
+
+    def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
+        """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs."""
+        z = np.exp(1j * np.atleast_1d(frequency) * self.period)
+        shifted = z[:, None, None] * np.eye(len(self.a)) - self.a
+        return self.c @ np.linalg.solve(shifted, self.b[:, inputs].astype(complex)) + self.d[:, inputs]
 
     def frequencies(self, count: int = 300) -> np.ndarray:
         """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
         top = np.pi / self.period
-        with np.errstate(divide="ignore", invalid="ignore"):  # of eigenvalues at zero, left out below
-            exponents = np.log(np.linalg.eigvals(self.a).astype(complex)) / self.period
-        exponents = exponents[np.isfinite(exponents) & (exponents.imag >= 0.0)]
+        exponents = self.poles[self.poles.imag >= 0.0]
         offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
         near = exponents.imag[:, None] + np.abs(exponents.real)[:, None] * offsets
         every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
@@ -71,6 +91,20 @@ class DiscreteSystem:
             spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
             columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
         return np.array(columns).T
+
+    @property
+    def damping(self) -> tuple[float, float]:
+        """Smallest damping ratio −Re s/|s| of all poles s = log(z)/T, and |s| there in rad/s.
+
+        Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. A
+        loop that does not oscillate has the ratio 1, a growing mode a negative one.
+        """
+        lasting = self.poles[self.poles.real > -0.5 / self.period]
+        if not len(lasting):
+            return 1.0, np.nan
+        sizes = np.abs(lasting)
+        ratios = np.divide(-lasting.real, sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
+        return float(ratios.min()), float(sizes[ratios.argmin()])
 
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.

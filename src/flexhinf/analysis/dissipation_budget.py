@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.plant import Law, Plant
 
@@ -262,11 +262,8 @@ def budget_terms(
 def _budget_of(loop: Loop, level: float, settings: dict[str, Any]) -> DissipationBudget:
     """Of one run; one that diverged has spent everything."""
     given = settings.get("initial_input")
-    try:
-        return dissipation_budget(loop.run(**settings), loop, level, given)
-    except NumericalFailure as failure:
-        run: Any = getattr(failure, "trajectory", None)
-        if run is None or len(run.time) < 2:
-            raise
-        nothing = np.full(len(run.time), np.nan)
-        return DissipationBudget(run.time, float(level), float("nan"), nothing, nothing, nothing, False)
+    run = loop.run(**settings)
+    if run.diverged_at is None:
+        return dissipation_budget(run, loop, level, given)
+    nothing = np.full(len(run.time), np.nan)
+    return DissipationBudget(run.time, float(level), float("nan"), nothing, nothing, nothing, False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.analysis.batch import Rows
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.scalars import trace
@@ -101,10 +101,8 @@ class DisturbanceRuns:
         if self.commands:
             commands = Samples(self.times, controller.operating_reference + d[:, : self.commands])
         torques = {name: Held(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)}
-        try:
-            return self.loop.run(commands, torques or None, None, self.horizon), True
-        except NumericalFailure as failure:
-            return failure.trajectory, False  # type: ignore[attr-defined]
+        run = self.loop.run(commands, torques or None, None, self.horizon)
+        return run, run.diverged_at is None
 
     def deviations(self, run: Trajectory, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""

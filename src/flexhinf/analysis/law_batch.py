@@ -12,7 +12,6 @@ import numpy as np
 
 from flexhinf.analysis.batch import Rows
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
@@ -35,10 +34,9 @@ class LawRows:
     @cached_property
     def _polynomial(self) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]] | None:
         """By degree: coefficients (m, Nmon), and those of all derivatives (m, n, Nmon of one degree less)."""
-        law = self.law
-        if not (offers(law, "law_polynomial", "evaluate_law") and getattr(law, "law_is_polynomial", True)):
+        table = self.law.law_table
+        if table is None:
             return None
-        table = law.law_polynomial()  # type: ignore[attr-defined]
         n, parts, slopes, start = table.n, {}, {}, 0
         for k in table.degrees:
             parts[k] = table.coefficients[:, start : start + basis.count(n, k)]
@@ -58,13 +56,13 @@ class LawRows:
     @property
     def placed(self) -> bool:
         """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
-        return offers(self.law, "evaluate_about", "evaluate_law")
+        return self.law.depends_on_reference
 
     @cached_property
     def _rows_about(self) -> Rows:
-        law: Any = self.law
+        law = self.law
         n, m, size = len(law.state_names), len(law.input_names), np.size(law.law_data)
-        states = sum(not name.endswith("_integral") for name in law.state_names)
+        states = len(law.plant_states)
 
         def about(moving: Any, held: Any) -> Any:
             return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)

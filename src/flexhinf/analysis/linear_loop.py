@@ -10,6 +10,7 @@ u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,17 @@ class LinearLoop:
         Commanded positions of the true plant.
     names : tuple of str
         Of the commanded positions.
+    g : (n, k) array
+        Adds g d to ẋ, for the torques that disturb the true plant.
+    disturbances : tuple of str
+        Names of these torques.
+    inputs : tuple of str
+        Names of the inputs.
+    late_command : bool
+        Whether a command acts one sample after it is read, as it does through the integral of a law about a fixed
+        point; `system` leaves this sample out.
+    delay : float
+        The loop's own, s; every method counts it unless it is given another delay.
     """
 
     period: float
@@ -56,34 +68,52 @@ class LinearLoop:
     commanded_law: np.ndarray
     positions: np.ndarray
     names: tuple[str, ...]
+    g: np.ndarray
+    disturbances: tuple[str, ...]
+    inputs: tuple[str, ...]
+    late_command: bool = False
+    delay: float = 0.0
 
-    def held(self, delay: float = 0.0) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    def held(self, delay: float | None = None) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """(j, Φ, Γ_old, Γ_new): x⁺ = Φ x + Γ_old u(k−j−1) + Γ_new u(k−j) for a delay in s."""
         from scipy.linalg import expm
 
-        samples = delay / self.period
+        samples = (self.delay if delay is None else delay) / self.period
         j = int(np.floor(samples + WHOLE))
-        share = max(samples - j, 0.0) if samples - j > WHOLE else 0.0
-        (n, m), first, second = self.b.shape, share * self.period, (1.0 - share) * self.period
+        fraction = max(samples - j, 0.0) if samples - j > WHOLE else 0.0
+        (n, m), first, second = self.b.shape, fraction * self.period, (1.0 - fraction) * self.period
         both = np.zeros((n + m, n + m))
         both[:n] = np.hstack([self.a, self.b])
         early, late = expm(both * first), expm(both * second)
         return j, late[:n, :n] @ early[:n, :n], late[:n, :n] @ early[:n, n:], late[:n, n:]
 
-    def closed(self, delay: float = 0.0) -> np.ndarray:
+    def closed(self, delay: float | None = None) -> np.ndarray:
         """One period of the loop, as a matrix: plant, past inputs, controller."""
         return self.system(delay).a
 
-    def system(self, delay: float = 0.0) -> DiscreteSystem:
-        """From (w, v, r) to (u + w, u, q): w is added to the input, v to the measurements, r are the commanded
-        positions, q the true ones, at the samples."""
+    @cached_property
+    def running(self) -> DiscreteSystem:
+        """`system` with the loop's own delay."""
+        return self._system(self.delay)
+
+    def system(self, delay: float | None = None) -> DiscreteSystem:
+        """From (w, v, r, d) to (u + w, u, q).
+
+        w is added to the input, v to the measurements, r are the commanded positions, d torques that disturb the plant
+        and are held between samples, q the true positions, at the samples.
+        """
+        return self.running if delay is None or delay == self.delay else self._system(delay)
+
+    def _system(self, delay: float) -> DiscreteSystem:
         (n, m), p, s, q = self.b.shape, len(self.c), len(self.memory), len(self.positions)
+        k = self.g.shape[1]
         j, phi, old, new = self.held(delay)
         size = n + (j + 1) * m + s
         past, memory = slice(n, n + (j + 1) * m), slice(n + (j + 1) * m, size)
         oldest = slice(past.stop - m, past.stop)
-        # y, u and the memory by (state, w, v, r)
-        width = size + m + p + q
+        # y, u and the memory by (state, w, v, r, d)
+        width = size + m + p + q + k
+        commands = slice(size + m + p, size + m + p + q)
         y = np.zeros((p, width))
         y[:, :n], y[:, oldest], y[:, size + m : size + m + p] = self.c, self.d, np.eye(p)
         u, after = (block[:, s:] @ y for block in (self.law, self.memory))
@@ -92,29 +122,39 @@ class LinearLoop:
             (after, self.memory, self.commanded_memory),
         ):
             rows[:, memory] += block[:, :s]
-            rows[:, size + m + p :] += command
+            rows[:, commands] += command
         total = u.copy()
         total[:, size : size + m] += np.eye(m)
         unit = np.eye(width)
         newest = total if j == 0 else unit[past.start + (j - 1) * m : past.start + j * m]
-        later = np.vstack([
-            phi @ unit[:n] + old @ unit[oldest] + new @ newest,
-            total, unit[past.start : oldest.start], after,
-        ])  # fmt: skip
+        state = phi @ unit[:n] + old @ unit[oldest] + new @ newest
+        state[:, commands.stop :] += self._by_disturbance()
+        later = np.vstack([state, total, unit[past.start : oldest.start], after])
         seen = np.vstack([total, u, self.positions @ unit[:n]])
         return DiscreteSystem(later[:, :size], later[:, size:], seen[:, :size], seen[:, size:], self.period)
 
-    def part(self, into: str, out_of: str, delay: float = 0.0) -> DiscreteSystem:
-        """One block of `system`: into "w", "v" or "r", out of "u+w", "u" or "q"."""
-        whole, (m, p, q) = self.system(delay), (self.b.shape[1], len(self.c), len(self.positions))
-        columns = {"w": slice(0, m), "v": slice(m, m + p), "r": slice(m + p, m + p + q)}[into]
-        rows = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
-        return DiscreteSystem(
-            whole.a, whole.b[:, columns], whole.c[rows], whole.d[rows][:, columns], self.period
-        )
+    def _by_disturbance(self) -> np.ndarray:
+        """∫ e^{as} g ds over one period, (n, k)."""
+        from scipy.linalg import expm
 
-    def opened(self, delay: float = 0.0) -> DiscreteSystem:
-        """The loop broken at the plant's input: what the controller answers to an input of the plant alone."""
+        n, k = self.g.shape
+        both = np.zeros((n + k, n + k))
+        both[:n] = np.hstack([self.a, self.g])
+        return expm(both * self.period)[:n, n:]
+
+    def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem:
+        """One block of `system`: into "w", "v", "r" or "d", out of "u+w", "u" or "q"."""
+        m, p, q, k = self.b.shape[1], len(self.c), len(self.positions), self.g.shape[1]
+        begin = np.cumsum([0, m, p, q, k]).tolist()
+        at = ("w", "v", "r", "d").index(into)
+        outputs = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
+        return self.system(delay).block(outputs, slice(begin[at], begin[at + 1]))
+
+    def opened(self, delay: float | None = None) -> DiscreteSystem:
+        """The loop broken at all inputs of the plant: what the controller answers to an input of the plant alone.
+
+        Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹.
+        """
         (n, m), p, s = self.b.shape, len(self.c), len(self.memory)
         j, phi, old, new = self.held(delay)
         size = n + (j + 1) * m + s
@@ -129,6 +169,19 @@ class LinearLoop:
         ])  # fmt: skip
         return DiscreteSystem(later[:, :size], later[:, size:], u[:, :size], u[:, size:], self.period)
 
+    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem:
+        """The loop broken at input i alone, the other inputs closed: −L_i, one input and one output."""
+        whole = self.opened(delay)
+        m = self.b.shape[1]
+        others, one = [k for k in range(m) if k != i], [i]
+        closing = np.linalg.inv(np.eye(m - 1) - whole.d[np.ix_(others, others)])
+        by_state, by_input = closing @ whole.c[others], closing @ whole.d[np.ix_(others, one)]
+        through = whole.d[np.ix_(one, others)]
+        return DiscreteSystem(
+            whole.a + whole.b[:, others] @ by_state, whole.b[:, one] + whole.b[:, others] @ by_input,
+            whole.c[one] + through @ by_state, whole.d[np.ix_(one, one)] + through @ by_input, self.period,
+        )  # fmt: skip
+
     @staticmethod
     def of(loop: Any, z: np.ndarray, vector: np.ndarray, stepped: Stepped, by_y: np.ndarray) -> LinearLoop:
         """At the equilibrium z of an `EquilibriumLoop` with one true plant, from the controller's step there."""
@@ -136,7 +189,7 @@ class LinearLoop:
         n, m, s, p = plant.n, len(plant.inputs), step.size, step.p
         at = plant.with_parameters(**vars(plant.parameters.named(vector)))
         u = stepped.u.value[0]
-        a, b, _, _ = at.linearise(z[:n], u)
+        a, b, g, _ = at.linearise(z[:n], u)
         law, memory = stepped.u.by[0], stepped.memory.by[0]
         by_command = loop.by_command()
         positions = [plant.index(name) for name in loop.positions]
@@ -144,7 +197,8 @@ class LinearLoop:
             loop.period, a, b, by_y[:, :n], by_y[:, n : n + m],
             memory[:, : s + p], law[:, : s + p],
             memory[:, s + p :] @ by_command, law[:, s + p :] @ by_command,
-            np.eye(n)[positions], tuple(loop.positions),
+            np.eye(n)[positions], tuple(loop.positions), g, tuple(plant.disturbances),
+            tuple(plant.inputs), not loop.moving, loop.delay * loop.period,
         )  # fmt: skip
 
 

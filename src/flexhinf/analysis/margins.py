@@ -1,20 +1,21 @@
-"""How far a loop is from the edge, and what noise costs: margins of the linearised sampled loop with its estimator.
+"""How far a loop is from instability, and what noise costs: margins of the linear sampled loop with its estimator.
 
 The loop is broken at the plant's input::
 
-           w ──►(+)──► plant ──► y ──►(+)◄── v
-                 ▲                     │
-                 └────── u ◄─ law ◄─ estimator ◄─── commanded positions
+           w ──►(+)──► delay ─► plant ──► y ──►(+)◄── v
+                 ▲                              │
+                 └────── u ◄─ law ◄─ estimator ◄┴─ commanded positions
 
-S from w to u + w is the sensitivity, its largest singular value over all frequencies the inverse of the distance of
-the loop from the edge [skogestad2005]; v to u is what sensors cost the motors.
+S = (1 + L)⁻¹ from w to u + w is the sensitivity, its largest singular value over all frequencies the inverse of the
+distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is what
+sensors cost the motors. All figures are those of the running loop: sampled, with its estimator and its own delay.
 
-The delay margin is the largest extra delay of the inputs, on the exact sampled loop, delays between samples included.
-Broken at the plant's input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact
-(`LinearLoop.held`). It is on the edge where an eigenvalue λ of that is one at z = e^{jωT}. So for a few φ the
-frequencies with |λ(L_φ)| = 1 are found, their phase gives j as a real number, and Newton's method brings ω and the
-delay together. The smallest delay is checked by the eigenvalues of the closed loop before it (as long as the queue of
-inputs leaves that affordable); should they have left the unit circle there, it is bisected down to where they do.
+The delay margin is the largest extra delay of all inputs, delays between samples included. Broken at the plant's
+input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact (`LinearLoop.held`). It is on the edge where an
+eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the frequencies with |λ(L_φ)| = 1 are found, their phase
+gives j as a real number, and Newton's method brings ω and the delay together. The smallest delay is checked by the
+eigenvalues of the closed loop before it (as long as the queue of inputs leaves that affordable); should they have left
+the unit circle there, it is bisected down to where they do.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import LinearLoop
 
@@ -32,6 +34,209 @@ __all__ = ["Margins", "crossings", "delay_margin", "margins"]
 
 #: Halvings of the bracket of a crossing: to the last digits.
 BISECTIONS = 50
+
+#: Fractions of a period at which crossings of the delayed loop are looked for.
+FRACTIONS = (0.0, 0.25, 0.5, 0.75)
+
+#: Newton steps, their finite differences (relative), and the size of |λ − 1| at the end.
+ITERATIONS, DIFFERENCE, CLOSE = 30, 1e-6, 1e-9
+
+#: The closed loop is checked at this fraction of the extra delay found, and bisected so many times if it fails.
+BEFORE, HALVINGS = 0.999, 30
+
+#: States of a closed loop whose eigenvalues are affordable: 40 ms of seven inputs at 1 kHz, or 600 ms of one.
+AFFORDABLE = 700
+
+#: Refinements of a peak between its neighbours on the grid, and points of each.
+REFINEMENTS, POINTS = 5, 33
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
+
+    Attributes
+    ----------
+    stable : bool
+    delay_margin_s : float
+        Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
+        delay makes the loop unstable.
+    delay_frequency : float
+        Where the loop then oscillates, rad/s.
+    gain_margins : (m, 2) array
+        The loop is stable with the gain of one input times all factors between these, the others as they are.
+    disk_margin : float
+        α, symmetric: the loop is stable with every input multiplied by its own complex factor
+        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
+        lower bound of it.
+    disk_frequency : float
+        Where it is reached, rad/s.
+    peak_sensitivity, sensitivity_frequency : float
+        max over ω of σ_max(S(e^{jωT})), and where, rad/s.
+    peak_complementary, complementary_frequency : float
+        The same of T = 1 − S.
+    noise_to_input : (m, p) array
+        RMS of each input per RMS of white noise on one measurement; independent noises add in squares.
+    peak_noise_to_input, noise_frequency : float
+        H∞ norm of the same, and where, rad/s.
+    bandwidth : (q,) array
+        Frequency at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the command does
+        not act, infinite if beyond half the sampling frequency.
+    positions : tuple of str
+        Of the bandwidths.
+    damping, damping_frequency : float
+        Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), and its |s|, rad/s;
+        see `DiscreteSystem.damping`. Negative for an unstable loop.
+    """
+
+    stable: bool
+    delay_margin_s: float
+    delay_frequency: float
+    gain_margins: np.ndarray
+    disk_margin: float
+    disk_frequency: float
+    peak_sensitivity: float
+    sensitivity_frequency: float
+    peak_complementary: float
+    complementary_frequency: float
+    noise_to_input: np.ndarray
+    peak_noise_to_input: float
+    noise_frequency: float
+    bandwidth: np.ndarray
+    positions: tuple[str, ...]
+    damping: float
+    damping_frequency: float
+
+    @property
+    def gain_margin(self) -> float:
+        """Smallest factor, above one, by which one input's gain may not rise or fall; 1 for an unstable loop."""
+        if not self.stable:
+            return 1.0
+        with np.errstate(divide="ignore"):
+            return float(min(self.gain_margins[:, 1].min(), (1.0 / self.gain_margins[:, 0]).min()))
+
+    @property
+    def disk_gain_margins(self) -> tuple[float, float]:
+        """All inputs' gains may change at once, each by its own real factor between these: (2 ∓ α)/(2 ± α)."""
+        if self.disk_margin >= 2.0:
+            return 0.0, np.inf
+        return (2.0 - self.disk_margin) / (2.0 + self.disk_margin), (2.0 + self.disk_margin) / (
+            2.0 - self.disk_margin
+        )
+
+    @property
+    def disk_phase_margin(self) -> float:
+        """All inputs' phases may change at once, each by up to 2 atan(α/2), rad."""
+        return 2.0 * float(np.arctan(0.5 * self.disk_margin))
+
+    @property
+    def slowest_bandwidth(self) -> float:
+        """Of the slowest commanded position, rad/s; NaN if a command does not act, or the loop is unstable."""
+        return float(self.bandwidth.min()) if len(self.bandwidth) else np.nan
+
+
+def margins(
+    loop: EquilibriumLoop | LinearLoop,
+    values: Mapping[str, Any] | None = None,
+    process_noise: np.ndarray | None = None,
+) -> Margins:
+    """Margins of a loop at its equilibrium.
+
+    Parameters
+    ----------
+    loop : EquilibriumLoop or LinearLoop
+        Its own delay is part of it: the delay margin is what it stands beyond, and all other figures count it.
+    values, process_noise
+        As for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and R^v instead of the filter's.
+
+    Raises
+    ------
+    NumericalFailure
+        If the loop has no equilibrium with this plant.
+    """
+    linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
+    m, p, q = linear.b.shape[1], len(linear.c), len(linear.positions)
+    damping = linear.running.damping
+    if not linear.running.stable:
+        return Margins(
+            False, 0.0, np.nan, np.full((m, 2), np.nan), 0.0, np.nan, np.inf, np.nan, np.inf, np.nan,
+            np.full((m, p), np.inf), np.inf, np.nan, np.full(q, np.nan), linear.names, *damping,
+        )  # fmt: skip
+    noise = linear.part("v", "u")
+    return Margins(
+        True, *delay_margin(linear), np.array([_gain_margins(linear.opened_at(i)) for i in range(m)]),
+        *_disk_margin(linear), *linear.part("w", "u+w").norm(), *linear.part("w", "u").norm(),
+        noise.rms(), *noise.norm(), _bandwidths(linear), linear.names, *damping,
+    )  # fmt: skip
+
+
+def _bandwidths(linear: LinearLoop) -> np.ndarray:
+    """First frequency at which each diagonal entry from command to position is 1/√2 of that at ω = 0."""
+    system = linear.part("r", "q")
+    if not len(linear.positions):
+        return np.zeros(0)
+    grid = system.frequencies()
+    followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
+    level = followed(np.zeros(1))[0] / np.sqrt(2.0)
+    found = np.where(level > 0.0, np.inf, np.nan)
+    for joint, frequency in crossings(lambda w: followed(w) - level, grid):
+        if level[joint] > 0.0:
+            found[joint] = min(found[joint], frequency)
+    return found
+
+
+def _gain_margins(opened: DiscreteSystem) -> tuple[float, float]:
+    """Largest factor below one and smallest above at which the opened loop is one, at any frequency."""
+    top = np.pi / opened.period
+    at = [
+        frequency
+        for _, frequency in crossings(lambda w: np.imag(opened.response(w)[:, 0]), opened.frequencies())
+    ]
+    with np.errstate(all="ignore"):
+        values = opened.response(np.array([*at, top]))[:, 0, 0]
+        factors = 1.0 / np.real(values)
+    real = np.isfinite(factors) & (factors > 0.0) & (np.abs(np.imag(values)) <= 1e-6 * np.abs(values))
+    below, above = factors[real & (factors < 1.0)], factors[real & (factors > 1.0)]
+    return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
+
+
+def _disk_margin(linear: LinearLoop) -> tuple[float, float]:
+    """(α, ω) with 1/α = max over ω of μ(½ (S − T)), ½ (S − T) = S − ½ [seiler2020].
+
+    With one input μ is the absolute value. With several, each with its own factor, μ is bounded from above by the
+    largest singular value after a diagonal scaling at each frequency, here that of Perron's vectors [skogestad2005].
+    """
+    s, m = linear.part("w", "u+w"), linear.b.shape[1]
+    middle = DiscreteSystem(s.a, s.b, s.c, s.d - 0.5 * np.eye(m), s.period)
+    if m == 1:
+        peak, at = middle.norm()
+    else:
+        peak, at = _peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
+    return 1.0 / peak, at
+
+
+def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
+    """The smaller of σ_max(M) and σ_max(D M D⁻¹), D from Perron's vectors of |M|, for each of (F, m, m)."""
+    sizes = np.abs(matrices) + 1e-12 * np.abs(matrices).max(axis=(1, 2), keepdims=True)
+    right = left = np.ones(sizes.shape[:2])
+    for _ in range(50):  # power iteration of positive matrices
+        right = np.einsum("fij,fj->fi", sizes, right)
+        left = np.einsum("fij,fi->fj", sizes, left)
+        right, left = (v / v.max(axis=1, keepdims=True) for v in (right, left))
+    scale = np.sqrt(left / right)
+    scaled = scale[:, :, None] * matrices / scale[:, None, :]
+    return np.minimum(*(np.linalg.norm(each, 2, axis=(1, 2)) for each in (matrices, scaled)))
+
+
+def _peak(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> tuple[float, float]:
+    """(largest value, where) of a function of frequency, refined between the neighbours of the grid's largest."""
+    for _ in range(REFINEMENTS):
+        values = function(grid)
+        k = int(values.argmax())
+        low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
+        best, at = float(values[k]), float(grid[k])
+        grid = np.linspace(low, high, POINTS)
+    return best, at
 
 
 def crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> list[tuple[int, float]]:
@@ -60,38 +265,28 @@ def crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) ->
     return list(zip(branches.tolist(), (0.5 * (low + high)).tolist(), strict=True))
 
 
-#: Shares of a period at which crossings are looked for.
-SHARES = (0.0, 0.25, 0.5, 0.75)
-
-#: Newton steps, their finite differences (relative), and the size of |λ − 1| at the end.
-ITERATIONS, DIFFERENCE, CLOSE = 30, 1e-6, 1e-9
-
-#: The closed loop is checked at this share of the delay found, and bisected so many times if it fails.
-BEFORE, HALVINGS = 0.999, 30
-
-#: States of a closed loop whose eigenvalues are affordable: 40 ms of seven inputs at 1 kHz, or 600 ms of one.
-AFFORDABLE = 700
-
-
+# The delay margin ------------------------------------------------------------------------------------
 def delay_margin(loop: LinearLoop) -> tuple[float, float]:
-    """(delay in s, frequency in rad/s where the loop then oscillates).
+    """(extra delay in s, frequency in rad/s where the loop then oscillates).
 
-    Zero if the loop is unstable as it is; infinite (and NaN) if no delay makes it unstable.
+    Zero if the loop is unstable as it is, its own delay included; infinite (and NaN) if no delay makes it unstable.
     """
-    if not loop.system().stable:
+    own = loop.delay
+    if not loop.running.stable:
         return 0.0, np.nan
     found = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
+    found = [(delay, frequency) for delay, frequency in found if delay >= own]
     if not found:
         return np.inf, np.nan
     delay, frequency = min(found)
     states = len(loop.b) + len(loop.memory) + int(delay / loop.period + 1) * loop.b.shape[1]
-    if states > AFFORDABLE or _radius(loop, BEFORE * delay) < 1.0:
-        return delay, frequency
-    low, high = 0.0, delay
+    if states > AFFORDABLE or _radius(loop, own + BEFORE * (delay - own)) < 1.0:
+        return delay - own, frequency
+    low, high = own, delay
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _radius(loop, middle) < 1.0 else (low, middle)
-    return low, _edge(loop, low)
+    return low - own, _edge(loop, low)
 
 
 def _radius(loop: LinearLoop, delay: float) -> float:
@@ -105,10 +300,10 @@ def _edge(loop: LinearLoop, delay: float) -> float:
 
 
 def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
-    """(ω, delay) near each crossing; the smallest delay for each."""
+    """(ω, delay) near each crossing; the smallest delay for each that is not below the loop's own."""
     guesses = []
-    for share in SHARES:
-        opened = loop.opened(share * loop.period)
+    for fraction in FRACTIONS:
+        opened = loop.opened(fraction * loop.period)
 
         def sizes(frequency: np.ndarray, opened=opened) -> np.ndarray:
             return np.sort(np.abs(np.linalg.eigvals(opened.response(frequency))), axis=1) - 1.0
@@ -116,8 +311,10 @@ def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
         for _, frequency in crossings(sizes, opened.frequencies()):
             values = np.linalg.eigvals(opened.response(frequency)[0])
             value = values[np.argmin(np.abs(np.abs(values) - 1.0))]
-            wait = np.angle(value) % (2.0 * np.pi) / frequency
-            guesses.append((frequency, wait + share * loop.period))
+            turn = 2.0 * np.pi / frequency
+            delay = np.angle(value) % (2.0 * np.pi) / frequency + fraction * loop.period
+            delay += turn * max(0.0, np.ceil((loop.delay - delay) / turn))
+            guesses.append((frequency, float(delay)))
     return guesses
 
 
@@ -149,114 +346,3 @@ def _refined(loop: LinearLoop, frequency: float, delay: float) -> tuple[float, f
         if not 0.0 < frequency <= top or not delay >= 0.0:
             return None
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class Margins:
-    """Figures of one loop; those of an unstable loop are zero (delay), infinite (peaks, noise) or NaN.
-
-    Attributes
-    ----------
-    stable : bool
-    delay_margin_s : float
-        Largest extra delay of all inputs together, s, between samples too; infinite if there is none.
-    delay_frequency : float
-        Where the loop then oscillates, rad/s.
-    peak_sensitivity, sensitivity_frequency : float
-        max over ω of σ_max(S(e^{jωT})), and where, rad/s.
-    noise_to_input : (m, p) array
-        RMS of each input per RMS of white noise on one measurement; independent noises add in squares.
-    peak_noise_to_input, noise_frequency : float
-        H∞ norm of the same, and where, rad/s.
-    bandwidth : (q,) array
-        Frequency at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the command does
-        not act, infinite if beyond half the sampling frequency.
-    positions : tuple of str
-        Of the bandwidths.
-    gain_margins : (float, float) or None
-        With one input: the loop is stable with its gain times all factors between these.
-    """
-
-    stable: bool
-    delay_margin_s: float
-    delay_frequency: float
-    peak_sensitivity: float
-    sensitivity_frequency: float
-    noise_to_input: np.ndarray
-    peak_noise_to_input: float
-    noise_frequency: float
-    bandwidth: np.ndarray
-    positions: tuple[str, ...]
-    gain_margins: tuple[float, float] | None
-
-
-def margins(
-    loop: EquilibriumLoop | LinearLoop,
-    values: Mapping[str, Any] | None = None,
-    process_noise: np.ndarray | None = None,
-) -> Margins:
-    """Margins of a loop at its equilibrium.
-
-    Parameters
-    ----------
-    loop : EquilibriumLoop or LinearLoop
-    values, process_noise
-        As for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and R^v instead of the filter's.
-
-    Notes
-    -----
-    A delay that a `EquilibriumLoop` has is part of the loop: the delay margin is what it stands beyond.
-
-    Raises
-    ------
-    NumericalFailure
-        If the loop has no equilibrium with this plant.
-    """
-    linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
-    own = 0.0 if isinstance(loop, LinearLoop) else loop.delay * loop.period
-    delay, delay_frequency = delay_margin(linear)
-    m, p, q = linear.b.shape[1], len(linear.c), len(linear.positions)
-    if not linear.system(own).stable:
-        gains = (np.nan, np.nan) if m == 1 else None
-        nothing, infinite = np.full(q, np.nan), np.full((m, p), np.inf)
-        return Margins(
-            False, 0.0, np.nan, np.inf, np.nan, infinite, np.inf, np.nan, nothing, linear.names, gains
-        )
-    peak, at = linear.part("w", "u+w", own).norm()
-    noise = linear.part("v", "u", own)
-    noise_peak, noise_at = noise.norm()
-    return Margins(
-        True, max(0.0, delay - own), delay_frequency, peak, at, noise.rms(), noise_peak, noise_at,
-        _bandwidths(linear, own), linear.names, _gain_margins(linear, own) if m == 1 else None,
-    )  # fmt: skip
-
-
-def _bandwidths(linear: LinearLoop, delay: float) -> np.ndarray:
-    """First frequency at which each diagonal entry from command to position is 1/√2 of that at ω = 0."""
-    system = linear.part("r", "q", delay)
-    if not len(linear.positions):
-        return np.zeros(0)
-    grid = system.frequencies()
-    followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
-    level = followed(np.zeros(1))[0] / np.sqrt(2.0)
-    found = np.where(level > 0.0, np.inf, np.nan)
-    for joint, frequency in crossings(lambda w: followed(w) - level, grid):
-        if level[joint] > 0.0:
-            found[joint] = min(found[joint], frequency)
-    return found
-
-
-def _gain_margins(linear: LinearLoop, delay: float) -> tuple[float, float]:
-    """Largest factor below one and smallest above at which the opened loop is one, at any frequency."""
-    opened = linear.opened(delay)
-    top = np.pi / linear.period
-    at = [
-        frequency
-        for _, frequency in crossings(lambda w: np.imag(opened.response(w)[:, 0]), opened.frequencies())
-    ]
-    with np.errstate(all="ignore"):
-        values = opened.response(np.array([*at, top]))[:, 0, 0]
-        factors = 1.0 / np.real(values)
-    real = np.isfinite(factors) & (factors > 0.0) & (np.abs(np.imag(values)) <= 1e-6 * np.abs(values))
-    below, above = factors[real & (factors < 1.0)], factors[real & (factors > 1.0)]
-    return float(below.max(initial=0.0)), float(above.min(initial=np.inf))

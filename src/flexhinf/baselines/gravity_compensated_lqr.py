@@ -72,7 +72,7 @@ class GravityCompensatedLQR(PlacedLaw):
         n = check_joints(plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
         relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
-        light = replace(problem, plant=weightless, pose=None, rest=(relaxed, np.zeros_like(u)))
+        light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
         return GravityCompensatedLQR(
             plant=plant,
             rest=(x, u),

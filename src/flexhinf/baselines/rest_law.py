@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import GeneralisedPlant, Plant
+from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import jacobian
 
 __all__ = ["LinearFeedback", "PlacedLaw", "RestLaw", "rest_of"]
@@ -23,7 +23,7 @@ def rest_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RestLaw(abc.ABC):
+class RestLaw(Law):
     """A `flexhinf.plant.Law` about a rest of a plant.
 
     Parameters
@@ -78,20 +78,6 @@ class RestLaw(abc.ABC):
     def operating_input(self) -> np.ndarray:
         """u*, (m,)."""
         return self.rest[1]
-
-    @property
-    @abc.abstractmethod
-    def law_data(self) -> np.ndarray:
-        """Numbers of the law, flat."""
-
-    @property
-    @abc.abstractmethod
-    def law_key(self) -> str:
-        """What distinguishes the law's code from another's."""
-
-    @abc.abstractmethod
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,), for a deviation x (n,) on any element."""
 
     @cached_property
     def slope(self) -> np.ndarray:

@@ -1,8 +1,7 @@
 """All commands, and the way in and out.
 
-A new command is a function in a file of its own, named in `COMMANDS`. What it shares with ``flexhinf design`` is there
-already: the options of a specification in `flexhinf.cli.options`, those that were given in `flexhinf.cli.given`, and a
-robot or a design file as its argument in `flexhinf.cli.asked`.
+A new command is a function in a file of its own, named in `COMMANDS`. Where it takes a specification, its options are
+made by `flexhinf.cli.arguments.with_specification`.
 """
 
 from __future__ import annotations
@@ -15,17 +14,29 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
+from flexhinf.cli.compare import EXAMPLES as COMPARE_EXAMPLES
 from flexhinf.cli.compare import compare
+from flexhinf.cli.design import EXAMPLES as DESIGN_EXAMPLES
 from flexhinf.cli.design import design
+from flexhinf.cli.messages import INTERRUPTED, error_text, mistake, parser_error
+from flexhinf.cli.paper import EXAMPLES as PAPER_EXAMPLES
 from flexhinf.cli.paper import paper
+from flexhinf.cli.robots import EXAMPLES as ROBOTS_EXAMPLES
 from flexhinf.cli.robots import robots
-from flexhinf.cli.told import INTERRUPTED, mistake, three_parts
+from flexhinf.cli.schema import EXAMPLES as SCHEMA_EXAMPLES
+from flexhinf.cli.schema import schema
 from flexhinf.errors import FlexhinfError
 
 __all__ = ["COMMANDS", "app", "main"]
 
-#: In the order of the help.
-COMMANDS = (paper, robots, design, compare)
+#: Each with its examples, in the order of the help.
+COMMANDS = {
+    paper: PAPER_EXAMPLES,
+    robots: ROBOTS_EXAMPLES,
+    design: DESIGN_EXAMPLES,
+    compare: COMPARE_EXAMPLES,
+    schema: SCHEMA_EXAMPLES,
+}
 
 app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
 
@@ -49,12 +60,12 @@ def root(
     """
 
 
-for command in COMMANDS:
-    app.command()(command)
+for command, examples in COMMANDS.items():
+    app.command(epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns its exit code. A user's mistake is told in three parts, without a traceback."""
+    """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         code = app(args=words, prog_name="flexhinf", standalone_mode=False)
@@ -62,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return mistake("Interrupted; nothing was written.", INTERRUPTED)
         return code if isinstance(code, int) else 0
     except FlexhinfError as error:
-        return mistake(str(error))
+        return mistake(error_text(error))
     except TyperException as error:
-        return mistake(three_parts(error, words))
+        return mistake(parser_error(error, words))
     except (KeyboardInterrupt, typer.Abort):
         return mistake("Interrupted; nothing was written.", INTERRUPTED)

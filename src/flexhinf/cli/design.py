@@ -3,65 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from flexhinf.cli import options as o
-from flexhinf.cli.asked import asked_by
-from flexhinf.cli.given import words
+from flexhinf.cli.arguments import Elastic, Out, Robot, reproduce_command, request_of, with_specification
+from flexhinf.cli.messages import NOT_MET, note
 from flexhinf.cli.progress import Progress
-from flexhinf.cli.told import NOT_MET, note
-from flexhinf.design.specification import Specification as Default
 
-__all__ = ["design"]
+__all__ = ["EXAMPLES", "design"]
 
-MEASURED = ",".join(Default.measured)
+EXAMPLES = (
+    "flexhinf design paper --goal 90deg",
+    "flexhinf design planar-two-link --goal 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
+    "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
+    "flexhinf design flexhinf-design/design.toml --seed 1",
+)
 
 
+@with_specification()
 def design(
     context: typer.Context,
-    robot: o.Robot,
-    out: o.Out = Path("flexhinf-design"),
-    elastic: o.Elastic = "",
-    pose: o.Pose = "",
-    start: o.Start = "",
-    via: o.Via = [],  # noqa: B006  typer copies it
-    preset: o.Preset = "",
-    bandwidth: o.Bandwidth = "",
-    damping: o.Damping = Default.damping,
-    peak_effort: o.PeakEffort = 0.0,
-    peak_voltage: o.PeakVoltage = 0.0,
-    peak_torque: o.PeakTorque = 0.0,
-    overshoot: o.Overshoot = Default.overshoot,
-    penalty: o.Penalty = "",
-    effort: o.Effort = 0.0,
-    gamma_ratio: o.GammaRatio = Default.gamma_ratio,
-    checked_gamma_ratio: o.CheckedGammaRatio = Default.checked_gamma_ratio,
-    checked_penalty: o.CheckedPenalty = "",
-    degrees: o.Degrees = "",
-    disturbances: o.Disturbances = "",
-    command: o.Command = Default.command,
-    measured: o.Measured = MEASURED,
-    estimator: o.Estimator = Default.estimator,
-    period: o.Period = Default.period,
-    process_noise: o.ProcessNoise = Default.process_noise,
-    torque_noise: o.TorqueNoise = Default.torque_noise,
-    measurement_noise: o.MeasurementNoise = Default.measurement_noise,
-    saturation: o.Saturation = 0.0,
-    extras: o.Extras = "",
-    delay: o.Delay = Default.delay,
-    quantisation: o.Quantisation = Default.quantisation,
-    load: o.Load = Default.load,
-    draws: o.Draws = -1,
-    rays: o.Rays = -1,
-    duration: o.Duration = 0.0,
-    seed: o.Seed = Default.seed,
-    compare_rigid: o.CompareRigid = Default.compare_rigid,
-    mujoco: o.Mujoco = Default.mujoco,
+    robot: Robot,
+    out: Out = Path("flexhinf-design"),
+    elastic: Elastic = "",
+    **options: Any,
 ) -> None:
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
 
-    Beside the page stands design.toml: what was asked for, and what came of it.
+    The folder also holds design.toml: the specification and its result.
     `flexhinf design design.toml` makes the same design again; options win over it.
 
     Exit code: 0 if the nonlinear loop meets the specification; 1 if it does not
@@ -75,14 +45,14 @@ def design(
     from flexhinf.design.terminal import design_tables
     from flexhinf.report import check, write
 
-    told = asked_by(context, robot, elastic)
-    asked = told.asked
+    read = request_of(context, robot, elastic)
+    request = read.request
     folder = check(out)
-    with Progress(corridor.stages(asked.robot, asked.specification) + 1) as tell:
-        result = corridor.design(asked.robot, asked.specification, tell)
+    with Progress(corridor.stages(request.robot, request.specification) + 1) as tell:
+        result = corridor.design(request.robot, request.specification, tell)
         tell("report")
-        files = corridor.design_files(result, words(context), told.warnings)
-        files["design.toml"] = corridor.design_text(result, asked.source, asked.elastic, folder)
+        files = corridor.design_files(result, reproduce_command(context), read.warnings)
+        files["design.toml"] = corridor.design_text(result, request.source, request.elastic, folder)
     write(folder, files)
     for table in design_tables(result):
         Console().print(table)

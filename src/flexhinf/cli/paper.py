@@ -8,10 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from flexhinf.cli.messages import note
 from flexhinf.cli.progress import Progress
-from flexhinf.cli.told import note
 
-__all__ = ["paper"]
+__all__ = ["EXAMPLES", "paper"]
+
+EXAMPLES = ("flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second")
 
 FOLDER = Path("flexhinf-paper")
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["robots"]
+__all__ = ["EXAMPLES", "robots"]
+
+EXAMPLES = ("flexhinf robots",)
 
 
 def robots() -> None:

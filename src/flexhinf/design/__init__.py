@@ -6,15 +6,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
-    "Asked": "design_file",
+    "DesignRequest": "design_file",
     "Design": "result",
     "DegreeChoice": "degrees",
     "Specification": "specification",
-    "asked_of": "design_file",
+    "design_schema": "design_file",
     "design": "corridor",
     "design_files": "page",
-    "design_text": "file_text",
+    "design_text": "design_file_text",
     "load_design": "design_file",
+    "read_request": "design_file",
     "notes": "page.notes",
     "shrinking": "degrees",
     "stages": "corridor",
@@ -23,15 +24,16 @@ _HOME = {
 }
 
 __all__ = [
-    "Asked", "DegreeChoice", "Design", "Specification", "asked_of", "design", "design_files", "design_text",
-    "load_design", "notes", "shrinking", "stages", "try_degrees", "verdict",
+    "DegreeChoice", "Design", "DesignRequest", "Specification", "design", "design_files", "design_schema",
+    "design_text",
+    "load_design", "notes", "read_request", "shrinking", "stages", "try_degrees", "verdict",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from flexhinf.design.corridor import design, stages
     from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
-    from flexhinf.design.design_file import Asked, asked_of, load_design
-    from flexhinf.design.file_text import design_text
+    from flexhinf.design.design_file import DesignRequest, design_schema, load_design, read_request
+    from flexhinf.design.design_file_text import design_text
     from flexhinf.design.page import design_files
     from flexhinf.design.page.notes import notes
     from flexhinf.design.page.words import verdict

@@ -1,30 +1,35 @@
-"""Design files: a robot and what is asked of its loop, as `file_text` writes them; every command takes one.
+"""Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
-A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, and fields of `Specification` by name,
-in rad, s, V, N·m. Paths are seen from the file's folder. The table [found] says what came of it, and is not read.
+A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, and fields of `Specification` by name.
+Paths are seen from the file's folder. The table [result] says what came of it and is not read ([found] in older files).
 """
 
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexhinf.design.file_fields import FIELDS
-from flexhinf.design.specification import Specification
+import numpy as np
+import tomlkit
+
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
 from flexhinf.errors import InvalidInput
+from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 
-__all__ = ["Asked", "DesignFile", "asked_of", "is_design_file", "load_design", "read_design"]
+__all__ = [
+    "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "plain", "read_design",
+    "read_request", "weights_of",
+]  # fmt: skip
 
-TABLES = ("design", "found")
+TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic")
 
-#: A name that is as much like "design" as this was meant to be it.
-ALIKE = 0.8
+#: A table whose name is as similar as this to "design" was meant to be it.
+SIMILAR = 0.8
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class DesignFile:
     robot, elastic : str, str or None
         As `load_robot` takes them.
     fields : dict
-        Of a specification.
+        Of a specification, as the file has them.
     """
 
     path: Path
@@ -47,7 +52,7 @@ class DesignFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class DesignRequest:
     """What a command is asked for.
 
     Attributes
@@ -57,7 +62,7 @@ class Asked:
     source, elastic : str, str or None
         Where the robot came from, as `load_robot` takes them.
     notes : tuple of str
-        What is to be told before the work.
+        What the user should know before the work.
     """
 
     robot: Robot
@@ -75,14 +80,14 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
-    asked = _asked(read_design(path), None, {})
-    return asked.robot, asked.specification
+    request = _merged(read_design(path), None, {})
+    return request.robot, request.specification
 
 
-def asked_of(
+def read_request(
     source: str | Path, elastic: str | Path | None = None, given: Mapping[str, Any] | None = None
-) -> Asked:
-    """What is asked for with a robot, or with a design file over which `given` wins.
+) -> DesignRequest:
+    """The request of a robot, or of a design file over which `given` wins.
 
     Parameters
     ----------
@@ -91,8 +96,8 @@ def asked_of(
     elastic : path, optional
         With a URDF; wins over a design file's.
     given : mapping, optional
-        Fields of a specification; one that is None takes back what the file says. What the file says of weights gives
-        way to a behaviour that is given, and the other way round: `Asked.notes` tells.
+        Fields of a specification; one that is None takes back what the file says. Weights in the file give way to a
+        preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
 
     Raises
     ------
@@ -102,12 +107,12 @@ def asked_of(
     given = dict(given or {})
     if not is_design_file(source):
         plain = None if elastic is None else str(elastic)
-        specification = Specification(**_without_nothing(given))
-        return Asked(load_robot(source, plain), specification, str(source), plain)
-    return _asked(read_design(source), elastic, given)
+        specification = Specification(**_without_none(given))
+        return DesignRequest(load_robot(source, plain), specification, str(source), plain)
+    return _merged(read_design(source), elastic, given)
 
 
-def _asked(file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any]) -> Asked:
+def _merged(file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any]) -> DesignRequest:
     """A design file, and what wins over it."""
     fields = {name: value for name, value in file.fields.items() if name not in given}
     rivals = {
@@ -118,18 +123,18 @@ def _asked(file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any
         if rival in fields
     }
     kept = {name: value for name, value in fields.items() if name not in rivals}
-    notes = [f"{file.path.name}: {rival} gives way to --{name}" for rival, name in rivals.items()]
-    specification = Specification(**_without_nothing({**kept, **given}))
+    notes = [f"{file.path.name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
+    specification = Specification(**_without_none({**kept, **given}))
     beside = file.elastic if elastic is None else str(elastic)
-    return Asked(load_robot(file.robot, beside), specification, file.robot, beside, tuple(notes))
+    return DesignRequest(load_robot(file.robot, beside), specification, file.robot, beside, tuple(notes))
 
 
-def _without_nothing(fields: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if value is not None}
 
 
 def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Fields that cannot stand beside this one, see `flexhinf.design.presets.choose.preset_of`."""
+    """Fields that contradict this one, see `flexhinf.design.presets.choose.preset_of`."""
     stated = fields.get("preset") == "paper"
     if name == "penalty":
         return ("bandwidth", "damping", "preset")
@@ -148,15 +153,15 @@ def is_design_file(source: str | Path) -> bool:
     if str(source) in catalogue() or Path(source).suffix.lower() != ".toml":
         return False
     try:
-        data = tomllib.loads(Path(source).read_text(encoding="utf-8"))
+        data = tomlkit.parse(Path(source).read_text(encoding="utf-8")).unwrap()
     except (OSError, ValueError):
         return False
-    alike = difflib.get_close_matches("design", data, n=1, cutoff=ALIKE)
-    return bool(alike or "found" in data) and not {"joint", "urdf"} & set(data)
+    similar = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
+    return bool(similar or {"result", "found"} & set(data)) and not {"joint", "urdf"} & set(data)
 
 
 def read_design(path: str | Path) -> DesignFile:
-    """A design file, every key and every value of it looked at; the robot is not read.
+    """A design file, every key and every value of it checked; the robot is not read.
 
     Raises
     ------
@@ -168,10 +173,9 @@ def read_design(path: str | Path) -> DesignFile:
     table = data.get("design")
     if not isinstance(table, dict):
         raise _no_design(path.name, list(data))
-    for name in data:
-        if name not in TABLES:
-            raise _unknown(path.name, "the file", name, TABLES)
-    table = dict(table)
+    for key in data:
+        if key not in TABLES:
+            raise _unknown(path.name, "the file", key, TABLES[:2])
     if "robot" not in table:
         close = difflib.get_close_matches("robot", [key for key in table if key not in FIELDS], n=1)
         raise InvalidInput(
@@ -180,13 +184,13 @@ def read_design(path: str | Path) -> DesignFile:
             f"'robot' for {close[0]!r}" if close else "robot = 'planar-two-link', or a path from this file",
         )
     places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
-    fields = {key: _field(path.name, key, value) for key, value in table.items()}
-    return DesignFile(path, places["robot"], places.get("elastic"), fields)
+    _check_fields(path.name, table)
+    return DesignFile(path, places["robot"], places.get("elastic"), table)
 
 
 def _data(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
     except OSError as error:
         raise InvalidInput(
             f"There is no design file {str(path)!r}.",
@@ -200,7 +204,7 @@ def _data(path: Path) -> dict[str, Any]:
 
 
 def _no_design(file: str, keys: list[str]) -> InvalidInput:
-    close = difflib.get_close_matches("design", keys, n=1, cutoff=ALIKE)
+    close = difflib.get_close_matches("design", keys, n=1, cutoff=SIMILAR)
     return InvalidInput(
         f"{file}: there is no table [design].",
         f"expected [design], below it robot = …, got {keys}",
@@ -248,20 +252,76 @@ def _place(path: Path, key: str, value: Any) -> str:
     return str(place)
 
 
-def _field(file: str, key: str, value: Any) -> Any:
-    """A value of a specification, of the right kind and in its range."""
-    if key not in FIELDS:
-        raise _unknown(file, "[design]", key, (*PLACES, *FIELDS))
-    kind = FIELDS[key]
-    expected = f"expected {kind.words}, got {value!r}"
+def _check_fields(file: str, fields: Mapping[str, Any]) -> None:
+    """Every field on its own and all of them together."""
     try:
-        read = kind.read(value)
-        Specification(**{key: read})
-        return read
-    except InvalidInput as error:
-        expected = error.found
-    except (ValueError, OverflowError):
-        pass
-    raise InvalidInput(
-        f"{file}: [design] has a value of {key!r} that cannot be used.", expected, kind.example
-    ) from None
+        Specification(**fields)
+    except SpecificationError as error:
+        if error.field not in FIELDS:
+            raise _unknown(file, "[design]", error.field, (*PLACES, *FIELDS)) from None
+        raise InvalidInput(
+            f"{file}: [design] has a value of {error.field!r} that cannot be used.", error.found,
+            _example(error.field, error.example),
+        ) from None  # fmt: skip
+
+
+def _example(name: str, text: str) -> str:
+    """A value that can be used, as a line of the file."""
+    if not text:
+        return f"{name} = true"
+    fields: dict[str, Any] = {name: text}
+    value = plain(name, getattr(Specification(**fields), name))
+    if isinstance(value, dict):
+        return f"[design.{name}], below it " + ", ".join(f"{key} = {one}" for key, one in value.items())
+    unit = any(part in text for part in ("ms", "deg", "°"))
+    return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
+
+
+def plain(name: str, value: Any) -> Any:
+    """The value of a field in lists and numbers, for TOML."""
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return value
+    if name in ("penalty", "checked_penalty"):
+        return weights_of(value)
+    return np.asarray(value).tolist()
+
+
+def weights_of(penalty: Any) -> Any:
+    """The weights of a penalty in lists and numbers.
+
+    Raises
+    ------
+    InvalidInput
+        If they are code.
+    """
+    states = penalty.states if isinstance(penalty, Penalty) else penalty
+    if callable(states):
+        raise InvalidInput(
+            "A design file cannot hold a penalty that is code.",
+            f"expected weights by name, one per state, or rows, got {penalty!r}",
+            "the report without its design file: design_files(…)",
+        )
+    if isinstance(states, Mapping):
+        return {name: np.asarray(weight, dtype=float).tolist() for name, weight in states.items()}
+    return np.asarray(states, dtype=float).tolist()
+
+
+def design_schema() -> dict[str, Any]:
+    """The JSON schema of a design file, for editors and other programs."""
+    design = json_schema()
+    text = {"type": "string"}
+    design["properties"] = {
+        "robot": text
+        | {"description": "A name that `flexhinf robots` lists, or the path of a robot's file."},
+        "elastic": text | {"description": "With a URDF: the robot file with spring and motor of each joint."},
+        **design["properties"],
+    }
+    design["required"] = ["robot"]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Design file of flexhinf",
+        "type": "object",
+        "properties": {"design": design, "result": {"type": "object"}, "found": {"type": "object"}},
+        "required": ["design"],
+        "additionalProperties": False,
+    }

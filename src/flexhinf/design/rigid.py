@@ -148,7 +148,7 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
         problem.integrate,
         problem.command,
         problem.disturbances,
-        rest=(problem.operating_point[: 2 * n], problem.operating_input),
+        equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
     )
 
 

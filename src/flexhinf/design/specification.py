@@ -1,182 +1,242 @@
-"""What is asked for: everything that has a part in a design, with a default for each."""
+"""The specification of a design: every field with its unit, range, default, help and example, declared once.
+
+The options of the command line (`flexhinf.cli.arguments`), the design file (`flexhinf.design.design_file`), its JSON
+schema and the table of options in docs/design.md derive from this class.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+import dataclasses
+import difflib
+import functools
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-import numpy as np
+from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
 
+from flexhinf.design.units import (
+    AboveOne,
+    Allowed,
+    Count,
+    Degrees,
+    Duration,
+    Flag,
+    Frequencies,
+    Names,
+    NotNegative,
+    Number,
+    Period,
+    Pose,
+    Poses,
+    Positive,
+    Ratio,
+    Seconds,
+    Seed,
+    Weights,
+    angle_unit_of,
+    choice,
+)
 from flexhinf.errors import InvalidInput
 
-__all__ = ["ESTIMATORS", "PRESETS", "TORQUE_NOISE", "Specification"]
+__all__ = [
+    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError", "json_schema",
+]  # fmt: skip
 
-ESTIMATORS = ("ukf", "ekf", "observer", "none")
-PRESETS = ("paper", "damped", "robust")
+Preset = Literal["paper", "damped", "robust"]
+Estimator = Literal["ukf", "ekf", "observer", "none"]
+PRESETS: tuple[str, ...] = get_args(Preset)
+ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
-#: A delay is a whole number of samples, to this part of one.
+#: A delay is a whole number of samples, within this fraction of one.
 WHOLE = 1e-6
 
+#: Longest delay and longest run in samples. Beyond them a time was probably meant in ms: every sample of a delay is a
+#: state of the linear loop, and a run this long takes minutes and shows nothing that a shorter one does not.
+DELAY_SAMPLES = 500
+RUN_SAMPLES = 1_000_000
 
-@dataclass(frozen=True)
-class Specification:
-    """Options of ``flexhinf design``; what is None is chosen by a stated rule.
+BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
+SYNTHESIS, LOOP, REPORT = "Synthesis", "Sensors, estimator and true plant", "Report"
 
-    Parameters
+
+@dataclasses.dataclass(frozen=True)
+class About:
+    """What people read about a field.
+
+    Attributes
     ----------
-    pose, start : sequence of float, optional
-        Goal, and where the step to it starts: link positions, rad or m. By default the robot's home, and a
-        small step from the goal.
-    via : sequence of poses
-        Poses between start and goal at which a law is made too; the controller switches to that whose pose is nearest
-        to the command, without a jump of the input.
-    preset : {"paper", "damped", "robust"}, optional
-        Where the weights come from, see `flexhinf.design.presets.choose`.
-    bandwidth : float, or one per joint, optional
-        At least, rad/s: where |command → link position| falls below 1/√2, for the robot and its tolerances.
-    damping : float, optional
-        Damping ratio of every oscillation at least, vibrations above all, for the robot and its tolerances.
-    peak_effort : float, optional
-        Of every input at most in the step, V or N·m.
-    overshoot : float
-        Of every link position at most in the step, per cent.
-    penalty : Penalty, mapping or weights, optional
-        Instead of a preset.
-    effort : float, optional
-        R2; by default the penalty's own.
-    gamma_ratio, checked_gamma_ratio : float
-        γ/γ* of the design, and of the inequality that is checked.
-    checked_penalty : optional
-        Of the inequality that is checked; 0.9 times the designed one by default.
-    degrees : sequence of int, optional
-        Of V; by the number of states.
-    measured : sequence of str
-        As for `Robot.plant`.
-    disturbances : sequence of str, optional
-        Torques that are disturbances of the synthesis; without them the command is (the paper's choice).
-    command : bool
-        Whether the command is one beside them.
-    estimator : {"ukf", "ekf", "observer", "none"}
-    period : float
-        s.
-    process_noise, torque_noise : float, optional
-        Of R^v per sample: q on every state, and on the velocities alone, where torques that no model knows act. Without
-        either, `TORQUE_NOISE`.
-    measurement_noise : float
-        R^n of a measured position (rad² or m²).
-    saturation : float, optional
-        ± limit of every input.
-    extras : sequence of str
-        What the true plant has beside the model, see `flexhinf.robot.extras`.
-    delay, quantisation : float
-        Of the inputs, s, and of the measurements, in their unit; the estimator knows of neither.
-    load : float, optional
-        Torque on every link in the disturbance response, N·m or N; a tenth of what the motors give at the peak input of
-        the step.
-    draws : int, optional
-        Robots within their tolerances that the step is run on; 200, or 20 with many states.
-    rays : int, optional
-        Of the sampled region; 0 leaves it out. By the number of states.
-    duration : float, optional
-        Of the step response, s; by the slowest mode.
-    seed : int
-    compare_rigid : bool
-        Whether the same specification is designed on the rigid model too.
-    mujoco : bool
-        Whether the step is run on MuJoCo's plant too.
+    group : str
+        Heading of its option in the help.
+    help : str
+    example : str
+        As on the command line; the same text is understood in Python and in a design file.
+    unit : str
+    options : tuple of str
+        Names of its option; by default the field's name with hyphens.
+    zero : str
+        What 0 stands for at the command line, where it is not a number of the range.
+    default : str
+        What is chosen where the default is None.
+    """
+
+    group: str
+    help: str
+    example: str
+    unit: str = ""
+    options: tuple[str, ...] = ()
+    zero: str = ""
+    default: str = ""
+
+
+class SpecificationError(InvalidInput):
+    """A field of a specification that cannot be used.
+
+    Attributes
+    ----------
+    field : str
+        The name of the field; it need not be one of `FIELDS`.
+    example : str
+        A value that can be used, as on the command line; "" where the advice is another one.
+    """
+
+    def __init__(self, field: str, what: str, found: str, advice: str = "", example: str = "") -> None:
+        self.field, self.example = field, example
+        super().__init__(what, found, advice or f"{field}={_python(field, example)}")
+
+
+@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", arbitrary_types_allowed=True))
+class Specification:
+    """What a design is asked for; a field that is None is chosen by the rule that its help states.
+
+    The fields with their units, ranges and defaults are listed in docs/design.md and by ``flexhinf design --help``.
+    Every field takes numbers in SI units, or the text that the command line takes: ``pose="90deg"``, ``delay="5ms"``.
 
     Raises
     ------
-    InvalidInput
-        For a value outside its range.
+    SpecificationError
+        For an unknown field and for a value outside its range, with the field, the value and what is allowed.
     """
 
-    pose: Sequence[float] | None = None
-    start: Sequence[float] | None = None
-    via: Sequence[Sequence[float]] = ()
-    preset: str | None = None
-    bandwidth: Any = None
-    damping: float | None = None
-    peak_effort: float | None = None
-    overshoot: float = 5.0
-    penalty: Any = None
-    effort: float | None = None
-    gamma_ratio: float = 1.5
-    checked_gamma_ratio: float = 1.6
-    checked_penalty: Any = None
-    degrees: Sequence[int] | None = None
-    measured: Sequence[str] = ("link_position",)
-    disturbances: Sequence[str] | None = None
-    command: bool = False
-    estimator: str = "ukf"
-    period: float = 1e-3
-    process_noise: float | None = None
-    torque_noise: float | None = None
-    measurement_noise: float = 1e-8
-    saturation: float | None = None
-    extras: Sequence[str] = ()
-    delay: float = 0.0
-    quantisation: float = 0.0
-    load: float | None = None
-    draws: int | None = None
-    rays: int | None = None
-    duration: float | None = None
-    seed: int = 0
-    compare_rigid: bool = True
-    mujoco: bool = False
+    # fmt: off
+    pose: Annotated[Pose | None, About(BEHAVIOUR,
+        "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
+        ("--pose", "--goal"), default="the robot's home")] = None
+    start: Annotated[Pose | None, About(BEHAVIOUR, "Position from which the step to the goal starts.",
+        "0.2,-0.4", "rad, m", ("--from-pose",), default="0.1 rad (10 mm) from the goal")] = None
+    via: Annotated[Poses, About(BEHAVIOUR,
+        "A pose between start and goal at which a law is designed too; repeat the option for several. The "
+        "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")] = ()
+    angle_unit: Annotated[Annotated[Literal["rad", "deg"], BeforeValidator(choice), Allowed("rad, deg")] | None,
+        About(BEHAVIOUR, "Unit in which the report shows angles: rad or deg.", "deg",
+        default="the unit of the poses")] = None
+    preset: Annotated[Annotated[Preset, BeforeValidator(choice), Allowed(", ".join(PRESETS))] | None,
+        About(BEHAVIOUR,
+        "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
+        "robust (as damped, with the tolerances as disturbances).", "damped",
+        default="the robot's own weights, or damped where a bandwidth or a damping is required")] = None
+    bandwidth: Annotated[Frequencies | None, About(BEHAVIOUR,
+        "Least bandwidth, where |command → link position| falls below 1/√2, for the robot and its "
+        "tolerances: 4 (rad/s), one per joint 4,6, or with a unit 4rad/s, 0.6Hz.", "4", "rad/s",
+        default="0.3 of the lowest vibration with held motors")] = None
+    damping: Annotated[Ratio | None, About(BEHAVIOUR,
+        "Least damping ratio of every oscillation, for the robot and its tolerances.", "0.3",
+        default="0.2 where weights are searched")] = None
+    peak_effort: Annotated[Positive | None, About(BEHAVIOUR, "Largest input of every motor in the step.", "60",
+        "V, N·m or N", zero="no limit", default="no limit")] = None
+    overshoot: Annotated[Positive, About(BEHAVIOUR,
+        "Largest overshoot of every link position, in per cent of the step.", "5", "%")] = 5.0
+    peak_sensitivity: Annotated[AboveOne | None, About(BEHAVIOUR,
+        "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
+        default="a limit that the report states")] = None
+    gain_margin: Annotated[AboveOne | None, About(BEHAVIOUR,
+        "Least factor by which the gain of the running loop may grow or shrink.", "2",
+        default="a limit that the report states")] = None
+    penalty: Annotated[Weights | None, About(WEIGHTS,
+        "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
+        "link_position=60,link_position_integral=300")] = None
+    effort: Annotated[Positive | None, About(WEIGHTS, "R2, the weight of the input.", "10", zero="the default",
+        default="the robot's own, or 1")] = None
+    gamma_ratio: Annotated[AboveOne, About(SYNTHESIS, "γ/γ* of the design.", "1.5")] = 1.5
+    checked_gamma_ratio: Annotated[Positive, About(SYNTHESIS, "γ/γ* of the inequality that is checked.",
+        "1.6")] = 1.6
+    checked_penalty: Annotated[Weights | None, About(SYNTHESIS, "Weights of the inequality that is checked.",
+        "link_position=54", default="0.9 times the penalty")] = None
+    degrees: Annotated[Degrees | None, About(SYNTHESIS, "Degrees of V to compare: 4, or 2,4,6.", "2,4",
+        default="by the number of states")] = None
+    disturbances: Annotated[Names | None, About(SYNTHESIS,
+        "Torques that are disturbances of the synthesis: link_torque,motor_torque.", "link_torque",
+        default="the command instead, as in the paper")] = None
+    command: Annotated[Flag, About(SYNTHESIS,
+        "Whether the command is a disturbance too, beside --disturbances.", "",
+        options=("--command/--no-command",))] = False
+    measured: Annotated[Names, About(LOOP,
+        "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
+        "motor_position")] = ("link_position",)
+    estimator: Annotated[Annotated[Estimator, BeforeValidator(choice), Allowed(", ".join(ESTIMATORS))],
+        About(LOOP, "ukf, ekf, observer (output injection), or none (feeds back the true state).",
+        "ukf")] = "ukf"
+    period: Annotated[Period, About(LOOP, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
+        "s")] = 1e-3
+    process_noise: Annotated[NotNegative | None, About(LOOP,
+        "q of R^v = q I, the variance added to every state per sample.", "1e-10")] = None
+    torque_noise: Annotated[NotNegative | None, About(LOOP,
+        "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
+        default=f"{TORQUE_NOISE:g} without --process-noise")] = None
+    measurement_noise: Annotated[Positive, About(LOOP,
+        "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")] = 1e-8
+    saturation: Annotated[Positive | None, About(LOOP, "Limit ± of every input.", "24", "V, N·m or N",
+        zero="no limit", default="no limit")] = None
+    extras: Annotated[Names, About(LOOP,
+        "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
+        "coulomb_friction, stribeck_friction.", "coulomb_friction")] = ()
+    delay: Annotated[Seconds, About(LOOP,
+        "Delay of the inputs, a multiple of the period; the estimator does not know of it.", "5ms", "s")] = 0.0
+    quantisation: Annotated[NotNegative, About(LOOP,
+        "Step of every measurement, in its unit; the estimator does not know of it.", "1e-4")] = 0.0
+    load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
+        default="a tenth of what the motors give at the peak input of the step")] = None
+    draws: Annotated[Count | None, About(REPORT,
+        "Robots within their tolerances that make the step (Monte Carlo samples); 0: none.", "200",
+        default="by the number of states")] = None
+    rays: Annotated[Count | None, About(REPORT, "Directions along which the region is sampled; 0: none.",
+        "1000", default="by the number of states")] = None
+    duration: Annotated[Duration | None, About(REPORT, "Length of the step response.", "5", "s",
+        zero="the default", default="by the slowest mode")] = None
+    seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
+    compare_rigid: Annotated[Flag, About(REPORT,
+        "Whether the same is designed on the rigid model too, and run on the elastic robot.", "",
+        options=("--compare-rigid/--no-compare-rigid",))] = True
+    mujoco: Annotated[Flag, About(REPORT,
+        "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).", "",
+        options=("--mujoco/--no-mujoco",))] = False
+    # fmt: on
 
     def __post_init__(self) -> None:
-        positive = (
-            "checked_gamma_ratio",
-            "measurement_noise",
-            "saturation",
-            "peak_effort",
-            "overshoot",
-        )
-        for name in (*positive, "effort", "duration"):
-            value = getattr(self, name)
-            _require(name, value, value is None or value > 0.0, "a number > 0")
-        _require(
-            "gamma_ratio",
-            self.gamma_ratio,
-            self.gamma_ratio > 1.0,
-            "a number > 1, γ over the smallest feasible",
-        )
-        bands = (
-            [] if self.bandwidth is None else np.atleast_1d(np.asarray(self.bandwidth, dtype=float)).tolist()
-        )
-        _require("bandwidth", self.bandwidth, all(0.0 < b < math.inf for b in bands), "rad/s > 0")
-        _require("preset", self.preset, self.preset is None or self.preset in PRESETS, ", ".join(PRESETS))
-        _require(
-            "damping", self.damping, self.damping is None or 0.0 <= self.damping < 1.0, "a ratio from 0 to 1"
-        )
-        for name in ("delay", "quantisation"):
-            _require(name, getattr(self, name), getattr(self, name) >= 0.0, "a number >= 0")
-        _require("load", self.load, self.load is None or math.isfinite(self.load), "a torque")
-        _require("draws", self.draws, self.draws is None or self.draws >= 0, "an integer >= 0")
-        for name in ("process_noise", "torque_noise"):
-            value = getattr(self, name)
-            _require(name, value, value is None or value >= 0.0, "a variance >= 0")
-        _require("estimator", self.estimator, self.estimator in ESTIMATORS, ", ".join(ESTIMATORS))
-        _require("period", self.period, 1e-5 <= self.period <= 1.0, "1e-5 to 1 s")
-        late = self.delay / self.period
-        _require("delay", self.delay, abs(late - round(late)) <= WHOLE, f"a multiple of {self.period:g} s")
-        _require("rays", self.rays, self.rays is None or self.rays >= 0, "an integer >= 0")
-        _require("seed", self.seed, 0 <= self.seed < 2**63, "an integer >= 0")
-        if self.degrees is not None:
-            fine = len(self.degrees) > 0 and all(2 <= degree <= 12 for degree in self.degrees)
-            _require("degrees", list(self.degrees), fine, "integers from 2 to 12, of V")
-            object.__setattr__(self, "degrees", tuple(sorted(set(self.degrees))))
+        samples = self.delay / self.period
+        if samples > DELAY_SAMPLES * (1.0 + WHOLE):
+            raise _refusal(
+                "delay",
+                f"expected at most {DELAY_SAMPLES * self.period:g} s, {DELAY_SAMPLES} samples: "
+                f"{self.delay:g} s are {samples:.0f} samples",
+                f"{self.delay:g}ms",
+            )
+        if abs(samples - round(samples)) > WHOLE:
+            raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
+        length = 0.0 if self.duration is None else self.duration / self.period
+        if length > RUN_SAMPLES:
+            raise _refusal(
+                "duration",
+                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
+                f"{self.duration:g}ms",
+            )
 
     @property
     def effort_limit(self) -> float | None:
-        """The largest input that is allowed, by what was asked for and by the motors; None for no limit."""
+        """The largest allowed input, the smaller of requirement and saturation; None for no limit."""
         limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
         return min(limits, default=None)
 
@@ -188,13 +248,117 @@ class Specification:
             return 0.0, TORQUE_NOISE
         return everywhere or 0.0, torques or 0.0
 
+    @property
+    def in_degrees(self) -> bool:
+        """Whether the report shows angles in degrees."""
+        return self.angle_unit == "deg"
 
-def _require(name: str, value: Any, holds: bool, expected: str) -> None:
-    finite = not isinstance(value, float) or math.isfinite(value)
-    if not (holds and finite):
-        option = f"--{name.replace('_', '-')}"
-        raise InvalidInput(
-            f"The {name.replace('_', ' ')} cannot be used.",
-            f"expected {expected}, got {value!r}",
-            f"{option} …",
+
+@dataclasses.dataclass(frozen=True)
+class FieldInfo:
+    """One field, as the command line, the design file and the docs see it.
+
+    Attributes
+    ----------
+    name : str
+    about : About
+    allowed : str
+        Its range in words.
+    default : object
+    options : tuple of str
+        Names of its option; for a flag one text with both.
+    """
+
+    name: str
+    about: About
+    allowed: str
+    default: Any
+    options: tuple[str, ...]
+
+
+def _field(field: dataclasses.Field, annotation: Any) -> FieldInfo:
+    about = next(part for part in annotation.__metadata__ if isinstance(part, About))
+    options = about.options or (f"--{field.name.replace('_', '-')}",)
+    return FieldInfo(field.name, about, _allowed(annotation), field.default, options)
+
+
+def _allowed(annotation: Any) -> str:
+    """The first range in words that stands in a type."""
+    for part in getattr(annotation, "__metadata__", ()):
+        if isinstance(part, Allowed):
+            return part.words
+    return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
+
+
+_HINTS = get_type_hints(Specification, include_extras=True)
+FIELDS = {field.name: _field(field, _HINTS[field.name]) for field in dataclasses.fields(Specification)}
+
+
+# Errors ---------------------------------------------------------------------------------------------
+def _checked(make: Any) -> Any:
+    """`Specification.__init__` that takes the unit of angles from their texts and raises errors of ours."""
+
+    @functools.wraps(make)
+    def init(self: Specification, **fields: Any) -> None:
+        if fields.get("angle_unit") is None:
+            fields["angle_unit"] = angle_unit_of(*(fields.get(name) for name in ("pose", "start", "via")))
+        try:
+            make(self, **fields)
+        except ValidationError as error:
+            raise _specification_error(error, fields) from None
+
+    return init
+
+
+setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
+
+
+def _specification_error(error: ValidationError, fields: dict[str, Any]) -> SpecificationError:
+    first = error.errors(include_url=False)[0]
+    own = first.get("ctx", {}).get("error")
+    if isinstance(own, SpecificationError):
+        return own
+    name = str(first["loc"][0])
+    if name not in FIELDS:
+        close = difflib.get_close_matches(name, FIELDS, n=1)
+        return SpecificationError(
+            name,
+            f"A specification has no field {name!r}.",
+            f"expected fields out of {list(FIELDS)}, got {name!r}",
+            f"{close[0]!r}" if close else "one of these",
         )
+    milliseconds = name == "period" and first["type"] == "less_than_equal"
+    example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
+    return _refusal(name, f"expected {FIELDS[name].allowed}, got {fields[name]!r}", example)
+
+
+def _refusal(name: str, found: str, example: str = "") -> SpecificationError:
+    example = example or FIELDS[name].about.example
+    return SpecificationError(name, f"The {name.replace('_', ' ')} cannot be used.", found, example=example)
+
+
+def _python(name: str, example: str) -> str:
+    """The example of a field as a value in Python."""
+    if name not in FIELDS or not example:
+        return "True"
+    try:
+        value = _ADAPTERS(name).validate_python(example)
+    except ValidationError:
+        return repr(example)
+    text = any(unit in example for unit in ("ms", "deg", "°"))
+    return repr(example if text else value)
+
+
+@functools.cache
+def _ADAPTERS(name: str) -> TypeAdapter:
+    return TypeAdapter(_HINTS[name])
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of the table [design] of a design file, without robot and elastic."""
+    schema = TypeAdapter(Specification).json_schema()
+    for name, field in FIELDS.items():
+        about = field.about
+        text = f"{about.help} Default: {about.default}." if about.default else about.help
+        schema["properties"][name] |= {"description": text} | ({"x-unit": about.unit} if about.unit else {})
+    return schema

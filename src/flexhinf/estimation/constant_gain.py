@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.plant import Estimator
 
 __all__ = ["ConstantGainBelief", "ConstantGainFilter"]
 
@@ -24,7 +25,7 @@ class ConstantGainBelief(NamedTuple):
     gain: Any
 
 
-class ConstantGainFilter:
+class ConstantGainFilter(Estimator):
     """x̂ = x̂⁻ + L (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the gain L carried along in the belief.
 
     Parameters

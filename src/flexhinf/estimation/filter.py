@@ -10,7 +10,8 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.plant import Gaussian, Plant, rk4_step, sub_steps
+from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
+from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import Symbol, apply, cholesky, solve_lower
 
 __all__ = ["RecursiveFilter", "covariance_matrix"]
@@ -61,7 +62,7 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     return (matrix + matrix.T) / 2.0
 
 
-class RecursiveFilter(abc.ABC):
+class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
     Between samples the plant is integrated by the classical Runge–Kutta method with u held.
@@ -84,6 +85,10 @@ class RecursiveFilter(abc.ABC):
     InvalidInput
         If shapes do not fit the plant, or a covariance is not one.
     """
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        use_default_form(cls, Estimator, "innovate", "measurement_update_on")
 
     def __init__(
         self,
@@ -143,20 +148,14 @@ class RecursiveFilter(abc.ABC):
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
 
-    @property
-    @abc.abstractmethod
-    def estimator_key(self) -> str:
-        """What distinguishes this estimator's code from another's."""
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """`time_stages`."""
+        return self.time_stages(run, belief, u, p, process_noise)
 
-    @property
-    def operations(self) -> int:
-        """Roughly, the operations of both updates as one trace; 0 leaves them one trace."""
-        return 0
-
-    def measurement_stages(
+    def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
-        """x(k|k−1) → x(k|k), likewise."""
+        """x(k|k−1) → x(k|k) by `innovation_stages`."""
         return self.innovation_stages(run, belief, y, u, p, measurement_noise)[0]
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:

@@ -16,6 +16,7 @@ from flexhinf.hinf.storage import read_solution, write_solution
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.problem import Problem
+from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import add_part, product
 from flexhinf.polynomial.law import PolynomialLaw
 
@@ -23,7 +24,7 @@ __all__ = ["HJISolution", "load_solution"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HJISolution(ValueFunction, Summarised):
+class HJISolution(ValueFunction, Summarised, Law):
     """V = V_2 + … + V_degree with V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = O(|x|^(degree+1)).
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
@@ -102,6 +103,16 @@ class HJISolution(ValueFunction, Summarised):
         """Whether `law_polynomial` is the law itself: g2 is constant, and not only its expansion."""
         source = self.problem if hasattr(self.problem, "input_matrix_is_constant") else self.expansion
         return source.input_matrix_is_constant  # type: ignore[union-attr]
+
+    @property
+    def law_table(self) -> PolynomialLaw | None:
+        """`law_polynomial` where it is the law itself."""
+        return self.law_polynomial() if self.law_is_polynomial else None
+
+    @property
+    def law_degree(self) -> int:
+        """Degree of V."""
+        return self.degree
 
     @cached_property
     def _feedback(self) -> PolynomialLaw | GradientLaw:

@@ -6,9 +6,10 @@ from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.signals.spline import Spline
-from flexhinf.loop.simulation.black_box import BlackBox
 from flexhinf.loop.simulation.closed_loop import Loop
+from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
 from flexhinf.loop.simulation.trajectory import Trajectory
+from flexhinf.plant import BlackBox
 
 __all__ = [
     "BlackBox",
@@ -24,5 +25,9 @@ __all__ = [
     "Sine",
     "Spline",
     "Step",
+    "StepShape",
     "Trajectory",
+    "load_metrics",
+    "step_metrics",
+    "step_shape",
 ]

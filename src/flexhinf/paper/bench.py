@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.baselines import GravityCompensatedLQR
-from flexhinf.errors import InfeasibleGamma, NumericalFailure
+from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Trajectory
@@ -32,17 +32,16 @@ class Outcome:
     """One run, whole or up to where it diverged."""
 
     run: Trajectory
-    diverged_at: float | None = None
+
+    @property
+    def diverged_at(self) -> float | None:
+        """When the run diverged, s; None if it did not."""
+        return self.run.diverged_at
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """`Trajectory.metrics`; of a run that diverged, only what still means something."""
-        if self.diverged_at is None:
-            return self.run.metrics()
-        return {
-            "overshoot_percent": None, "settling_time_s": None, "steady_state_error": None, "peak_input": None,
-            "tracking_rmse": None, "estimation_rmse": None,
-        }  # fmt: skip
+        """`Trajectory.metrics`: all None for a run that diverged."""
+        return self.run.metrics()
 
 
 class PaperBench:
@@ -151,15 +150,9 @@ class PaperBench:
         chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
         loop = self.loop(law, chosen, inductance, true_values)
         deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
-        try:
-            run = loop.run(
-                reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed
-            )
-        except NumericalFailure as failure:
-            run = getattr(failure, "trajectory", None)
-            if run is None:
-                raise
-            return Outcome(run, float(run.time[-1]))
+        run = loop.run(
+            reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed
+        )
         return Outcome(run)
 
     def loop(

@@ -1,17 +1,17 @@
 """The hinge between physics, synthesis, estimation and closed loops."""
 
 from flexhinf.plant.equilibrium import equilibrium
-from flexhinf.plant.generalised import GeneralisedPlant
 from flexhinf.plant.integration import rk4_step, sub_steps
 from flexhinf.plant.linear import linear_plant
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.plant import Plant
+from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.problem_law import ProblemLaw
-from flexhinf.plant.protocols import Estimator, Gaussian, Law
+from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
 
 __all__ = [
+    "INTEGRAL",
+    "BlackBox",
     "Estimator",
     "Gaussian",
     "GeneralisedPlant",

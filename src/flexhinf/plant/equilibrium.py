@@ -1,16 +1,14 @@
-"""The operating point: where the plant rests with some of its states at a wanted pose."""
+"""The operating point: the equilibrium of a plant with some of its states at a wanted pose."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
-
-if TYPE_CHECKING:
-    from flexhinf.plant.plant import Plant
+from flexhinf.plant.model import Model
 
 __all__ = ["equilibrium", "pose_values"]
 
@@ -45,12 +43,12 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
     return values
 
 
-def equilibrium(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def equilibrium(plant: Model, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """State x* and input u* with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
 
     Parameters
     ----------
-    plant : Plant
+    plant : Model
     names : sequence of str
         States that are given.
     values : ndarray, (len(names),)

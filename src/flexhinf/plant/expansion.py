@@ -8,20 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
-from flexhinf.polynomial.truncated import degree_slice, size
+from flexhinf.polynomial.truncated import size
 from flexhinf.scalars.jet import jets, terms
 
-if TYPE_CHECKING:
-    from flexhinf.plant.generalised import GeneralisedPlant
-
-__all__ = ["ControlAffineExpansion", "expand", "expand_control_affine", "expand_problem"]
+__all__ = ["ControlAffineExpansion", "expand", "expand_control_affine"]
 
 STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
 
@@ -191,52 +187,6 @@ def expand_control_affine(
     kept = (owner >= 0) & (place < g.shape[-1])
     g[rows[kept], owner[kept], place[kept]] = values[kept]
     return ControlAffineExpansion(f=f, g1=g[:, m:], g2=g[:, :m], degree=degree)
-
-
-def expand_problem(problem: GeneralisedPlant, degree: int) -> PolynomialPlant:
-    """Expansion of a generalised plant about its operating point, at its nominal parameters.
-
-    Parameters
-    ----------
-    problem : GeneralisedPlant
-    degree : int
-        Highest degree ≥ 1 of f and h; that of g1 and g2 is one less.
-
-    Raises
-    ------
-    InvalidInput
-        As `expand_control_affine`.
-    """
-    n = len(problem.state_names)
-    table = problem.plant.parameters
-    parameters = table.named(table.vector())
-    flow = expand_control_affine(
-        problem.flow,
-        problem.operating_point,
-        problem.operating_input,
-        np.zeros(len(problem.disturbance_names)),
-        parameters,
-        degree,
-        input_names=problem.input_names,
-        disturbance_names=problem.disturbance_names,
-    )
-    h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
-
-    def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
-        return {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
-
-    return PolynomialPlant.from_parts(
-        n,
-        parts(flow.f, degree),
-        parts(flow.g1, degree - 1),
-        parts(flow.g2, degree - 1),
-        parts(h, degree),
-        problem.r2,
-        state_names=problem.state_names,
-        operating_point=problem.operating_point,
-        input_names=problem.input_names,
-        operating_input=problem.operating_input,
-    )
 
 
 def _check_affine(

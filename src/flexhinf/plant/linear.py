@@ -1,4 +1,4 @@
-"""A plant's linearisation at a rest, as a plant: what a linear estimator believes in.
+"""A plant's linearisation at an equilibrium, as a plant: what a linear estimator believes in.
 
 On it the extended Kalman filter *is* the linear Kalman filter, and a loop is one that every textbook covers.
 """
@@ -12,11 +12,12 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.plant import Plant
+from flexhinf.scalars import jacobian
 
 __all__ = ["linear_plant"]
 
-#: Largest rate, relative to the plant's own rates, that still counts as rest.
-REST_TOLERANCE = 1e-9
+#: Largest rate, relative to the plant's own rates, that still counts as an equilibrium.
+EQUILIBRIUM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,33 +40,33 @@ class LinearOutput:
 
 
 def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
-    """The linearisation of a plant at a rest, in absolute coordinates and with the plant's own names.
+    """The linearisation of a plant at an equilibrium, in absolute coordinates and with the plant's own names.
 
     Parameters
     ----------
     plant : Plant
     x, u : (n,) and (m,) arrays
-        The rest: flow(x, u, 0) = 0.
+        The equilibrium: flow(x, u, 0) = 0.
 
     Returns
     -------
     Plant
-        Its parameters are the matrices and the rest, so that two linearisations of the same size share code.
+        Its parameters are the matrices and the equilibrium, so that two linearisations of the same size share code.
 
     Raises
     ------
     InvalidInput
-        If shapes do not fit or (x, u) is no rest.
+        If shapes do not fit or (x, u) is no equilibrium.
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = np.array(x, dtype=float), np.array(u, dtype=float)
     rate = plant.derivative(x, u)
     worst = int(np.argmax(np.abs(rate)))
-    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > REST_TOLERANCE * max(
+    if not np.all(np.isfinite(rate)) or abs(rate[worst]) > EQUILIBRIUM_TOLERANCE * max(
         1.0, plant.fastest_mode(x, u)
     ):
         raise InvalidInput(
-            "A plant is linearised where it rests.",
+            "A plant is linearised at an equilibrium.",
             f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.6g}",
             "robot.operating_point(pose), or operating_point and operating_input of a problem",
         )
@@ -82,8 +83,6 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
 
 def _output(plant: Plant, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """y at (x, u), and ∂y/∂u there."""
-    from flexhinf.scalars import jacobian
-
     named = plant.parameters.named
 
     def output(v: Any, s: Any, w: Any) -> Any:

@@ -1,138 +1,37 @@
-"""Physics: ẋ = flow(x, u, d, p), y = output(x, u, p), as ordinary NumPy code."""
+"""A plant, and the problem of Eq. (3) that an objective makes of it.
+
+ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), about an operating point.
+"""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
+from flexhinf.plant.equilibrium import pose_values
+from flexhinf.plant.expansion import expand, expand_control_affine
+from flexhinf.plant.model import Model
+from flexhinf.plant.penalty import Penalty
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.polynomial.truncated import degree_slice
+from flexhinf.scalars import apply, pack, symbols, trace
 
-if TYPE_CHECKING:
-    from flexhinf.plant.generalised import GeneralisedPlant
-    from flexhinf.plant.penalty import Penalty
+__all__ = ["GeneralisedPlant", "Plant"]
 
-__all__ = ["Plant"]
+#: Largest rate at the operating point, relative to the plant's own rates, that still counts as an equilibrium.
+EQUILIBRIUM_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plant(Summarised):
-    """A system with named states, inputs, disturbances and parameters.
-
-    Parameters
-    ----------
-    flow : callable
-        ``flow(x, u, d, p)`` → ẋ, shape (n,). NumPy code that runs on any element: numbers, symbols,
-        truncated polynomials. ``p`` has the parameters as attributes. What is not smooth comes from
-        `flexhinf.scalars`.
-    output : callable
-        ``output(x, u, p)`` → y, the measured signals, shape (p,).
-    states, inputs, disturbances : sequence of str
-        Names, in the order of x, u and d.
-    parameters : mapping of str to float
-        Nominal values, SI units.
-    outputs : sequence of str, optional
-        Names of the measured signals (``output_1`` … by default).
-    units : mapping of str to str, optional
-        Unit of each named signal.
-    groups : mapping of str to sequence of str, optional
-        Names that stand for several signals, for example one per joint; understood by `with_objective`.
-    limits : mapping of str to (float, float), optional
-        Range of a state: a command beyond it is refused by `Loop.run`.
-
-    Raises
-    ------
-    InvalidInput
-        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols of
-        these shapes.
-    """
-
-    flow: Callable[..., Any]
-    output: Callable[..., Any]
-    states: Sequence[str]
-    inputs: Sequence[str]
-    disturbances: Sequence[str] = ()
-    parameters: Any = field(default_factory=dict)
-    outputs: Sequence[str] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.parameters, ParameterTable):
-            object.__setattr__(self, "parameters", ParameterTable(self.parameters))
-        for kind in ("states", "inputs", "disturbances", "outputs"):
-            names = getattr(self, kind)
-            names = (names,) if isinstance(names, str) else tuple(names)
-            if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
-                raise InvalidInput(
-                    f"The {kind} of the plant are not named.",
-                    f"expected one distinct name each, got {list(names)}",
-                    f"{kind}=('one', 'another')",
-                )
-            object.__setattr__(self, kind, names)
-        if not self.states or not self.inputs:
-            raise InvalidInput(
-                "A plant needs at least one state and one input.",
-                f"got {len(self.states)} states and {len(self.inputs)} inputs",
-                "states=(...), inputs=(...)",
-            )
-        rows = self.traced_flow.size1_out(0)
-        if rows != len(self.states):
-            raise InvalidInput(
-                "flow(x, u, d, p) returns the wrong number of derivatives.",
-                f"expected {len(self.states)}, one for each of {list(self.states)}, got {rows}",
-                "one derivative per state, in the order of states",
-            )
-        measured = self.traced_output.size1_out(0)
-        if not self.outputs:
-            object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
-        if len(self.outputs) != measured:
-            raise InvalidInput(
-                "output(x, u, p) and the names of the outputs disagree.",
-                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
-                "one name per signal",
-            )
-
-    @property
-    def n(self) -> int:
-        """Number of states."""
-        return len(self.states)
-
-    def unit(self, name: str) -> str:
-        """Unit of a named signal, empty when none was given."""
-        return self.units.get(name, "")
-
-    def index(self, name: str) -> int:
-        """Place of a state in x, by name."""
-        if name not in self.states:
-            raise InvalidInput(
-                f"There is no state {name!r}.", f"expected one of {list(self.states)}", "one of these names"
-            )
-        return tuple(self.states).index(name)
-
-    def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
-        """Names of signals, with each group replaced by what it stands for."""
-        names = (names,) if isinstance(names, str) else tuple(names)
-        return tuple(single for name in names for single in self.groups.get(name, (name,)))
-
-    @property
-    def code_key(self) -> tuple[object, ...]:
-        """What distinguishes this plant's code from another's (not its parameter values)."""
-        shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
-        return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
-
-    def with_parameters(self, **changes: Any) -> Plant:
-        """The same plant with other parameter values; nothing is traced or compiled again."""
-        changed = copy.copy(self)
-        object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
-        return changed
+class Plant(Model):
+    """Physics with named states, inputs, disturbances and parameters; see `Model` for the arguments."""
 
     def with_objective(
         self,
@@ -141,161 +40,295 @@ class Plant(Summarised):
         integrate: Sequence[str] = (),
         pose: Any = None,
         disturbances: Sequence[str] | None = None,
-        rest: tuple[Any, Any] | None = None,
+        equilibrium: tuple[Any, Any] | None = None,
     ) -> GeneralisedPlant:
         """The problem of Eq. (3): this plant with a penalty, integrals of the tracking error, disturbances.
 
-        See `flexhinf.plant.generalised.GeneralisedPlant` for the arguments. The name of a group stands for all
+        See `GeneralisedPlant` for the arguments. The name of a group stands for all
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
-        from flexhinf.plant.generalised import GeneralisedPlant
-        from flexhinf.plant.penalty import Penalty
-
         weights = Penalty.of(penalty).expanded(self.groups)
         channels = None if disturbances is None else self.expanded(disturbances)
-        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, rest)
+        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, equilibrium)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GeneralisedPlant(Summarised):
+    """A plant with integrals of the tracking error, a penalty and disturbance channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        The physics, at its nominal parameters.
+    penalty : Penalty
+        Eq. (11) for the paper's arm. Acts on deviations from the operating point.
+    integrate : sequence of str
+        States whose tracking error is integrated: ė = x_i − x_d. The integrals become the last states, named
+        ``NAME_integral``.
+    command : {"disturbance", None}
+        With "disturbance" the command x_d enters as the disturbance of the synthesis by ė: the paper's g1.
+    disturbances : sequence of str, optional
+        Channels of the plant that are disturbances of the synthesis too. By default all of them without
+        a command, and none with it (the paper's choice).
+    pose : sequence or mapping, optional
+        Wanted values of the integrated states; the operating point is the equilibrium there. None: origin.
+    equilibrium : (x*, u*), optional
+        The operating point itself, where it is known: state (n,) and input (m,) of the plant. Instead of `pose`.
+
+    Raises
+    ------
+    InvalidInput, NumericalFailure
+        If names do not fit, nothing disturbs, or the operating point is not an equilibrium.
+    """
+
+    plant: Plant
+    penalty: Penalty
+    integrate: tuple[str, ...] = ()
+    command: str | None = None
+    disturbances: Sequence[str] | None = None
+    pose: Any = None
+    equilibrium: tuple[Any, Any] | None = None
+
+    def __post_init__(self) -> None:
+        if self.command not in ("disturbance", None):
+            raise InvalidInput(
+                "The command can enter the synthesis in one way only.",
+                f"expected command='disturbance' or None, got {self.command!r}",
+                "command='disturbance' for the paper's problem",
+            )
+        for name in self.integrate:
+            self.plant.index(name)
+        if len(set(self.integrate)) != len(self.integrate):
+            raise InvalidInput(
+                "A state's error is integrated twice.", f"got {list(self.integrate)}", "each name once"
+            )
+        if self.command and not self.integrate:
+            raise InvalidInput(
+                "The command enters through the integral of the tracking error, and no state is integrated.",
+                "expected integrate=(...) with command='disturbance', got integrate=()",
+                "integrate=('link_position',)",
+            )
+        channels = self.disturbances
+        if channels is None:
+            channels = () if self.command else self.plant.disturbances
+        channels = (channels,) if isinstance(channels, str) else tuple(channels)
+        unknown = [name for name in channels if name not in self.plant.disturbances]
+        if unknown or not (channels or self.command) or len(set(channels)) != len(channels):
+            raise InvalidInput(
+                f"There is no disturbance {unknown[0]!r}."
+                if unknown
+                else "The disturbances are none, or repeat.",
+                f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
+                "disturbances=(...), or command='disturbance'",
+            )
+        object.__setattr__(self, "disturbances", channels)
+        self.penalty.r2(len(self.plant.inputs))
+        self._check_equilibrium()
+        self._check_penalty()
+
+    # Names ----------------------------------------------------------------------------------------
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Plant states, then one integral per integrated state."""
+        return (*self.plant.states, *(f"{name}_integral" for name in self.integrate))
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of u."""
+        return tuple(self.plant.inputs)
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """Names of d: commands first, then channels of the plant."""
+        commands = tuple(f"{name}_command" for name in self.integrate) if self.command else ()
+        return (*commands, *(self.disturbances or ()))
+
+    # Operating point ------------------------------------------------------------------------------
+    @cached_property
+    def _equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
+        if self.equilibrium is not None:
+            return self._given_equilibrium(*self.equilibrium)
+        if self.pose is None:
+            return np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))
+        return equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate))
+
+    def _given_equilibrium(self, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
+        x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+        shapes = (self.plant.n,), (len(self.plant.inputs),)
+        if self.pose is not None or (x.shape, u.shape) != shapes:
+            raise InvalidInput(
+                "The operating point does not fit the plant.",
+                f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
+                f"pose={self.pose!r}",
+                "either pose or equilibrium",
+            )
+        return x, u
+
+    @property
+    def operating_point(self) -> np.ndarray:
+        """x*, plant states then integrals (zero), shape (n,)."""
+        return np.concatenate([self._equilibrium[0], np.zeros(len(self.integrate))])
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """u*, shape (m,)."""
+        return self._equilibrium[1]
+
+    def _check_equilibrium(self) -> None:
+        rate = self.plant.derivative(*self._equilibrium)
+        worst = int(np.argmax(np.abs(rate)))
+        if not np.all(np.isfinite(rate)) or abs(rate[worst]) > EQUILIBRIUM_TOLERANCE * max(
+            1.0, self.plant.fastest_mode(*self._equilibrium)
+        ):
+            raise InvalidInput(
+                "The operating point is not an equilibrium: f(x*) is not zero.",
+                f"expected 0, got d/dt {self.plant.states[worst]} = {rate[worst]:.6g}",
+                "pose=(...): the equilibrium at that pose is computed",
+            )
+
+    def _check_penalty(self) -> None:
+        table = self.plant.parameters
+        origin = np.zeros(len(self.state_names))
+        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
+        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
+            raise InvalidInput(
+                "The penalty h(x) is not zero at the operating point.",
+                f"expected a vector with h(0) = 0, got {offset.tolist()}",
+                "a penalty on deviations from the operating point",
+            )
 
     def summary(self) -> dict[str, str]:
-        """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
-        kinds = ("states", "inputs", "disturbances", "outputs")
-        facts = {
-            ("measured" if kind == "outputs" else kind): names_text(getattr(self, kind)) for kind in kinds
+        """States, inputs, disturbances, R2 and operating point, for ``repr``."""
+        point = [
+            f"{name} = {value:.4g}"
+            for name, value in zip(self.plant.states, self._equilibrium[0], strict=True)
+            if value
+        ]
+        return {
+            "states": names_text(self.state_names),
+            "inputs": names_text(self.input_names),
+            "disturbances": names_text(self.disturbance_names),
+            "R2": np.array2string(np.diag(self.r2), precision=4, separator=", "),
+            "operating point": ", ".join(point[:6]) + (", …" if len(point) > 6 else "") or "origin",
         }
-        return facts | {"parameters": names_text(tuple(self.parameters.values))}
 
-    # Numbers --------------------------------------------------------------------------------------
-    @cached_property
-    def traced_flow(self) -> Any:
-        """flow as a CasADi function of (x, u, d, parameter vector)."""
-        from flexhinf.scalars import trace
+    # The problem ----------------------------------------------------------------------------------
+    @property
+    def r2(self) -> np.ndarray:
+        """R2 of Eq. (4), (m, m)."""
+        return self.penalty.r2(len(self.plant.inputs))
 
-        table = self.parameters
-        sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
-        return trace(
-            lambda x, u, d, p: _signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
-            *sizes, name="flow", names=("x", "u", "d", "p"),
-        )  # fmt: skip
+    def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
+        n, commands = self.plant.n, len(self.integrate) if self.command else 0
+        torques: list[Any] = [0.0] * len(self.plant.disturbances)
+        for place, name in enumerate(self.disturbances or ()):
+            torques[tuple(self.plant.disturbances).index(name)] = d[commands + place]
+        rates = self.plant.flow(x[:n], u, np.array(torques), p)
+        errors = []
+        for place, name in enumerate(self.integrate):
+            i = self.plant.index(name)
+            errors.append(x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0))
+        return np.array([*rates, *errors])
 
-    @cached_property
-    def traced_output(self) -> Any:
-        """output as a CasADi function of (x, u, parameter vector)."""
-        from flexhinf.scalars import trace
+    def penalty_output(self, x: Any, p: Any) -> Any:
+        """h(x) on any element; x is the deviation from the operating point, integrals included."""
+        return self.penalty.evaluate(x, self.state_names, p)
 
-        def output(x: Any, u: Any, p: Any) -> Any:
-            return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
-
-        return trace(
-            lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
-            len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
-        )  # fmt: skip
-
-    @cached_property
-    def traced_jacobians(self) -> Any:
-        """A = ∂flow/∂x, B = ∂flow/∂u, G = ∂flow/∂d, C = ∂output/∂x as one CasADi function."""
-        import casadi as ca
-
-        symbols = [ca.SX.sym(name, self.traced_flow.size1_in(k)) for k, name in enumerate("xudp")]
-        x, u, d, p = symbols
-        flow, output = self.traced_flow(*symbols), self.traced_output(x, u, p)
-        results = [ca.jacobian(flow, v) for v in (x, u, d)] + [ca.jacobian(output, x)]
-        return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
-
-    def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
-        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
-
-        Raises
-        ------
-        InvalidInput
-            If a shape does not fit.
-        """
-        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
-        given = [_points(value, names, letter) for value, names, letter in wanted]
-        count = max(map(len, given)) if all(map(len, given)) else 0
-        if any(len(rows) not in (1, count) for rows in given):
-            raise InvalidInput(
-                "The numbers of points differ.", f"got {[len(rows) for rows in given]} rows of x, u and d",
-                "one row for each point, or one vector for all",
-            )  # fmt: skip
-        if not count:  # to CasADi, a matrix without columns is a zero
-            return np.zeros((0, self.n))
-        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
-        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
-        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
-        return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
-
-    def linearise(
-        self, x: Any = None, u: Any = None, d: Any = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point.
+    def expand(self, degree: int) -> PolynomialPlant:
+        """Exact Taylor expansion about the operating point, at the nominal parameters.
 
         Parameters
         ----------
-        x, u, d : (n,), (m,) and (k,) arrays
-            Zero by default.
+        degree : int
+            Highest degree ≥ 1 of f and h; that of g1 and g2 is one less.
 
         Raises
         ------
         InvalidInput
-            If a shape does not fit.
+            As `flexhinf.plant.expansion.expand_control_affine`.
         """
-        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
-        points = [_points(value, names, letter, at_once=1)[0] for value, names, letter in wanted]
-        a, b, g, c = (
-            np.asarray(r, dtype=float) for r in self.traced_jacobians(*points, self.parameters.vector())
+        n, table = len(self.state_names), self.plant.parameters
+        parameters = table.named(table.vector())
+        flow = expand_control_affine(
+            self.flow,
+            self.operating_point,
+            self.operating_input,
+            np.zeros(len(self.disturbance_names)),
+            parameters,
+            degree,
+            input_names=self.input_names,
+            disturbance_names=self.disturbance_names,
         )
-        return a, b, g, c
+        h = expand(self.penalty_output, np.zeros(n), parameters, degree)
 
-    def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s.
+        def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
+            return {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
 
-        Raises
-        ------
-        InvalidInput
-            If the plant has no finite Jacobian there.
-        """
-        a = self.linearise(x, u)[0]
-        if not np.all(np.isfinite(a)):
-            row, column = np.argwhere(~np.isfinite(a))[0]
+        return PolynomialPlant.from_parts(
+            n,
+            parts(flow.f, degree),
+            parts(flow.g1, degree - 1),
+            parts(flow.g2, degree - 1),
+            parts(h, degree),
+            self.r2,
+            state_names=self.state_names,
+            operating_point=self.operating_point,
+            input_names=self.input_names,
+            operating_input=self.operating_input,
+        )
+
+    @cached_property
+    def _traced_fields(self) -> Any:
+        """f, g1, g2, h as one CasADi function of the deviation x, at the nominal parameters."""
+        import casadi as ca
+
+        n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
+        named = self.plant.parameters.named
+        flow = trace(
+            lambda x, u, d, p: self.flow(x, u, d, named(p)), n, m, k, self.plant.parameters.size, name="flow"
+        )
+        x = symbols("x", n)
+        u, d = ca.SX.sym("u", m), ca.SX.sym("d", k)
+        p = self.plant.parameters.vector()
+        rate = flow(pack(x + self.operating_point), u, d, ca.DM(p))
+        rest = [ca.DM(self.operating_input), ca.DM.zeros(k)]
+        f, g1, g2 = (
+            ca.substitute(v, ca.vertcat(u, d), ca.vertcat(*rest))
+            for v in (rate, ca.jacobian(rate, d), ca.jacobian(rate, u))
+        )
+        h = pack(self.penalty_output(x, named(p)))
+        outputs = [f, ca.vec(ca.densify(g1).T), ca.vec(ca.densify(g2).T), h]  # C order
+        return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
+
+    @cached_property
+    def _input_matrix_is_constant(self) -> bool:
+        import casadi as ca
+
+        x = ca.SX.sym("x", len(self.state_names))
+        return not any(ca.which_depends(self._traced_fields.call([x])[2], x, 1, True))
+
+    @property
+    def input_matrix_is_constant(self) -> bool:
+        """Whether g2 does not depend on the state, as the code is written."""
+        return self._input_matrix_is_constant
+
+    def input_matrix(self, x: Any) -> Any:
+        """Exact g2 (n, m) at one deviation x (n,), on numbers or symbols."""
+        return apply(self._traced_fields, x)[2].reshape(len(self.state_names), -1)
+
+    def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
+        points = np.atleast_2d(np.asarray(x, dtype=float))
+        if points.ndim != 2 or points.shape[1] != len(self.state_names):
             raise InvalidInput(
-                "The plant has no linearisation at this point.",
-                f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
-                f"{a[row, column]} at x = {[0.0] * self.n if x is None else np.asarray(x).tolist()}",
-                "a point where the model is smooth",
+                "The points do not fit the problem.",
+                f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
+                "deviations from the operating point, integrals of the error included",
             )
-        return float(np.abs(np.linalg.eigvals(a)).max())
-
-
-def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
-    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
-    try:
-        signals = np.asarray(model(), dtype=object)
-    except FlexhinfError:
-        raise
-    except Exception as error:
-        raise InvalidInput(
-            f"{what} does not run on symbols.",
-            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
-            "the names in states, inputs and disturbances, and NumPy functions on the elements",
-        ) from error
-    if signals.ndim != 1:
-        raise InvalidInput(
-            f"{what} does not return a vector.",
-            f"expected one axis, got shape {signals.shape}",
-            "np.array([...]) of the elements",
-        )
-    return signals
-
-
-def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
-    """Rows of numbers (N, len(names)); zeros for None."""
-    try:
-        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        rows = np.zeros((0, 0, 0))
-    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
-        raise InvalidInput(
-            f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
-            "one number per name" + ("" if at_once else ", or one row of them for each point"),
-        )
-    return rows
+        count, n = points.shape
+        if not count:  # to CasADi, a matrix without columns is a zero
+            f, g1, g2, h = self.fields(np.zeros((1, n)))
+            return f[:0], g1[:0], g2[:0], h[:0]
+        f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
+        return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h

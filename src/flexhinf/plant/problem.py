@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 __all__ = ["Problem"]
 

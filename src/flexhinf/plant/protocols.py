@@ -1,14 +1,165 @@
-"""What a closed loop asks of a law and of an estimator. Rooms that know only this can be exchanged freely."""
+"""What a closed loop needs of a law, of an estimator and of a black box: base classes with few abstract methods.
+
+Rooms that know only these classes can be exchanged freely.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+import abc
+from collections.abc import Mapping
+from functools import cached_property
+from itertools import count
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.plant.plant import Plant
+from flexhinf.plant.plant import GeneralisedPlant, Plant
+from flexhinf.polynomial.law import PolynomialLaw
 
-__all__ = ["Estimator", "Gaussian", "Law"]
+__all__ = ["INTEGRAL", "BlackBox", "Estimator", "Gaussian", "Law", "ProblemLaw", "use_default_form"]
+
+#: What the name of the integral of a state's error ends with.
+INTEGRAL = "_integral"
+
+_instances = count()
+
+
+def use_default_form(cls: type, base: type, written: str, form: str) -> None:
+    """Where `cls` writes the method `written` but not its other `form`, give it that of `base`.
+
+    A subclass that changes the plain text of a law or an update must not be evaluated by the other form that its
+    parent has of the old text.
+    """
+    if written in vars(cls) and form not in vars(cls):
+        setattr(cls, form, vars(base)[form])
+
+
+class Law(abc.ABC):
+    """A state feedback u = u* + k(x − x*), evaluated on any element.
+
+    A subclass has four attributes (or properties) and writes `law_data` and `evaluate_law`; everything else has a
+    default.
+
+    Attributes
+    ----------
+    state_names : tuple of str
+        States of the plant, then one integral ``NAME_integral`` per tracked state.
+    input_names : tuple of str
+        One name per input.
+    operating_point : ndarray, (n,)
+        x*, integrals included.
+    operating_input : ndarray, (m,)
+        u*.
+    """
+
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    operating_point: np.ndarray
+    operating_input: np.ndarray
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        for form in ("law_table", "evaluate_about"):
+            use_default_form(cls, Law, "evaluate_law", form)
+
+    # To be written --------------------------------------------------------------------------------
+    @property
+    @abc.abstractmethod
+    def law_data(self) -> np.ndarray:
+        """Numbers of the law, flat. They are data of a kernel: another γ compiles nothing."""
+
+    @abc.abstractmethod
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,), for a deviation x (n,) of numbers or of any element, with the numbers as in `law_data`."""
+
+    # Defaults -------------------------------------------------------------------------------------
+    @cached_property
+    def _number(self) -> int:
+        return next(_instances)
+
+    @property
+    def law_key(self) -> str:
+        """What distinguishes the code of two laws of one class (not their data).
+
+        By default each law has code of its own. A class whose `evaluate_law` depends on nothing but `data` and the
+        names returns a constant, so that all its laws share one kernel.
+        """
+        return f"law {self._number}"
+
+    @property
+    def law_table(self) -> PolynomialLaw | None:
+        """The polynomial that `evaluate_law` computes, with `law_data` as its coefficients; None if it is none.
+
+        Kernels evaluate a large polynomial in loops; without it, `evaluate_law` is traced.
+        """
+        return None
+
+    @property
+    def law_degree(self) -> int | None:
+        """Degree of the value function that the law was solved to; None for a law of no value function."""
+        return None
+
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference.
+
+        A law that depends on where it acts overrides this: then u = input + k, k = 0 for x = 0, and `evaluate_law` is
+        the same about (x*, u*). By default k is a function of the deviation alone.
+
+        Parameters
+        ----------
+        x : (n,)
+        state, input : (n without integrals,) and (m,)
+            The reference and its input, of any element.
+        data : flat array
+            As `law_data`.
+        """
+        return self.evaluate_law(x, data)
+
+    @property
+    def depends_on_reference(self) -> bool:
+        """Whether the class writes `evaluate_about`."""
+        return type(self).evaluate_about is not Law.evaluate_about
+
+    @property
+    def plant_states(self) -> tuple[str, ...]:
+        """State names without integrals."""
+        return tuple(name for name in self.state_names if not name.endswith(INTEGRAL))
+
+    @property
+    def tracked(self) -> tuple[str, ...]:
+        """States whose tracking error the law integrates."""
+        return tuple(name.removesuffix(INTEGRAL) for name in self.state_names if name.endswith(INTEGRAL))
+
+
+class ProblemLaw(Law):
+    """Base of laws that stand for a `GeneralisedPlant`: names and operating point are the problem's.
+
+    Attributes
+    ----------
+    problem : GeneralisedPlant
+    """
+
+    problem: GeneralisedPlant
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Of the problem."""
+        return self.problem.state_names
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Of the problem."""
+        return self.problem.input_names
+
+    @property
+    def operating_point(self) -> np.ndarray:
+        """x* of the problem, (n,)."""
+        return self.problem.operating_point
+
+    @property
+    def operating_input(self) -> np.ndarray:
+        """u* of the problem, (m,)."""
+        return self.problem.operating_input
 
 
 class Gaussian(NamedTuple):
@@ -18,66 +169,10 @@ class Gaussian(NamedTuple):
     covariance: Any
 
 
-@runtime_checkable
-class Law(Protocol):
-    """A state feedback u = u* + k(x − x*), readable on any element.
+class Estimator(abc.ABC):
+    """A recursive estimator as pure functions of frozen beliefs.
 
-    The states are those of the plant followed by one integral ``NAME_integral`` per tracked state.
-
-    A law of many monomials may also have a method ``law_polynomial()``: the
-    `flexhinf.polynomial.law.PolynomialLaw` of which its `law_data` are the coefficients. Kernels then evaluate
-    that in loops; without it, `evaluate_law` is traced.
-
-    A law that depends on where it acts, not only on the deviation, may also have
-    ``evaluate_about(x, state, input, data)``: k(x), (m,), for a deviation x (n,), integrals last, from a reference
-    state (n without integrals,) and its input (m,), of any element. Then u = input + k, k = 0 for x = 0, and
-    `evaluate_law` is the same about (x*, u*). A moving reference needs it; without it, k is taken to be a function of
-    the deviation alone.
-    """
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """States of the plant, then integrals."""
-        ...
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """One name per input."""
-        ...
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """x*, (n,), integrals included."""
-        ...
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """u*, (m,)."""
-        ...
-
-    @property
-    def law_data(self) -> np.ndarray:
-        """Numbers the law is made of, flat: data of a kernel, so a new γ recompiles nothing."""
-        ...
-
-    @property
-    def law_key(self) -> str:
-        """What distinguishes the code of two laws (not their data)."""
-        ...
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), shape (m,), for a deviation x (n,) of numbers or of any element."""
-        ...
-
-
-@runtime_checkable
-class Estimator(Protocol):
-    """A recursive estimator as two pure functions of frozen values.
-
-    An estimator of many states may also have ``time_stages(run, belief, u, p, process_noise)`` and
-    ``measurement_stages(run, belief, y, u, p, measurement_noise)``, the same updates written against a run
-    (`flexhinf.codegen.Direct`, `Composer`) and with the parameters as a vector, and ``operations``, roughly what one
-    trace of both would have. Kernels are then composed of pieces in loops; without them, an update is one trace.
+    A subclass has five attributes and writes `initial_at`, `time_update` and `measurement_update`.
 
     Attributes
     ----------
@@ -88,30 +183,109 @@ class Estimator(Protocol):
     process_noise, measurement_noise : ndarray, (n, n) and (p, p)
         R^v and R^n.
     initial : Gaussian
-        x(0|−1), or a named tuple that begins as one.
+        x(0|−1), or a named tuple that begins with the mean.
     """
 
     plant: Plant
     period: float
     process_noise: np.ndarray
     measurement_noise: np.ndarray
-    initial: Gaussian
+    initial: Any
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        for written in ("time_update", "measurement_update"):
+            use_default_form(cls, Estimator, written, f"{written}_on")
+
+    # To be written --------------------------------------------------------------------------------
+    @abc.abstractmethod
+    def initial_at(self, mean: Any) -> Any:
+        """The initial belief with another mean (n,)."""
+
+    @abc.abstractmethod
+    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
+
+    @abc.abstractmethod
+    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+        """x(k|k−1) → x(k|k), likewise."""
+
+    # Defaults -------------------------------------------------------------------------------------
+    @cached_property
+    def _number(self) -> int:
+        return next(_instances)
 
     @property
     def estimator_key(self) -> str:
-        """What distinguishes the code of two estimators (not their data)."""
-        ...
+        """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
+        return f"estimator {self._number}"
 
-    def initial_at(self, mean: np.ndarray) -> Gaussian:
-        """The initial belief with another mean (n,)."""
-        ...
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace; 0 leaves them one trace."""
+        return 0
 
-    def time_update(self, belief: Gaussian, u: Any, p: Any, process_noise: Any) -> Gaussian:
-        """x(k|k) → x(k+1|k)."""
-        ...
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """`time_update` on a run (`flexhinf.codegen.Direct` or `Composer`), p the vector of parameters.
 
-    def measurement_update(
-        self, belief: Gaussian, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> Gaussian:
-        """x(k|k−1) → x(k|k)."""
-        ...
+        By default it is one traced piece. An estimator of many states composes it of pieces in loops.
+        """
+
+        def update(u: Any, p: Any, noise: Any, *parts: Any) -> Any:
+            return tuple(self.time_update(type(belief)(*parts), u, self.plant.parameters.named(p), noise))
+
+        return type(belief)(*run.call(update, u, p, process_noise, *belief))
+
+    def measurement_update_on(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> Any:
+        """`measurement_update` on a run, likewise."""
+
+        def update(y: Any, u: Any, p: Any, noise: Any, *parts: Any) -> Any:
+            named = self.plant.parameters.named(p)
+            return tuple(self.measurement_update(type(belief)(*parts), y, u, named, noise))
+
+        return type(belief)(*run.call(update, y, u, p, measurement_noise, *belief))
+
+
+class BlackBox(abc.ABC):
+    """A true plant that integrates itself, such as a physics engine.
+
+    A subclass writes `reset`, `step` and `output`. It may also have names, so that disturbances are commanded and
+    the true state is recorded.
+
+    Attributes
+    ----------
+    disturbances : tuple of str
+        Channels of the disturbance; none by default.
+    states : tuple of str
+        Names of what `state` returns; none by default.
+    units : mapping of str to str
+        By name.
+    groups : mapping of str to tuple of str
+        One name for several signals, see `flexhinf.Plant`.
+    limits : mapping of str to (float, float)
+        Range of a state by name.
+    """
+
+    disturbances: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+    units: Mapping[str, str] = {}
+    groups: Mapping[str, tuple[str, ...]] = {}
+    limits: Mapping[str, tuple[float, float]] = {}
+
+    @abc.abstractmethod
+    def reset(self, initial_state: np.ndarray | None) -> None:
+        """Start again, at the equilibrium by default."""
+
+    @abc.abstractmethod
+    def step(self, u: np.ndarray, disturbance: np.ndarray, period: float) -> None:
+        """Advance by one period with the input and the disturbance held."""
+
+    @abc.abstractmethod
+    def output(self) -> np.ndarray:
+        """The measured signals, or the state that the law was designed for if there is no estimator."""
+
+    def state(self) -> np.ndarray:
+        """The true state, one number for each of `states`."""
+        return np.zeros(0)

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Parameters
+from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.robot import Robot
@@ -28,7 +28,7 @@ ROTOR_SHARE = 1e-3
 EXPRESSED = ("joint_damping",)
 
 
-class MuJoCoPlant:
+class MuJoCoPlant(BlackBox):
     """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4.
 
     Voltage-driven motors are without their coil: the torque k_t V / R is applied, and the back-EMF k_t k_b / R is

@@ -57,6 +57,10 @@ def _hardened_twist(weight: np.ndarray, stiffness: np.ndarray, cubic: np.ndarray
     return twist
 
 
+#: A pose beyond one turn was probably meant in degrees.
+TURN = 2.0 * np.pi * (1.0 + 1e-9)
+
+
 def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np.ndarray:
     """Link positions (n,) from a sequence, a mapping by joint name, a number for one joint, or None.
 
@@ -91,6 +95,13 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
             "one link position per joint, rad (m for a prismatic joint)",
         )
     for name, value, limits, slides in zip(names, values, links.limits, links.slides):
+        if not slides and abs(value) > TURN and (limits is None or not limits[0] <= value <= limits[1]):
+            raise InvalidInput(
+                f"The pose turns joint {name!r} by {value:g} rad, more than once around.",
+                f"expected an angle in rad within ±2π, got {value:g}; were degrees meant?",
+                f"{value:g}deg on the command line and in a specification, np.deg2rad({value:g}) elsewhere; a joint "
+                "that turns more than once around states its limits in the robot's file",
+            )
         if limits is not None and not limits[0] <= value <= limits[1]:
             raise InvalidInput(
                 f"The pose is outside the limits of joint {name!r}.",

@@ -311,7 +311,7 @@ class Robot(Summarised):
             command=command,
             integrate=integrate,
             disturbances=disturbances,
-            rest=self.operating_point(pose, extras),
+            equilibrium=self.operating_point(pose, extras),
         )
 
     # Tolerances -----------------------------------------------------------------------------------

@@ -50,13 +50,13 @@ def test_the_preset_that_is_meant(robot_of: Named, asked: dict[str, Any], own: s
 @pytest.mark.parametrize(
     ("asked", "both", "advice"),
     [
-        ({"bandwidth": 2.0, "penalty": WEIGHTS}, "--bandwidth and --penalty", "leave out one"),
-        ({"damping": 0.2, "effort": 2.0}, "--damping and --effort", "leave out one"),
-        ({"preset": "damped", "penalty": WEIGHTS}, "--preset damped and --penalty", "leave out --penalty"),
-        ({"preset": "robust", "effort": 2.0}, "--preset robust and --effort", "leave out --effort"),
-        ({"preset": "paper", "bandwidth": 2.0}, "--preset paper and --bandwidth", "--preset damped"),
-        ({"preset": "paper", "damping": 0.2}, "--preset paper and --damping", "--preset damped"),
-        ({"preset": "paper", "penalty": WEIGHTS}, "--preset paper and --penalty", "leave out --preset"),
+        ({"bandwidth": 2.0, "penalty": WEIGHTS}, "`bandwidth` and `penalty`", "leave out one"),
+        ({"damping": 0.2, "effort": 2.0}, "`damping` and `effort`", "leave out one"),
+        ({"preset": "damped", "penalty": WEIGHTS}, "preset='damped' and `penalty`", "leave out `penalty`"),
+        ({"preset": "robust", "effort": 2.0}, "preset='robust' and `effort`", "leave out `effort`"),
+        ({"preset": "paper", "bandwidth": 2.0}, "preset='paper' and `bandwidth`", "preset='damped'"),
+        ({"preset": "paper", "damping": 0.2}, "preset='paper' and `damping`", "preset='damped'"),
+        ({"preset": "paper", "penalty": WEIGHTS}, "preset='paper' and `penalty`", "leave out `preset`"),
     ],
 )
 def test_what_contradicts_itself_is_refused_in_three_parts(
@@ -291,7 +291,7 @@ def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Ca
         robot = only_uncertain(robot_of("paper"), *names)
         with pytest.raises(InvalidInput, match="states no tolerances") as refused:
             choose(robot, np.array([0.5]), np.array([0.0]), Specification(preset="robust"))
-        assert "--preset damped" in str(refused.value)
+        assert "preset='damped'" in str(refused.value)
 
 
 def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> None:

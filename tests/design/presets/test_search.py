@@ -137,7 +137,7 @@ def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
     assert 0.1 < best < damping
     found = bench.search(share, 0.97 * best)
     check(bench, found, bench.wanted(share, 0.97 * best))
-    advised = float(re.search(r"--damping ([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
+    advised = float(re.search(r"damping=([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.9 * best < advised < best
 
 

@@ -8,7 +8,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.step import controller_step
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.robot import paper_arm
@@ -141,7 +141,7 @@ def test_without_parameters_or_commands(made, routes, kind):
 
 
 # The law --------------------------------------------------------------------------------------------
-class RandomLaw:
+class RandomLaw(Law):
     """A polynomial of these degrees, as a law of the paper's arm."""
 
     state_names = (
@@ -151,15 +151,24 @@ class RandomLaw:
         "motor_velocity",
         "link_position_integral",
     )
-    input_names, law_key = ("motor_voltage",), "random"
+    input_names = ("motor_voltage",)
     operating_point, operating_input = np.zeros(5), np.zeros(1)
 
     def __init__(self, degrees):
         size = sum(basis.count(5, k) for k in degrees)
         self.polynomial = PolynomialLaw(5, degrees, np.random.default_rng(0).normal(size=(1, size)))
-        self.law_data, self.law_key = self.polynomial.coefficients.ravel(), f"random {degrees}"
+        self.degrees = degrees
 
-    def law_polynomial(self):
+    @property
+    def law_data(self):
+        return self.polynomial.coefficients.ravel()
+
+    @property
+    def law_key(self):
+        return f"random {self.degrees}"
+
+    @property
+    def law_table(self):
         return self.polynomial
 
     def evaluate_law(self, x, data):

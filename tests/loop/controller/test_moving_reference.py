@@ -11,7 +11,7 @@ from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Samples, Sine, Step
 from flexhinf.loop.controller import controller
-from flexhinf.plant import rk4_step
+from flexhinf.plant import BlackBox, rk4_step
 from flexhinf.robot import paper_arm
 
 H = 1e-2
@@ -187,7 +187,7 @@ def test_composed_equals_one_trace(made, monkeypatch, estimated):
 def test_a_black_box_runs_the_same(made):
     plant, law = made.two_inputs()
 
-    class Box:
+    class Box(BlackBox):
         states, disturbances = plant.states, plant.disturbances
 
         def reset(self, initial_state):

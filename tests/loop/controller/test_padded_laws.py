@@ -28,7 +28,7 @@ def test_a_padded_law_is_the_law(poses):
         for x in np.random.default_rng(0).normal(size=(4, 5)):
             expected = law.evaluate_law(x, law.law_data)
             np.testing.assert_allclose(same.evaluate_law(x, same.law_data), expected, rtol=1e-12)
-            np.testing.assert_allclose(same.law_polynomial().evaluate(x), expected, rtol=1e-12)
+            np.testing.assert_allclose(same.law_table.evaluate(x), expected, rtol=1e-12)
 
 
 def test_laws_of_one_text_or_of_several_degrees_are_left_alone(poses, made):

@@ -6,12 +6,12 @@ import pytest
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Schedule
 from flexhinf.loop.controller import controller
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 
 H = 1e-2
 
 
-class Cubed:
+class Cubed(Law):
     """k = −a (x³ − x_d³) − b e + u_d-dependent damping: what an absolute law is, in one state."""
 
     state_names, input_names = ("x", "x_integral"), ("u",)
@@ -19,7 +19,11 @@ class Cubed:
     law_key = "cubed"
 
     def __init__(self, a=3.0, b=2.0):
-        self.law_data = np.array([a, b, 0.5, 0.25])
+        self.numbers = np.array([a, b, 0.5, 0.25])
+
+    @property
+    def law_data(self):
+        return self.numbers
 
     def evaluate_law(self, x, data):
         return self.evaluate_about(x, data[2:3], data[3:4], data)

@@ -8,7 +8,7 @@ from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Quintic, Step
 from flexhinf.loop.controller import controller, law_code, transfer
-from flexhinf.plant import Plant, equilibrium, rk4_step
+from flexhinf.plant import BlackBox, Law, Plant, equilibrium, rk4_step
 from flexhinf.robot import paper_arm
 
 H = 1e-2
@@ -104,7 +104,7 @@ def test_without_integrals_the_misfit_is_a_bias_that_fades(made):
     np.testing.assert_allclose(run.signals["input"], expected, atol=1e-12)
 
 
-class Parabola:
+class Parabola(Law):
     """u = −x + e² + e: no integral asks for less than −x − 1/4."""
 
     state_names, input_names, law_key = ("x", "x_integral"), ("u",), "parabola"
@@ -195,7 +195,7 @@ def test_the_estimators_first_step_sees_the_input(made):
 def test_a_black_box_and_a_late_input_run_the_same(made):
     plant, law = made.two_inputs()
 
-    class Box:
+    class Box(BlackBox):
         states = plant.states
 
         def reset(self, initial_state):

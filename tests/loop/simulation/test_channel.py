@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop import BlackBox, Controller, Loop, Step
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
 
 
-class Wrapped:
+class Wrapped(BlackBox):
     """The paper's arm as a black box, integrated by its own loop of one sub-step."""
 
     def __init__(self):

@@ -10,7 +10,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Quintic, Sine, Step
 from flexhinf.loop.signals.noise import standard_normal
 from flexhinf.loop.simulation.program import loop_program
-from flexhinf.plant import Plant
+from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
 
 
@@ -298,15 +298,19 @@ def test_anti_windup_takes_the_overshoot_of_windup_away(made):
 # Failures -------------------------------------------------------------------------------------------
 def test_divergence_is_told_with_the_time_and_the_run_so_far(made):
     law = made.LinearLaw(made.law.state_names, made.law.input_names, -40.0 * made.law.gain)
-    with pytest.raises(NumericalFailure, match="true plant's state") as caught:
-        Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
-    run = caught.value.trajectory
-    assert 0.0 < run.time[-1] < 60.0
-    assert f"t = {run.time[-1]:g} s" in caught.value.found
+    run = Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
+    assert run.status == "diverged"
+    assert 0.0 < run.diverged_at == run.time[-1] < 60.0
+    assert "true plant's state" in run.message
+    assert f"t = {run.time[-1]:g} s" in run.message
     assert np.all(np.isfinite(run.signals["state"]))
+    metrics = run.metrics()
+    assert set(metrics.values()) == {None}
+    assert metrics.keys() == Loop(paper_arm().plant(), Controller(made.law, None)).run(1.0).metrics().keys()
+    assert run.data.attrs["status"] == "diverged"
 
 
-class RootLaw:
+class RootLaw(Law):
     """A law that is not a number for negative positions."""
 
     law_key, state_names, input_names = "root", ("x",), ("u",)
@@ -320,9 +324,10 @@ class RootLaw:
 def test_limits_do_not_hide_an_input_that_is_no_number(saturation):
     plant = Plant(lambda x, u, d, p: u - 1.0, lambda x, u, p: x, ("x",), ("u",))
     controller = Controller(RootLaw(), None, 0.1, saturation)
-    with pytest.raises(NumericalFailure, match="estimate or input") as caught:
-        Loop(plant, controller).run(duration=9.0, initial_state=[0.25])
-    assert len(caught.value.trajectory.time) < 5
+    run = Loop(plant, controller).run(duration=9.0, initial_state=[0.25])
+    assert "estimate or input" in run.message
+    assert run.status == "diverged"
+    assert len(run.time) < 5
     assert controller.step(0.25) == -0.5
     with pytest.raises(NumericalFailure, match="no longer finite"):
         controller.step(-0.25)

@@ -13,7 +13,7 @@ from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.design.bench import Bench
 from flexhinf.design.compare.runs import integrates
 from flexhinf.design.modes import named_modes
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import NumericalFailure
 from flexhinf.plant import Law
 
 __all__ = ["Linear", "bandwidth_of", "corners_of", "linear_bench", "linear_figures", "sensitivity_at_rest"]
@@ -86,14 +86,12 @@ def bandwidth_of(bench: Bench, law: Law) -> float:
 def sensitivity_at_rest(bench: Bench, law: Law) -> float:
     """Peak sensitivity of the linearised loop with its estimator at the goal; infinite for an unstable one.
 
-    Zero where it cannot be linearised: nothing is known against it.
+    Infinite too where no equilibrium is found: a loop that cannot be linearised is not known to be robust.
     """
-    delay = bench.specification.delay
     try:
-        linear = resting_loop(bench, law).linear()
-    except FlexhinfError:
-        return 0.0
-    return float(linear.part("w", "u+w", delay).norm()[0]) if linear.system(delay).stable else np.inf
+        return margins(resting_loop(bench, law)).peak_sensitivity
+    except NumericalFailure:
+        return np.inf
 
 
 def linear_figures(
@@ -115,20 +113,18 @@ def linear_figures(
     FlexhinfError
         If the loop has no rest that it could be linearised at.
     """
-    loop, delay = resting_loop(bench, law), bench.specification.delay
+    loop = resting_loop(bench, law)
     linear = loop.linear()
-    found, stable = margins(linear), linear.system(delay).stable
-    peak, rms = np.inf, np.inf
-    if stable:
-        peak = linear.part("w", "u+w", delay).norm()[0]
+    found, rms = margins(linear), np.inf
+    if found.stable:
         noise = np.zeros(len(linear.c)) if bench.noise is None else bench.noise
-        rms = float(np.linalg.norm(linear.part("v", "u", delay).rms() * noise, axis=1).max())
+        rms = float(np.linalg.norm(found.noise_to_input * noise, axis=1).max())
     unstable = int((loop.modes(corners).rate >= 0.0).sum()) if corners else 0
     return Linear(
-        stable,
-        _damping(linear, bench.robot.joint_names, energy, delay),
-        found.delay_margin_s - delay if stable else 0.0,
-        peak,
+        found.stable,
+        _damping(linear, bench.robot.joint_names, energy),
+        found.delay_margin_s,
+        found.peak_sensitivity,
         rms,
         float(found.bandwidth.min()),
         unstable,
@@ -150,10 +146,10 @@ def corners_of(bench: Bench, states: int) -> list[Mapping[str, Any]]:
 
 
 def _damping(
-    linear: LinearLoop, joints: Sequence[str], energy: tuple[np.ndarray, np.ndarray], delay: float
+    linear: LinearLoop, joints: Sequence[str], energy: tuple[np.ndarray, np.ndarray]
 ) -> float | None:
     """Smallest damping ratio of a vibration of the whole sampled loop, estimator and delay included."""
-    values, vectors = np.linalg.eig(linear.closed(delay))
+    values, vectors = np.linalg.eig(linear.closed())
     kept = np.abs(values) > 1e-12
     rates = np.log(values[kept].astype(complex)) / linear.period
     modes = named_modes(rates, vectors[:, kept], joints, *energy)

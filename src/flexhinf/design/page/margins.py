@@ -37,7 +37,7 @@ def margins_section(design: Design) -> Section:
 def margin_rows(design: Design) -> list[tuple[str, str, str]]:
     """What, with the estimator, with the true state fed back."""
     loops = (design.margins, design.state_margins)
-    period, one = design.specification.period, design.margins.gain_margins is not None
+    period, one = design.specification.period, len(design.margins.gain_margins) == 1
     tracked = ", ".join(name.removeprefix("link_position_") for name in design.margins.positions)
     several = 1 < len(design.margins.positions) <= 3
 
@@ -67,8 +67,7 @@ def _bandwidths(found: np.ndarray) -> str:
 
 
 def _gains(m: Margins) -> str:
-    assert m.gain_margins is not None
-    low, high = m.gain_margins
+    low, high = m.gain_margins[0]
     return f"× {number(low if low > 1e-6 else 0.0, 3)}, × {number(high, 3)}"
 
 

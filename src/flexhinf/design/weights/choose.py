@@ -114,16 +114,16 @@ def preset_of(robot: Any, s: Specification) -> str:
     InvalidInput
         If what is asked for contradicts itself.
     """
-    behaviour = [f"--{name}" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
-    weights = [f"--{name}" for name in ("penalty", "effort") if getattr(s, name) is not None]
+    behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
+    weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
     if behaviour and weights:
         raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
     if s.preset in ("damped", "robust") and weights:
-        raise _contradiction(f"--preset {s.preset} and {weights[0]}", f"leave out {weights[0]}, or --preset")
+        raise _contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
     if s.preset == "paper" and (behaviour or s.penalty is not None):
-        other = (behaviour or ["--penalty"])[0]
-        advice = "--preset damped" if behaviour else "leave out --preset"
-        raise _contradiction(f"--preset paper and {other}", advice)
+        other = (behaviour or ["`penalty`"])[0]
+        advice = "preset='damped'" if behaviour else "leave out `preset`"
+        raise _contradiction(f"preset='paper' and {other}", advice)
     if s.preset is not None:
         return s.preset
     if s.penalty is not None:
@@ -235,7 +235,7 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
         raise InvalidInput(
             f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
             "expected parameters with a tolerance that changes how the robot moves, got none",
-            "tolerance = 10 beside a value in the robot's file, or --preset damped",
+            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
         )
     scalings = find_scalings(RobustProblem(_game_of(found, nominal), family.torques, tolerances), s.gamma_ratio)
 
@@ -288,7 +288,7 @@ def _robust(
         command=_command(s),
         integrate=nominal.integrate,
         disturbances=(*physical, *names),
-        rest=robot.operating_point(goal),
+        equilibrium=robot.operating_point(goal),
     )
     lowest = game.nominal.gamma_star()
     plain = game.nominal.design(s.gamma_ratio * lowest, lowest)

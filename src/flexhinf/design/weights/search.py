@@ -168,11 +168,11 @@ def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: floa
             "The specification cannot be met: the bandwidth binds.",
             f"expected {asked}; the best found that is stable within the tolerances is "
             f"{_words(reached * target.bandwidth)} rad/s",
-            "a smaller --bandwidth; the springs' own frequency is about the most that a joint follows",
+            "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
         )
     return InvalidInput(
         "The specification cannot be met: the damping of the oscillations binds.",
         f"expected {asked} for the robot and its tolerances; the best found at this bandwidth is "
         f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
-        f"--damping {max(0.0, 0.95 * best.behaviour.damping):.2g}, or another --bandwidth",
+        f"damping={max(0.0, 0.95 * best.behaviour.damping):.2g}, or another `bandwidth`",
     )

@@ -14,7 +14,6 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.memory import Layout, data_layout, data_values, input_before, memory_layout
 from flexhinf.loop.controller.options import (
-    INTEGRAL,
     Limits,
     Mode,
     Source,
@@ -88,10 +87,7 @@ class Controller:
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.mode = Mode(moving, start, len(self.laws))
         self._fade, self.fade = fade, fade_time(fade, self.mode)
-        self.states = tuple(name for name in solution.state_names if not name.endswith(INTEGRAL))
-        self.tracked = tuple(
-            name[: -len(INTEGRAL)] for name in solution.state_names if name.endswith(INTEGRAL)
-        )
+        self.states, self.tracked = solution.plant_states, solution.tracked
         check_names(solution, estimator, self.period, self.states, self.tracked)
         self.limits = Limits.of(saturation, len(solution.input_names))
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
@@ -184,7 +180,7 @@ class Controller:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
         evaluations = self.mode.laws + STEPS if self.mode.takes_over else 1
         law = evaluations * np.size(self.law.law_data)
-        return law + getattr(self.estimator, "operations", 0) > ONE_TRACE
+        return law + (self.estimator.operations if self.estimator is not None else 0) > ONE_TRACE
 
     @cached_property
     def law_code(self) -> LawCode:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import Block, Composer
-from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
@@ -26,10 +25,9 @@ TABLE = 500
 class LawCode:
     """A law and the form of its numbers in a kernel.
 
-    A law that is a polynomial may say so by a method ``law_polynomial()``, the `PolynomialLaw` of which its
-    `law_data` are the coefficients; from `TABLE` coefficients on, a composed kernel then forms the monomials by
-    multiplying rows of them with one variable, and sums the rows of the coefficients' table, one row per
-    monomial and one column per input, padded with zero columns so that rows fill vectors.
+    From `TABLE` coefficients on, a composed kernel evaluates a polynomial law (`Law.law_table`) in loops: it forms
+    the monomials by multiplying rows of them with one variable, and sums the rows of the coefficients' table, one
+    row per monomial and one column per input, padded with zero columns so that rows fill vectors.
 
     Parameters
     ----------
@@ -44,12 +42,8 @@ class LawCode:
     @cached_property
     def table(self) -> PolynomialLaw | None:
         """The polynomial, where the law is evaluated as a table."""
-        few = np.size(self.law.law_data) < TABLE
-        if few or not self.composed or not offers(self.law, "law_polynomial", "evaluate_law") or self.placed:
-            return None
-        if not getattr(self.law, "law_is_polynomial", True):
-            return None
-        return self.law.law_polynomial()  # type: ignore[attr-defined]
+        large = np.size(self.law.law_data) >= TABLE
+        return self.law.law_table if large and self.composed and not self.placed else None
 
     @property
     def columns(self) -> int:
@@ -79,7 +73,7 @@ class LawCode:
     @property
     def placed(self) -> bool:
         """Whether the law depends on the reference that it acts about, see `flexhinf.plant.Law`."""
-        return offers(self.law, "evaluate_about", "evaluate_law")
+        return self.law.depends_on_reference
 
     def evaluate(self, run: Any, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) and the numbers as in `data`."""
@@ -107,8 +101,7 @@ class LawCode:
         if self.table is not None:
             data = data.reshape(-1, self.columns)[:, : len(self.law.input_names)].T.ravel()
         if about is not None and self.placed:
-            placed: Any = self.law
-            return lambda x: run.call(placed.evaluate_about, x, *about, data)
+            return lambda x: run.call(self.law.evaluate_about, x, *about, data)
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
     def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:

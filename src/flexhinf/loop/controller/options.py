@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Estimator, Law
+from flexhinf.plant import INTEGRAL, Estimator, Law
 
-__all__ = ["INTEGRAL", "Limits", "Mode", "Source", "check_kinds", "check_names", "positive"]
+__all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "positive"]
 
 
 class Source(NamedTuple):
@@ -138,23 +138,19 @@ def _edge(value: Any, inputs: int) -> np.ndarray:
         ) from error
 
 
-#: What the name of an integral of an error ends with.
-INTEGRAL = "_integral"
-
-
 def check_kinds(law: Any, estimator: Any) -> None:
     """They are a law with finite numbers of the right sizes, and an estimator or None."""
     if not isinstance(law, Law):
         raise InvalidInput(
             "The controller needs a law.",
-            f"expected state_names, evaluate_law and so on, got {type(law).__name__}",
-            "a solution of solve_hji or linear_law",
+            f"expected a flexhinf.plant.Law, got {type(law).__name__}",
+            "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
         )
     if estimator is not None and not isinstance(estimator, Estimator):
         raise InvalidInput(
             "The controller's estimator is none.",
-            f"expected UnscentedKalmanFilter, ExtendedKalmanFilter or None, got {type(estimator).__name__}",
-            "Controller(solution, estimator, period)",
+            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
+            "Controller(solution, UnscentedKalmanFilter(...), period)",
         )
     n, m = len(law.state_names), len(law.input_names)
     point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)

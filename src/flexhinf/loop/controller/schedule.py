@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.options import INTEGRAL, Mode, check_kinds
-from flexhinf.loop.staged import offers
+from flexhinf.loop.controller.options import Mode, check_kinds
 from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
@@ -19,7 +18,7 @@ from flexhinf.scalars import where
 __all__ = ["PaddedLaw", "Schedule", "chosen", "of_one_text"]
 
 
-class Schedule:
+class Schedule(Law):
     """Laws at several poses, of which one is active at a time.
 
     Active is the law whose operating point's tracked positions are nearest (Euclidean distance) to the command.
@@ -49,7 +48,16 @@ class Schedule:
         first = self.laws[0]
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
-        self.law_data, self.law_key = first.law_data, first.law_key
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Numbers of the first law."""
+        return self.laws[0].law_data
+
+    @property
+    def law_key(self) -> str:
+        """Of the text that the laws share."""
+        return self.laws[0].law_key
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), of the text that the laws share."""
@@ -140,8 +148,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
 
 
 def _check_poses(laws: Sequence[Law]) -> None:
-    names = tuple(laws[0].state_names)
-    places = [names.index(name[: -len(INTEGRAL)]) for name in names if name.endswith(INTEGRAL)]
+    places = [laws[0].state_names.index(name) for name in laws[0].tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
         raise InvalidInput(
@@ -165,19 +172,20 @@ def _share(hysteresis: Any) -> float:
     return share
 
 
-class PaddedLaw:
+class PaddedLaw(Law):
     """A polynomial law with more degrees than occur in it.
 
     Parameters
     ----------
     law : Law
-        With a method ``law_polynomial()``.
+        With a `law_table`.
     degrees : tuple of int
         Ascending; those of the law among them.
     """
 
     def __init__(self, law: Law, degrees: tuple[int, ...]) -> None:
-        polynomial: PolynomialLaw = law.law_polynomial()  # type: ignore[attr-defined]
+        polynomial = law.law_table
+        assert polynomial is not None
         n, own = polynomial.n, polynomial.coefficients
         parts, start = [], 0
         for degree in degrees:
@@ -190,9 +198,19 @@ class PaddedLaw:
         self.polynomial = PolynomialLaw(n, degrees, np.concatenate(parts, axis=1))
         self.state_names, self.input_names = tuple(law.state_names), tuple(law.input_names)
         self.operating_point, self.operating_input = law.operating_point, law.operating_input
-        self.law_data, self.law_key = self.polynomial.coefficients.ravel(), f"polynomial {n} {degrees}"
 
-    def law_polynomial(self) -> PolynomialLaw:
+    @property
+    def law_data(self) -> np.ndarray:
+        """The padded coefficients, flat."""
+        return self.polynomial.coefficients.ravel()
+
+    @property
+    def law_key(self) -> str:
+        """The monomials."""
+        return f"polynomial {self.polynomial.n} {self.polynomial.degrees}"
+
+    @property
+    def law_table(self) -> PolynomialLaw:
         """The polynomial."""
         return self.polynomial
 
@@ -202,14 +220,10 @@ class PaddedLaw:
 
 
 def of_one_text(laws: Sequence[Law]) -> tuple[Law, ...]:
-    """The laws, padded if they are polynomials of one kind and one ``degree`` whose monomials differ."""
-    alike = len({(type(law), getattr(law, "degree", law.law_key)) for law in laws}) == 1
-    if len({law.law_key for law in laws}) == 1 or not alike or not all(map(_polynomial, laws)):
+    """The laws, padded if they are polynomials of one class, solved to one degree, whose monomials differ."""
+    alike = len({(type(law), law.law_degree) for law in laws}) == 1 and laws[0].law_degree is not None
+    tables = [law.law_table for law in laws]
+    if len({law.law_key for law in laws}) == 1 or not alike or None in tables:
         return tuple(laws)
-    degrees = {degree for law in laws for degree in law.law_polynomial().degrees}  # type: ignore[attr-defined]
+    degrees = {degree for table in tables if table is not None for degree in table.degrees}
     return tuple(PaddedLaw(law, tuple(sorted(degrees))) for law in laws)
-
-
-def _polynomial(law: Law) -> bool:
-    """Whether `law_polynomial` says what `evaluate_law` computes."""
-    return offers(law, "law_polynomial", "evaluate_law") and getattr(law, "law_is_polynomial", True)

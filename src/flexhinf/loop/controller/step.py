@@ -17,7 +17,6 @@ from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Mode, Source
 from flexhinf.loop.controller.schedule import chosen
 from flexhinf.loop.controller.transfer import continued
-from flexhinf.loop.staged import offers
 from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
@@ -61,7 +60,9 @@ def controller_step(
     belief: Any = None
     if estimator is not None:
         prior = type(estimator.initial)(*memory.belief)
-        belief = _corrected(run, estimator, prior, y, memory.u, data)
+        belief = estimator.measurement_update_on(
+            run, prior, y, memory.u, data.parameters, data.measurement_noise
+        )
         estimate = belief.mean
     active: Any = None
     taken: Any = None
@@ -94,7 +95,7 @@ def controller_step(
     )
     u = after["u"]
     if estimator is not None:
-        after["belief"] = _predicted(run, estimator, belief, u, data)
+        after["belief"] = estimator.time_update_on(run, belief, u, data.parameters, data.process_noise)
     return u, estimate, after
 
 
@@ -168,25 +169,3 @@ def _input(
     pushes = growth * ((wanted - u) @ gain)
     choices = zip(pushes, before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
-
-
-def _corrected(run: Any, estimator: Any, belief: Any, y: Any, u: Any, data: Any) -> Any:
-    if offers(estimator, "measurement_stages", "measurement_update", "innovate"):
-        return estimator.measurement_stages(run, belief, y, u, data.parameters, data.measurement_noise)
-
-    def update(y: Any, u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
-        p = estimator.plant.parameters.named(vector)
-        return tuple(estimator.measurement_update(type(belief)(*parts), y, u, p, noise))
-
-    return type(belief)(*run.call(update, y, u, data.parameters, data.measurement_noise, *belief))
-
-
-def _predicted(run: Any, estimator: Any, belief: Any, u: Any, data: Any) -> Any:
-    if offers(estimator, "time_stages", "time_update"):
-        return estimator.time_stages(run, belief, u, data.parameters, data.process_noise)
-
-    def update(u: Any, vector: Any, noise: Any, *parts: Any) -> Any:
-        p = estimator.plant.parameters.named(vector)
-        return tuple(estimator.time_update(type(belief)(*parts), u, p, noise))
-
-    return type(belief)(*run.call(update, u, data.parameters, data.process_noise, *belief))

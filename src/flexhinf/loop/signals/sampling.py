@@ -13,6 +13,7 @@ from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.noise import standard_normal
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
 from flexhinf.loop.signals.spline import Spline
+from flexhinf.plant import BlackBox, Plant
 
 __all__ = ["by_name", "sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
 
@@ -29,9 +30,9 @@ LATER = 1.0 + 4.0 * np.finfo(float).eps
 MOST_NUMBERS = 200_000_000
 
 
-def by_name(signal: Any, plant: Any) -> Any:
+def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
     """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
-    groups = getattr(plant, "groups", {})
+    groups = plant.groups
     if not isinstance(signal, Mapping):
         return signal
     single = {name: part for name, part in signal.items() if name not in groups}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -12,32 +12,13 @@ from flexhinf.loop.signals.sampling import by_name, sample_signal
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED
 from flexhinf.loop.simulation.run_arguments import starting_state
+from flexhinf.plant import BlackBox
 
-__all__ = ["BlackBox", "run_black_box"]
-
-
-@runtime_checkable
-class BlackBox(Protocol):
-    """A true plant that integrates itself, such as a physics engine.
-
-    It may also have ``disturbances`` (names), ``states`` (names) with ``state()``, and ``units`` (by name).
-    """
-
-    def reset(self, initial_state: np.ndarray | None) -> None:
-        """Start again, at rest by default."""
-        ...
-
-    def step(self, u: np.ndarray, disturbance: np.ndarray, period: float) -> None:
-        """Advance by one period with the input and the disturbance held."""
-        ...
-
-    def output(self) -> np.ndarray:
-        """The measured signals, or the state that the law was designed for if there is no estimator."""
-        ...
+__all__ = ["run_black_box"]
 
 
 def run_black_box(
-    box: Any,
+    box: BlackBox,
     controller: Controller,
     channel: Channel,
     signals: dict[str, np.ndarray],
@@ -55,10 +36,10 @@ def run_black_box(
     """
     controller = controller.fresh()
     controller.reset(input=initial_input)
-    channels = tuple(getattr(box, "disturbances", ()))
+    channels = tuple(box.disturbances)
     d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
     queue = np.tile(controller.input_before(initial_input), channel.delay)
-    has_state = hasattr(box, "state") and hasattr(box, "states")
+    has_state = bool(box.states)
     width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
     recorded = {name: np.full((len(times), size), np.nan) for name, size in width.items()}
@@ -82,7 +63,7 @@ def run_black_box(
 
 
 def _states(box: Any, controller: Controller) -> tuple[str, ...]:
-    return tuple(getattr(box, "states", controller.states))
+    return tuple(box.states) or controller.states
 
 
 def _measured(box: Any, controller: Controller) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import compile_program
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
@@ -20,12 +20,12 @@ from flexhinf.loop.signals.sampling import (
     sample_signal,
     signal_name,
 )
-from flexhinf.loop.simulation.black_box import BlackBox, run_black_box
+from flexhinf.loop.simulation.black_box import run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
 from flexhinf.loop.simulation.run_arguments import check_ranges, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
-from flexhinf.plant import Plant, sub_steps
+from flexhinf.plant import BlackBox, Plant, sub_steps
 
 __all__ = ["Loop"]
 
@@ -84,8 +84,8 @@ class Loop:
         elif not isinstance(true_plant, BlackBox):
             raise InvalidInput(
                 "The true plant is neither a Plant nor a black box.",
-                f"expected reset, step and output, got {type(true_plant).__name__}",
-                "robot.plant(...), or an object with these three methods",
+                f"expected a Plant or a flexhinf.plant.BlackBox, got {type(true_plant).__name__}",
+                "robot.plant(...), or a subclass of BlackBox with reset, step and output",
             )
 
     def _check_plant(self, plant: Plant) -> None:
@@ -150,7 +150,7 @@ class Loop:
         seed: int = 0,
         initial_input: Any = None,
     ) -> Trajectory:
-        """Simulate from a fresh controller.
+        """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
         Parameters
         ----------
@@ -171,13 +171,16 @@ class Loop:
             That acts before the first sample, and in the estimator's first step; the operating input by default.
             A controller with ``start="bumpless"`` continues from it.
 
+        Returns
+        -------
+        Trajectory
+            Its `status` is ``"completed"``, or ``"diverged"`` where numbers are no longer finite from
+            `diverged_at` on.
+
         Raises
         ------
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
-        NumericalFailure
-            If the loop diverges to numbers that are not finite: says when, and holds the run so far as
-            `.trajectory`.
         """
         samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
         if not 2 <= samples <= MOST_SAMPLES:
@@ -214,10 +217,8 @@ class Loop:
         code, last = status
         end = samples if not code else last + 1
         recorded = {name: values[:end] for name, values in recorded.items()}
-        trajectory = Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings)
-        if code:
-            raise _diverged(code, times[last], trajectory)
-        return trajectory
+        message = _divergence(code, times[last]) if code else ""
+        return Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings, message)
 
     def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
@@ -226,11 +227,11 @@ class Loop:
             held = dict(zip(names, self.controller.operating_reference.tolist()))
             reference = {**held, **by_name(reference, self.true_plant)}
         commands = sample_signal(reference, times, names, "reference")
-        models: list[Any] = [self.true_plant]
+        models: list[Plant | BlackBox] = [self.true_plant]
         if self.controller.estimator is not None:
             models.append(self.controller.estimator.plant)
-        limits = next((plant.limits for plant in models if getattr(plant, "limits", None)), {})
-        check_ranges(commands, times, names, limits, getattr(models[-1], "units", {}))
+        limits = next((plant.limits for plant in models if plant.limits), {})
+        check_ranges(commands, times, names, limits, models[-1].units)
         return commands
 
     def _run_kernel(
@@ -283,12 +284,9 @@ def _roomy(d: np.ndarray, samples: int, parts: int, capacity: int) -> np.ndarray
     return room.ravel()
 
 
-def _diverged(code: int, time: float, trajectory: Trajectory) -> NumericalFailure:
+def _divergence(code: int, time: float) -> str:
     who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-    failure = NumericalFailure(
-        f"The closed loop diverged: the {who} is no longer finite.",
-        f"at t = {time:g} s, with {trajectory.settings}",
-        "a smaller command, a larger gamma, a shorter period or another penalty; the run is in .trajectory",
+    return (
+        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
+        "Try a smaller command, a larger gamma, a shorter period or another penalty."
     )
-    failure.trajectory = trajectory  # type: ignore[attr-defined]
-    return failure

@@ -1,24 +1,33 @@
-"""Figures of merit of a response, of the true position."""
+"""Metrics of a response, from arrays of time and of the true position: of a step, of tracking, of a load.
+
+Everything that judges a run uses these functions, so that each word has one definition.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-if TYPE_CHECKING:
-    from flexhinf.loop.simulation.trajectory import Trajectory
+__all__ = [
+    "SETTLING_BAND",
+    "StepShape",
+    "load_metrics",
+    "steady_state_error",
+    "step_metrics",
+    "step_shape",
+]
 
-__all__ = ["StepShape", "disturbance_response", "loop_metrics", "step_response", "step_shape"]
-
-#: Half width of the settling band, as a share of the step.
+#: Half width of the settling band, as a fraction of the step: ±2 %.
 SETTLING_BAND = 0.02
 
-#: Share of the run over which the steady-state error is taken.
+#: Fractions of the step between which the rise time is taken.
+RISE = (0.1, 0.9)
+
+#: Fraction of the run, at its end, over which the steady-state error is taken.
 TAIL = 0.10
 
 #: The edge of the settling band is inside it, whatever the rounding.
@@ -27,7 +36,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class StepShape:
-    """Where a command steps: from `initial` to `final` at the time `at`."""
+    """Where a command steps: from `initial` to `final` at the time `at`, s."""
 
     initial: float
     final: float
@@ -40,7 +49,7 @@ class StepShape:
 
 
 def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) -> StepShape | None:
-    """The step in a command: from the command (or the position, if it steps at once) to where it rests.
+    """The step in a command: from the command (or the position, if it steps at once) to where it ends.
 
     Parameters
     ----------
@@ -49,7 +58,7 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
     Returns
     -------
     StepShape or None
-        None for a command that is still moving in the last tenth of the run: it is no step.
+        None for a command that still moves in the last tenth of the run: it is no step.
     """
     final = float(reference[-1])
     if np.any(reference[-_tail(reference) :] != final):
@@ -60,21 +69,90 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
     return StepShape(float(position[0]), final, float(time[0]))
 
 
-def step_response(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
-    """Overshoot and settling time of a step.
+def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
+    """Overshoot, settling time and rise time of a step.
 
-    Overshoot in per cent of the step, in its direction, from the command on. Settling is the last time
-    outside ±2 % of the step, counted from the command; None if the position is outside at the end of the run.
-    A step of height zero and a command that is no step have neither.
+    Parameters
+    ----------
+    time, position : ndarray, (N,)
+    shape : StepShape or None
+
+    Returns
+    -------
+    dict
+        ``overshoot_percent``: per cent of the step, in its direction, from the command on.
+        ``settling_time_s``: last time outside ±2 % of the step, counted from the command; None if the position is
+        outside at the end of the run.
+        ``rise_time_s``: from the first crossing of 10 % of the step to the first one of 90 %, interpolated between
+        samples; None if 90 % is not reached.
+        A step of height zero and a command that is no step (None) have none of them.
     """
     if shape is None or shape.height == 0.0:
-        return {"overshoot_percent": None, "settling_time_s": None}
+        return {"overshoot_percent": None, "settling_time_s": None, "rise_time_s": None}
     after = time >= shape.at
-    beyond = (position[after] - shape.final) / shape.height
+    time, position = time[after], position[after]
+    beyond = (position - shape.final) / shape.height
     return {
         "overshoot_percent": 100.0 * max(0.0, float(beyond.max())),
-        "settling_time_s": _last_outside(time[after], position[after] - shape.final, shape.height, shape.at),
+        "settling_time_s": _last_outside(time, position - shape.final, shape.height, shape.at),
+        "rise_time_s": _rise_time(time, 1.0 + beyond),
     }
+
+
+def load_metrics(
+    time: np.ndarray, position: np.ndarray, *, command: float, step: float, start: float
+) -> dict[str, float | None]:
+    """What a disturbance does to a position that is held at a command.
+
+    Parameters
+    ----------
+    time, position : ndarray, (N,)
+    command : float
+        The command that holds from `start` on.
+    step : float
+        The command's step (signed or not), of which the band of 2 % is taken. Where the command makes no step, a
+        reference step that is stated beside the result.
+    start : float
+        When the disturbance starts, s, inside the run.
+
+    Returns
+    -------
+    dict
+        ``peak_deviation``: largest distance from the command.
+        ``recovery_time_s``: from `start` to the last time outside ±2 % of the step; 0 if the position never leaves
+        the band, None if it is outside at the end of the run.
+        ``remaining_error``: largest distance from the command in the last tenth of the run.
+
+    Raises
+    ------
+    InvalidInput
+        If the disturbance starts after the run, or the step has no height.
+    """
+    after = time >= start * (1.0 - ROUNDING)
+    if not np.any(after):
+        raise InvalidInput(
+            "The disturbance starts after the run.",
+            f"expected start <= {time[-1]:g} s, got {start:g} s",
+            "a longer run",
+        )
+    if not (np.isfinite(step) and step != 0.0):
+        raise InvalidInput(
+            "The recovery time needs the size of a step.",
+            f"expected a step other than zero, of which 2 % are the band, got {step!r}",
+            "step=0.1 as a reference, stated beside the result",
+        )
+    deviation = position[after] - command
+    return {
+        "peak_deviation": float(np.abs(deviation).max()),
+        "recovery_time_s": _last_outside(time[after], deviation, step, start),
+        "remaining_error": steady_state_error(position, np.full(len(position), command)),
+    }
+
+
+def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
+    """Largest |error| in the last tenth of a run, of arrays (N,)."""
+    error = position - reference
+    return float(np.abs(error[-_tail(error) :]).max())
 
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
@@ -88,58 +166,18 @@ def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start:
     return float(time[outside[-1]] - start)
 
 
+def _rise_time(time: np.ndarray, way: np.ndarray) -> float | None:
+    """Between the first crossings of `RISE` by the fraction of the step that is done, (N,)."""
+    crossings = []
+    for level in RISE:
+        reached = np.flatnonzero(way >= level)
+        if len(reached) == 0:
+            return None
+        k = int(reached[0])
+        back = (way[k] - level) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]) if k else 0.0
+        crossings.append(float(time[k] - back))
+    return crossings[1] - crossings[0]
+
+
 def _tail(signal: np.ndarray) -> int:
     return max(1, math.ceil(TAIL * len(signal)))
-
-
-def loop_metrics(run: Trajectory, name: str | None = None) -> dict[str, Any]:
-    """Figures of merit of a run; see `Trajectory.metrics`."""
-    tracked = [name for name in run.names.get("reference", ()) if name not in run.names["input"]]
-    if not run.judged:
-        raise InvalidInput(
-            "Nothing is tracked in this run.", "expected a problem with integrate=(...)", "integrate a state"
-        )
-    if name is not None and name not in tracked:
-        raise InvalidInput(
-            f"{name!r} is not tracked.", f"expected one of {list(tracked)}", "one of these names"
-        )
-    name = run.judged[0] if name is None else name
-    position, reference = run.tracked(name), run.signal("reference", name)
-    error = position - reference
-    inputs = run.signals["input"]
-    known = [k for k in run.names["estimate"] if k in run.names.get("state", ())]
-    rmse = [float(np.sqrt(np.mean((run.signal("estimate", k) - run.signal("state", k)) ** 2))) for k in known]
-    return {
-        **step_response(run.time, position, step_shape(run.time, position, reference)),
-        "steady_state_error": float(np.abs(error[-_tail(error) :]).max()),
-        "peak_input": float(np.abs(inputs).max()),
-        "tracking_rmse": float(np.sqrt(np.mean(error**2))),
-        "estimation_rmse": rmse,
-    }
-
-
-def disturbance_response(
-    time: np.ndarray, position: np.ndarray, command: float, height: float, at: float
-) -> dict[str, float | None]:
-    """Peak deviation from the command after a disturbance starts, and time until it stays within 2 %.
-
-    Parameters
-    ----------
-    time, position : ndarray, (N,)
-    command, height : float
-        The command that holds by then, and the step to it, of which the 2 % are.
-    at : float
-        Start of the disturbance, s, inside the run.
-    """
-    after = time >= at * (1.0 - ROUNDING)
-    if not np.any(after):
-        raise InvalidInput(
-            "The disturbance starts after the run.",
-            f"expected at <= {time[-1]:g} s, got {at:g} s",
-            "a longer run",
-        )
-    deviation = position[after] - command
-    return {
-        "peak_deviation": float(np.abs(deviation).max()),
-        "recovery_time_s": _last_outside(time[after], deviation, height, at),
-    }

@@ -9,7 +9,8 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.simulation.metrics import loop_metrics
+from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, step_shape
+from flexhinf.plant import BlackBox, Plant
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
 
 
 __all__ = ["Trajectory", "plot_trajectory"]
+
+#: Keys of `Trajectory.metrics`.
+METRICS = (
+    "overshoot_percent",
+    "settling_time_s",
+    "rise_time_s",
+    "steady_state_error",
+    "peak_input",
+    "tracking_rmse",
+    "estimation_rmse",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +47,12 @@ class Trajectory:
     settings : dict
         What was run.
     judged : tuple of str
-        States that figures of merit and plots are about: the tracked ones, see `Controller.judged`.
+        States that metrics and plots are about: the tracked ones, see `Controller.judged`.
+    diverged_at : float or None
+        Time of the last sample, s, if the loop diverged to numbers that are not finite; None if the run came to its
+        end.
+    message : str
+        For a run that diverged: what is no longer finite, when, and what to try.
     """
 
     time: np.ndarray
@@ -44,27 +61,40 @@ class Trajectory:
     units: dict[str, tuple[str, ...]]
     settings: dict[str, Any]
     judged: tuple[str, ...] = ()
+    diverged_at: float | None = None
+    message: str = ""
+
+    @property
+    def status(self) -> str:
+        """``"completed"`` or ``"diverged"``."""
+        return "completed" if self.diverged_at is None else "diverged"
 
     @staticmethod
     def of(
-        plant: Any, controller: Controller, time: np.ndarray, signals: dict[str, np.ndarray], settings: dict
+        plant: Plant | BlackBox,
+        controller: Controller,
+        time: np.ndarray,
+        signals: dict[str, np.ndarray],
+        settings: dict[str, Any],
+        message: str = "",
     ) -> Trajectory:
-        """Label the recorded arrays of a run."""
+        """Label the recorded arrays of a run; with a message it is one that diverged at its last sample."""
         names = {
-            "state": tuple(getattr(plant, "states", ())),
+            "state": tuple(plant.states),
             "estimate": controller.states,
             "output": controller.measured,
             "input": tuple(controller.law.input_names),
             "reference": controller.commanded,
-            "disturbance": tuple(getattr(plant, "disturbances", ())),
+            "disturbance": tuple(plant.disturbances),
         }
         names = {kind: names[kind] for kind in signals}
         estimator = controller.estimator
-        table = {**(estimator.plant.units if estimator else {}), **getattr(plant, "units", {})}
+        table = {**(estimator.plant.units if estimator else {}), **plant.units}
         for array in (time, *signals.values()):
             array.setflags(write=False)
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
-        return Trajectory(time, signals, names, units, settings, controller.judged)
+        diverged_at = float(time[-1]) if message else None
+        return Trajectory(time, signals, names, units, settings, controller.judged, diverged_at, message)
 
     @property
     def data(self) -> xr.Dataset:
@@ -81,7 +111,8 @@ class Trajectory:
             variables[kind] = (("time", dimension), values, {"units": ", ".join(self.units[kind])})
             coordinates[dimension] = (dimension, list(self.names[kind]))  # type: ignore[assignment]
             coordinates[f"{kind}_unit"] = (dimension, list(self.units[kind]))  # type: ignore[assignment]
-        return xr.Dataset(variables, coordinates, {k: str(v) for k, v in self.settings.items()})
+        settings = {**self.settings, "status": self.status}
+        return xr.Dataset(variables, coordinates, {k: str(v) for k, v in settings.items()})
 
     def signal(self, kind: str, name: str) -> np.ndarray:
         """One column (N,), for example ``signal("state", "link_position")``; unknown names are refused."""
@@ -99,12 +130,47 @@ class Trajectory:
         return self.signal("state", name)
 
     def metrics(self, name: str | None = None) -> dict[str, Any]:
-        """Figures of merit of the first (or the named) tracked state, or state of a moving reference.
+        """Metrics of the first (or the named) tracked state, or state of a moving reference.
 
-        overshoot_percent, settling_time_s (None if never settled), steady_state_error, peak_input,
-        tracking_rmse, estimation_rmse (one per estimated state; empty where the true state is not known).
+        Returns
+        -------
+        dict
+            overshoot_percent, settling_time_s and rise_time_s (see `flexhinf.loop.step_metrics`), steady_state_error
+            (largest in the last tenth of the run), peak_input, tracking_rmse, and estimation_rmse, one per estimated
+            state, empty where the true state is not known. All None for a run that diverged.
+
+        Raises
+        ------
+        InvalidInput
+            If nothing, or not this state, is tracked.
         """
-        return loop_metrics(self, name)
+        name = self._judged_name(name)
+        if self.diverged_at is not None:
+            return dict.fromkeys(METRICS)
+        position, reference = self.tracked(name), self.signal("reference", name)
+        known = [k for k in self.names["estimate"] if k in self.names.get("state", ())]
+        errors = [self.signal("estimate", k) - self.signal("state", k) for k in known]
+        return {
+            **step_metrics(self.time, position, step_shape(self.time, position, reference)),
+            "steady_state_error": steady_state_error(position, reference),
+            "peak_input": float(np.abs(self.signals["input"]).max()),
+            "tracking_rmse": float(np.sqrt(np.mean((position - reference) ** 2))),
+            "estimation_rmse": [float(np.sqrt(np.mean(error**2))) for error in errors],
+        }
+
+    def _judged_name(self, name: str | None) -> str:
+        tracked = [name for name in self.names.get("reference", ()) if name not in self.names["input"]]
+        if not self.judged:
+            raise InvalidInput(
+                "Nothing is tracked in this run.",
+                "expected a problem with integrate=(...)",
+                "integrate a state",
+            )
+        if name is not None and name not in tracked:
+            raise InvalidInput(
+                f"{name!r} is not tracked.", f"expected one of {list(tracked)}", "one of these names"
+            )
+        return self.judged[0] if name is None else name
 
     def plot(self) -> Figure:
         """Tracked positions with command and estimate above, inputs below."""

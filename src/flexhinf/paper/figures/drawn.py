@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.loop import Trajectory
-from flexhinf.loop.simulation.metrics import disturbance_response
+from flexhinf.loop import Trajectory, load_metrics
 from flexhinf.paper.bench import Outcome
 from flexhinf.paper.experiments import DISTURBED_FROM
 from flexhinf.report import Figure, figure_to_svg, label, legend, new_figure, time_response
@@ -85,7 +84,7 @@ def disturbance_numbers(outcome: Outcome) -> dict[str, Any]:
     if outcome.diverged_at is not None:
         return {"peak_deviation_rad": None, "recovery_time_s": None, "diverged_at_s": outcome.diverged_at}
     goal = float(run.signals["reference"][-1, 0])
-    m = disturbance_response(run.time, run.tracked("link_position"), goal, goal, DISTURBED_FROM)
+    m = load_metrics(run.time, run.tracked("link_position"), command=goal, step=goal, start=DISTURBED_FROM)
     return {"peak_deviation_rad": m["peak_deviation"], "recovery_time_s": m["recovery_time_s"]}
 
 

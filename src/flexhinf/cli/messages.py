@@ -1,0 +1,99 @@
+"""What goes to standard error: errors in three parts in the command line's own syntax, notes; and the exit codes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import typer
+from typer.exceptions import TyperException
+
+from flexhinf.design.specification import FIELDS, SpecificationError
+from flexhinf.errors import FlexhinfError
+
+__all__ = [
+    "INTERRUPTED",
+    "NOT_MET",
+    "USER_ERROR",
+    "error_text",
+    "mistake",
+    "note",
+    "option_syntax",
+    "parser_error",
+]
+
+#: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
+#: the shells' code for an interruption.
+NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
+
+#: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
+#: one word.
+_OTHERS = {"laws": "--laws", "tune": "--tune"}
+_NAMES = "|".join((*FIELDS, *_OTHERS))
+_KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
+_FIELD = re.compile(rf"`({_NAMES})`")
+
+
+def option_syntax(text: str) -> str:
+    """A text with fields of a specification as Python writes them, in the syntax of the command line.
+
+    Examples
+    --------
+    >>> option_syntax("`bandwidth` is too large; preset='damped', or via=(0.1, 0.2)")
+    '--bandwidth is too large; --preset damped, or --via 0.1,0.2'
+    """
+    text = _KEYWORD.sub(lambda match: _option(match[1], match[2]), text)
+    return _FIELD.sub(lambda match: _name(match[1]), text)
+
+
+def _option(name: str, value: str) -> str:
+    positive, _, negative = _name_pair(name)
+    if negative:
+        return negative if value == "False" else positive
+    plain = re.sub(r"\s*,\s*", ",", value.strip("()[]'\"").rstrip(", "))
+    return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
+
+
+def _name(name: str) -> str:
+    return _name_pair(name)[0]
+
+
+def _name_pair(name: str) -> tuple[str, str, str]:
+    option = _OTHERS.get(name) or FIELDS[name].options[-1]
+    return option.partition("/")
+
+
+def error_text(error: FlexhinfError) -> str:
+    """An error in three parts, in the syntax of the command line."""
+    advice = error.advice
+    if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
+        advice = f"{_name(error.field)} {error.example}"
+    parts = [
+        error.what,
+        f"  found: {error.found}" if error.found else "",
+        f"  try:   {advice}" if advice else "",
+    ]
+    return option_syntax("\n".join(part for part in parts if part))
+
+
+def mistake(text: str, code: int = USER_ERROR) -> int:
+    """Print what is wrong; returns the exit code."""
+    typer.secho("error: ", fg="red", err=True, nl=False)
+    typer.echo(text, err=True)
+    return code
+
+
+def note(text: str) -> None:
+    """Print what must not be missed."""
+    typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
+
+
+def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
+    """What the option parser found wrong, in three parts."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "flexhinf"
+    known = getattr(error, "possibilities", None)
+    advice = ", ".join(known) if known else f"{path} --help"
+    what = error.format_message().split(" (Possible")[0].rstrip(".")
+    found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
+    return str(FlexhinfError(f"{what}.", found, advice))

@@ -1,0 +1,213 @@
+"""The text of a design's file: what was asked for, by which `design_file` makes it again, and what came of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from flexhinf import __version__
+from flexhinf.design.design_file import plain, weights_of
+from flexhinf.design.met import Met, all_hold
+from flexhinf.design.page.words import verdict, vibrations
+from flexhinf.design.result import Design
+from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Penalty
+from flexhinf.robot import catalogue
+
+__all__ = ["design_text", "request_text", "result_table"]
+
+HEAD = f"""\
+A design, by flexhinf {__version__}. The same design is made by: flexhinf design design.toml
+Options on the command line win over this file, and every command that takes a robot takes it.
+Units: rad (m), rad/s, s, V or N·m (N), or text with a unit: "90deg", "0.6Hz", "5ms". Paths are seen from this folder.
+"""
+RESULT = "What came of it. This part is not read: changing it changes nothing."
+
+
+def design_text(
+    design: Design, robot: str | Path, elastic: str | Path | None = None, folder: str | Path = "."
+) -> str:
+    """Text of the design file of a design: what was asked for, and what came of it.
+
+    Parameters
+    ----------
+    design : Design
+    robot, elastic : path or str
+        Where the robot came from, as for `load_robot`.
+    folder : path
+        Where the file is to stand: paths are seen from it.
+
+    Raises
+    ------
+    InvalidInput
+        If the penalty is code.
+    """
+    document = _document(design.specification, robot, elastic, folder)
+    document.add(tomlkit.nl())
+    document.add(tomlkit.comment(RESULT))
+    document.add("result", _table(result_table(design)))
+    return tomlkit.dumps(document)
+
+
+def request_text(
+    specification: Specification,
+    robot: str | Path,
+    elastic: str | Path | None = None,
+    folder: str | Path = ".",
+) -> str:
+    """The same without a result: a design file that can be run."""
+    return tomlkit.dumps(_document(specification, robot, elastic, folder))
+
+
+def _document(
+    specification: Specification, robot: str | Path, elastic: str | Path | None, folder: str | Path
+) -> tomlkit.TOMLDocument:
+    """The table [design]: what differs from the defaults; the defaults stand below it as comments."""
+    values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
+    if isinstance(specification.penalty, Penalty) and specification.effort is None:
+        values["effort"] = _one_effort(specification.penalty)
+    defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
+    stated = {name: value for name, value in values.items() if value != defaults[name]}
+    document, table = tomlkit.document(), tomlkit.table()
+    for line in HEAD.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add(tomlkit.nl())
+    table.add("robot", _place_text(robot, folder))
+    if elastic is not None:
+        table.add("elastic", _place_text(elastic, folder))
+    flat = {name: value for name, value in stated.items() if not isinstance(value, dict)}
+    for name, value in flat.items():
+        table.add(name, value)
+        if comment := _comment(name, value, specification.in_degrees):
+            table[name].comment(comment)
+    table.add(tomlkit.nl())
+    table.add(tomlkit.comment("By default:"))
+    for name, value in defaults.items():
+        if value is not None and name not in stated:
+            unit = _comment(name, value, False)
+            text = f"{name} = {tomlkit.item(value).as_string()}"
+            table.add(tomlkit.comment(f"{text}  # {unit}" if unit else text))
+    for name, value in stated.items():
+        if isinstance(value, dict):
+            table.add(name, _table(value))
+    document.add("design", table)
+    return document
+
+
+def _comment(name: str, value: Any, in_degrees: bool) -> str:
+    """The unit of a field; for angles the degrees that the user wrote."""
+    if name in ("pose", "start", "via") and in_degrees:
+        return ", ".join(f"{math.degrees(angle):.6g}°" for angle in np.ravel(value))
+    return FIELDS[name].about.unit
+
+
+def _table(values: Mapping[str, Any]) -> Any:
+    """A table of plain values; tables stand below their numbers, as TOML wants it."""
+    table = tomlkit.table()
+    below = {name: value for name, value in values.items() if _is_table(value)}
+    for name, value in values.items():
+        if name not in below:
+            table.add(name, value.tolist() if hasattr(value, "tolist") else value)
+    for name, value in below.items():
+        if isinstance(value, Mapping):
+            table.add(name, _table(value))
+        else:
+            rows = tomlkit.aot()
+            for row in value:
+                rows.append(_table(row))
+            table.add(name, rows)
+    return table
+
+
+def _is_table(value: Any) -> bool:
+    rows = isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping)
+    return bool(isinstance(value, Mapping) or rows)
+
+
+def _place_text(source: str | Path, folder: str | Path) -> str:
+    """A catalogue's name, or a path from the folder."""
+    if str(source) in catalogue():
+        return str(source)
+    path = Path(source).resolve()
+    try:
+        return Path(os.path.relpath(path, Path(folder).resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()
+
+
+def _one_effort(penalty: Penalty) -> float:
+    effort = np.asarray(penalty.effort, dtype=float)
+    if effort.size != 1:
+        raise InvalidInput(
+            "A design file holds one price of the input.",
+            f"expected R2 as a number, got {effort.tolist()}",
+            "the report without its design file: design_files(…)",
+        )
+    return float(effort.ravel()[0])
+
+
+# Result --------------------------------------------------------------------------------------------
+def result_table(design: Design) -> dict[str, Any]:
+    """What came of a design, for the table [result]; nothing in it is None."""
+    game, chosen = design.game, design.chosen
+    damped = vibrations(design.closed_modes)
+    found: dict[str, Any] = {
+        "verdict": verdict(design),
+        "met": all_hold(design.met),
+        "preset": game.preset,
+        "goal": design.goal,
+        "start": design.start,
+        "gamma_star": design.gamma_star,
+        "gamma": design.solution.gamma,
+        "degrees": [choice.degree for choice in design.choices],
+        "degree": chosen.degree,
+        "bandwidth": design.bandwidth,
+        "damping": min(damped) if damped else None,
+        "draws": 0 if design.draws is None else len(design.draws),
+        "rays": design.rays,
+        "duration": design.duration,
+        "weights_from": game.source,
+        "R2": np.asarray(game.penalty.effort, dtype=float),
+        "R2_from": game.effort_source,
+        "weights": _found_weights(design),
+        "robust": None if game.robustness is None else dataclasses.asdict(game.robustness),
+        "margins": {
+            "delay_margin": design.margins.delay_margin_s,
+            "peak_sensitivity": design.margins.peak_sensitivity,
+        },
+        "specification": [_line(line) for line in design.met],
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _found_weights(design: Design) -> dict[str, Any] | None:
+    """By name; None for a penalty that is code."""
+    states = design.game.penalty.states
+    if callable(states):
+        return None
+    plain = weights_of(states)
+    if isinstance(plain, dict):
+        return plain
+    named = dict(zip(design.problem.state_names, plain))
+    return {"rows": plain} if plain and isinstance(plain[0], list) else named
+
+
+def _line(met: Met) -> dict[str, Any]:
+    return {
+        "what": met.what,
+        "limit": "at most" if met.at_most else "at least",
+        "asked": met.asked,
+        "found": met.found,
+        "unit": met.unit,
+        "holds": met.holds,
+        "where": met.where,
+        "by_default": not met.asked_for,
+    }

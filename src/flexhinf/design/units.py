@@ -1,0 +1,235 @@
+"""Values as people write them: numbers, text with a unit (``90deg``, ``5ms``, ``0.6Hz``), lists, weights.
+
+Every function takes what Python, a TOML file or the command line gives and returns plain numbers in SI units; each
+raises ValueError for what it cannot read.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+from flexhinf.plant import Penalty
+
+__all__ = [
+    "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative", "Number",
+    "Period", "Pose", "Poses", "Positive", "Ratio", "Seconds", "Seed", "Weights", "angle_unit_of", "angles", "choice",
+    "flag", "frequencies", "integer", "integers", "names", "number", "poses", "seconds", "weights",
+]  # fmt: skip
+
+_ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+_FREQUENCIES = {"": 1.0, "rad/s": 1.0, "hz": 2.0 * math.pi}
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(\S*)\s*\Z")
+
+
+def number(value: Any) -> float:
+    """A number; true and false are none."""
+    return _quantity(value, {"": 1.0})
+
+
+def seconds(value: Any) -> float:
+    """A time in s, or text with s, ms or µs.
+
+    Examples
+    --------
+    >>> seconds("5ms")
+    0.005
+    """
+    return _quantity(value, _SECONDS)
+
+
+def angles(value: Any) -> tuple[float, ...]:
+    """Positions in rad or m, one or several; as text between commas, with deg or ° in degrees.
+
+    Examples
+    --------
+    >>> angles("0.5, 180deg")
+    (0.5, 3.141592653589793)
+    """
+    return tuple(_quantity(one, _ANGLES, math.radians) for one in _several(value))
+
+
+def poses(value: Any) -> tuple[tuple[float, ...], ...]:
+    """A list of poses, or one pose as text."""
+    several = [value] if isinstance(value, str) else _sequence(value)
+    return tuple(angles(one if isinstance(one, str) else _sequence(one)) for one in several)
+
+
+def angle_unit_of(*values: Any) -> str | None:
+    """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
+    texts = [one for value in values for one in _texts(value)]
+    if any("deg" in text or "°" in text for text in texts):
+        return "deg"
+    return "rad" if any("rad" in text for text in texts) else None
+
+
+def frequencies(value: Any) -> float | tuple[float, ...]:
+    """One frequency or one per joint in rad/s; as text with rad/s or Hz.
+
+    Examples
+    --------
+    >>> frequencies("4, 6rad/s")
+    (4.0, 6.0)
+    """
+    read = tuple(_quantity(one, _FREQUENCIES) for one in _several(value))
+    return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
+
+
+def integer(value: Any) -> int:
+    """A whole number."""
+    if isinstance(value, str):
+        return int(value)
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise ValueError(value)
+    return int(value)
+
+
+def integers(value: Any) -> tuple[int, ...]:
+    """Whole numbers, sorted, each once."""
+    several = value.split(",") if isinstance(value, str) else _sequence(value)
+    return tuple(sorted({integer(one) for one in several}))
+
+
+def flag(value: Any) -> bool:
+    """True or false."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise ValueError(value)
+
+
+def names(value: Any) -> tuple[str, ...]:
+    """Names in a list, or between commas."""
+    parts = value.split(",") if isinstance(value, str) else _sequence(value)
+    if not all(isinstance(part, str) for part in parts):
+        raise ValueError(value)
+    return tuple(part.strip() for part in parts if part.strip())
+
+
+def choice(value: Any) -> Any:
+    """A word in lower case."""
+    return value.strip().lower() if isinstance(value, str) else value
+
+
+def weights(value: Any) -> Any:
+    """Weights by name or one per state or in rows; text is read, and what is code or a `Penalty` stays as it is."""
+    if isinstance(value, Penalty) or callable(value):
+        return value
+    if isinstance(value, str):
+        if "=" not in value:
+            return tuple(number(part) for part in value.split(","))
+        pairs = [part.partition("=") for part in value.split(",")]
+        return {name.strip(): number(weight) for name, _, weight in pairs}
+    if isinstance(value, Mapping) and value:
+        return {name: _row(one) if _is_sequence(one) else number(one) for name, one in value.items()}
+    rows = _sequence(value)
+    if not any(_is_sequence(row) for row in rows):
+        return _row(rows)
+    if len({len(_sequence(row)) for row in rows}) > 1:
+        raise ValueError(value)
+    return tuple(_row(row) for row in rows)
+
+
+def _row(values: Any) -> tuple[float, ...]:
+    row = tuple(number(one) for one in _sequence(values))
+    if not row:
+        raise ValueError(values)
+    return row
+
+
+def _quantity(
+    value: Any, units: Mapping[str, float], in_degrees: Callable[[float], float] | None = None
+) -> float:
+    """A number, or text of a number and one of the units."""
+    if isinstance(value, str):
+        match = _QUANTITY.match(value)
+        if match is None or match[2].lower() not in units:
+            raise ValueError(value)
+        found, unit = float(match[1]), match[2].lower()
+        return in_degrees(found) if in_degrees and unit in ("deg", "°") else found * units[unit]
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        raise ValueError(value)
+    return float(value)
+
+
+def _several(value: Any) -> list[Any]:
+    """The parts of a text between commas, the elements of a sequence, or the value alone; never none."""
+    if isinstance(value, str):
+        return value.split(",")
+    several = _sequence(value) if _is_sequence(value) else [value]
+    if not several:
+        raise ValueError(value)
+    return several
+
+
+def _is_sequence(value: Any) -> bool:
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array or (isinstance(value, Sequence) and not isinstance(value, str))
+
+
+def _sequence(value: Any) -> list[Any]:
+    if not _is_sequence(value):
+        raise ValueError(value)
+    return value.tolist() if isinstance(value, np.ndarray) else list(value)
+
+
+def _texts(value: Any) -> list[str]:
+    if isinstance(value, str):
+        return [value]
+    if _is_sequence(value):
+        return [text for one in value for text in _texts(one)]
+    return []
+
+
+# Types of fields: how a value is read, its range, and the range in words ---------------------------
+@dataclass(frozen=True)
+class Allowed:
+    """What a value may be, in words."""
+
+    words: str
+
+
+_finite = functools.partial(Field, allow_inf_nan=False)
+_POSITIVE, _NOT_NEGATIVE = _finite(gt=0.0), _finite(ge=0.0)
+Number = Annotated[float, _finite(), BeforeValidator(number), Allowed("a number")]
+Positive = Annotated[float, _POSITIVE, BeforeValidator(number), Allowed("a number > 0")]
+NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(number), Allowed("a number >= 0")]
+AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(number), Allowed("a number > 1")]
+Ratio = Annotated[
+    float, _finite(ge=0.0, lt=1.0), BeforeValidator(number), Allowed("a number, a ratio from 0 to 1")
+]
+Seconds = Annotated[float, _NOT_NEGATIVE, BeforeValidator(seconds), Allowed("a time >= 0, s")]
+Duration = Annotated[float, _POSITIVE, BeforeValidator(seconds), Allowed("a time > 0, s")]
+Period = Annotated[
+    float, _finite(ge=1e-5, le=0.1), BeforeValidator(seconds), Allowed("a time from 1e-5 to 0.1 s")
+]
+Count = Annotated[int, Field(ge=0), BeforeValidator(integer), Allowed("an integer >= 0")]
+Seed = Annotated[int, Field(ge=0, lt=2**63), BeforeValidator(integer), Allowed("an integer >= 0, below 2^63")]
+Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
+Pose = Annotated[
+    tuple[Annotated[float, _finite()], ...], BeforeValidator(angles),
+    Allowed("one link position per joint (rad, m; or text with deg, °)"),
+]  # fmt: skip
+Poses = Annotated[
+    tuple[tuple[Annotated[float, _finite()], ...], ...], BeforeValidator(poses), Allowed("a list of poses")
+]
+Frequencies = Annotated[
+    Annotated[float, _POSITIVE] | tuple[Annotated[float, _POSITIVE], ...], BeforeValidator(frequencies),
+    Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
+]  # fmt: skip
+Degrees = Annotated[
+    tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
+    Allowed("a list of integers from 2 to 12, degrees of V"),
+]  # fmt: skip
+Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
+Weights = Annotated[
+    Any, BeforeValidator(weights), Allowed("weights by name, one per state, or rows of a matrix"),
+    WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "array"}]}),
+]  # fmt: skip

@@ -1,0 +1,274 @@
+"""Model code with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.parameters import ParameterTable
+from flexhinf.scalars import trace
+
+__all__ = ["Model"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Summarised):
+    """A system with named states, inputs, disturbances and parameters: what a `Plant` is before it has an objective.
+
+    Parameters
+    ----------
+    flow : callable
+        ``flow(x, u, d, p)`` → ẋ, shape (n,). NumPy code that runs on any element: numbers, symbols,
+        truncated polynomials. ``p`` has the parameters as attributes. What is not smooth comes from
+        `flexhinf.scalars`.
+    output : callable
+        ``output(x, u, p)`` → y, the measured signals, shape (p,).
+    states, inputs, disturbances : sequence of str
+        Names, in the order of x, u and d.
+    parameters : mapping of str to float
+        Nominal values, SI units.
+    outputs : sequence of str, optional
+        Names of the measured signals (``output_1`` … by default).
+    units : mapping of str to str, optional
+        Unit of each named signal.
+    groups : mapping of str to sequence of str, optional
+        Names that stand for several signals, for example one per joint; understood by `with_objective`.
+    limits : mapping of str to (float, float), optional
+        Range of a state: a command beyond it is refused by `Loop.run`.
+
+    Raises
+    ------
+    InvalidInput
+        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols of
+        these shapes.
+    """
+
+    flow: Callable[..., Any]
+    output: Callable[..., Any]
+    states: Sequence[str]
+    inputs: Sequence[str]
+    disturbances: Sequence[str] = ()
+    parameters: Any = field(default_factory=dict)
+    outputs: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.parameters, ParameterTable):
+            object.__setattr__(self, "parameters", ParameterTable(self.parameters))
+        for kind in ("states", "inputs", "disturbances", "outputs"):
+            names = getattr(self, kind)
+            names = (names,) if isinstance(names, str) else tuple(names)
+            if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
+                raise InvalidInput(
+                    f"The {kind} of the plant are not named.",
+                    f"expected one distinct name each, got {list(names)}",
+                    f"{kind}=('one', 'another')",
+                )
+            object.__setattr__(self, kind, names)
+        if not self.states or not self.inputs:
+            raise InvalidInput(
+                "A plant needs at least one state and one input.",
+                f"got {len(self.states)} states and {len(self.inputs)} inputs",
+                "states=(...), inputs=(...)",
+            )
+        rows = self.traced_flow.size1_out(0)
+        if rows != len(self.states):
+            raise InvalidInput(
+                "flow(x, u, d, p) returns the wrong number of derivatives.",
+                f"expected {len(self.states)}, one for each of {list(self.states)}, got {rows}",
+                "one derivative per state, in the order of states",
+            )
+        measured = self.traced_output.size1_out(0)
+        if not self.outputs:
+            object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
+        if len(self.outputs) != measured:
+            raise InvalidInput(
+                "output(x, u, p) and the names of the outputs disagree.",
+                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
+                "one name per signal",
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    def unit(self, name: str) -> str:
+        """Unit of a named signal, empty when none was given."""
+        return self.units.get(name, "")
+
+    def index(self, name: str) -> int:
+        """Place of a state in x, by name."""
+        if name not in self.states:
+            raise InvalidInput(
+                f"There is no state {name!r}.", f"expected one of {list(self.states)}", "one of these names"
+            )
+        return tuple(self.states).index(name)
+
+    def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
+        """Names of signals, with each group replaced by what it stands for."""
+        names = (names,) if isinstance(names, str) else tuple(names)
+        return tuple(single for name in names for single in self.groups.get(name, (name,)))
+
+    @property
+    def code_key(self) -> tuple[object, ...]:
+        """What distinguishes this plant's code from another's (not its parameter values)."""
+        shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
+        return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
+
+    def with_parameters(self, **changes: Any) -> Self:
+        """The same plant with other parameter values; nothing is traced or compiled again."""
+        changed = copy.copy(self)
+        object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
+        return changed
+
+    def summary(self) -> dict[str, str]:
+        """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
+        kinds = ("states", "inputs", "disturbances", "outputs")
+        facts = {
+            ("measured" if kind == "outputs" else kind): names_text(getattr(self, kind)) for kind in kinds
+        }
+        return facts | {"parameters": names_text(tuple(self.parameters.values))}
+
+    # Numbers --------------------------------------------------------------------------------------
+    @cached_property
+    def traced_flow(self) -> Any:
+        """flow as a CasADi function of (x, u, d, parameter vector)."""
+        table = self.parameters
+        sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
+        return trace(
+            lambda x, u, d, p: _signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
+            *sizes, name="flow", names=("x", "u", "d", "p"),
+        )  # fmt: skip
+
+    @cached_property
+    def traced_output(self) -> Any:
+        """output as a CasADi function of (x, u, parameter vector)."""
+
+        def output(x: Any, u: Any, p: Any) -> Any:
+            return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
+
+        return trace(
+            lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
+            len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
+        )  # fmt: skip
+
+    @cached_property
+    def traced_jacobians(self) -> Any:
+        """A = ∂flow/∂x, B = ∂flow/∂u, G = ∂flow/∂d, C = ∂output/∂x as one CasADi function."""
+        import casadi as ca
+
+        symbols = [ca.SX.sym(name, self.traced_flow.size1_in(k)) for k, name in enumerate("xudp")]
+        x, u, d, p = symbols
+        flow, output = self.traced_flow(*symbols), self.traced_output(x, u, p)
+        results = [ca.jacobian(flow, v) for v in (x, u, d)] + [ca.jacobian(output, x)]
+        return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
+
+    def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
+        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape does not fit.
+        """
+        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
+        given = [_points(value, names, letter) for value, names, letter in wanted]
+        count = max(map(len, given)) if all(map(len, given)) else 0
+        if any(len(rows) not in (1, count) for rows in given):
+            raise InvalidInput(
+                "The numbers of points differ.", f"got {[len(rows) for rows in given]} rows of x, u and d",
+                "one row for each point, or one vector for all",
+            )  # fmt: skip
+        if not count:  # to CasADi, a matrix without columns is a zero
+            return np.zeros((0, self.n))
+        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
+        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
+        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
+        return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
+
+    def linearise(
+        self, x: Any = None, u: Any = None, d: Any = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point.
+
+        Parameters
+        ----------
+        x, u, d : (n,), (m,) and (k,) arrays
+            Zero by default.
+
+        Raises
+        ------
+        InvalidInput
+            If a shape does not fit.
+        """
+        wanted = ((x, self.states, "x"), (u, self.inputs, "u"), (d, self.disturbances, "d"))
+        points = [_points(value, names, letter, at_once=1)[0] for value, names, letter in wanted]
+        a, b, g, c = (
+            np.asarray(r, dtype=float) for r in self.traced_jacobians(*points, self.parameters.vector())
+        )
+        return a, b, g, c
+
+    def fastest_mode(self, x: Any = None, u: Any = None) -> float:
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s.
+
+        Raises
+        ------
+        InvalidInput
+            If the plant has no finite Jacobian there.
+        """
+        a = self.linearise(x, u)[0]
+        if not np.all(np.isfinite(a)):
+            row, column = np.argwhere(~np.isfinite(a))[0]
+            raise InvalidInput(
+                "The plant has no linearisation at this point.",
+                f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
+                f"{a[row, column]} at x = {[0.0] * self.n if x is None else np.asarray(x).tolist()}",
+                "a point where the model is smooth",
+            )
+        return float(np.abs(np.linalg.eigvals(a)).max())
+
+
+def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
+    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
+    try:
+        signals = np.asarray(model(), dtype=object)
+    except FlexhinfError:
+        raise
+    except Exception as error:
+        raise InvalidInput(
+            f"{what} does not run on symbols.",
+            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
+            "the names in states, inputs and disturbances, and NumPy functions on the elements",
+        ) from error
+    if signals.ndim != 1:
+        raise InvalidInput(
+            f"{what} does not return a vector.",
+            f"expected one axis, got shape {signals.shape}",
+            "np.array([...]) of the elements",
+        )
+    return signals
+
+
+def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
+    """Rows of numbers (N, len(names)); zeros for None."""
+    try:
+        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        rows = np.zeros((0, 0, 0))
+    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+        raise InvalidInput(
+            f"The point {letter} does not fit the plant.",
+            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            "one number per name" + ("" if at_once else ", or one row of them for each point"),
+        )
+    return rows

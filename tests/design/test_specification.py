@@ -1,0 +1,96 @@
+"""A specification is declared once: command line, design file and schema agree, and a refusal says what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.cli.commands import app
+from flexhinf.cli.messages import error_text, option_syntax
+from flexhinf.design import Specification
+from flexhinf.design.specification import FIELDS, SpecificationError
+
+
+def options(command: str) -> dict[str, Any]:
+    from typer.main import get_command
+
+    return {p.name: p for p in get_command(app).commands[command].params}  # type: ignore[attr-defined]
+
+
+def test_every_field_has_its_option() -> None:
+    design = options("design")
+    for name, field in FIELDS.items():
+        names = {part for text in field.options for part in text.split("/")}
+        assert {*design[name].opts, *design[name].secondary_opts} == names
+        assert field.about.help.replace("[", r"\[") in design[name].help
+    assert {"overshoot", "compare_rigid", "mujoco"} == set(FIELDS) - set(options("compare"))
+
+
+def test_the_default_of_an_option_is_that_of_its_field() -> None:
+    for name, field in FIELDS.items():
+        shown = options("design")[name].default
+        if field.default not in (None, ()):
+            assert getattr(Specification(**{name: shown}), name) == field.default
+        assert field.default is not None or field.about.default or name in ("penalty", "process_noise")
+
+
+def test_words_have_any_case() -> None:
+    asked = Specification(preset="Robust", estimator="UKF", angle_unit="DEG")  # type: ignore[arg-type]
+    assert (asked.preset, asked.estimator, asked.angle_unit) == ("robust", "ukf", "deg")
+
+
+@pytest.mark.parametrize(
+    ("fields", "found", "python", "option"),
+    [
+        ({"draws": -5}, "an integer >= 0, got -5", "draws=200", "--draws 200"),
+        ({"duration": -3.0}, "a time > 0, s, got -3.0", "duration=5.0", "--duration 5"),
+        ({"delay": 5}, "5 s are 5000 samples", "delay='5ms'", "--delay 5ms"),
+        ({"delay": 0.6}, "at most 0.5 s, 500 samples", "delay='0.6ms'", "--delay 0.6ms"),
+        ({"delay": 1.5e-3}, "a multiple of 0.001 s", "delay='5ms'", "--delay 5ms"),
+        ({"period": 2}, "1e-5 to 0.1 s, got 2", "period='2ms'", "--period 2ms"),
+        ({"duration": 5000}, "5000000 samples", "duration='5000ms'", "--duration 5000ms"),
+        ({"preset": "smooth"}, "paper, damped, robust, got 'smooth'", "preset='damped'", "--preset damped"),
+        ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--goal 0.3,-0.5"),
+        ({"mujoco": 1}, "true or false, got 1", "mujoco=True", "--mujoco"),
+        ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--peak-sensitivity 2"),
+        ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
+        ({"dampng": 0.3}, "fields out of", "'damping'", "'damping'"),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_value_and_range_in_the_syntax_of_its_user(
+    fields: dict[str, Any], found: str, python: str, option: str
+) -> None:
+    with pytest.raises(SpecificationError) as caught:
+        Specification(**fields)
+    assert isinstance(caught.value, fh.InvalidInput)
+    assert found in caught.value.found
+    assert caught.value.advice == python
+    assert error_text(caught.value).endswith(f"try:   {option}")
+
+
+def test_a_specification_cannot_be_changed_but_replaced() -> None:
+    asked = Specification(pose="90deg", bandwidth=[4, 6])  # type: ignore[arg-type]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        asked.seed = 3  # type: ignore[misc]
+    other = dataclasses.replace(asked, seed=3)
+    assert (other.seed, other.bandwidth, other.in_degrees) == (3, (4.0, 6.0), True)
+    with pytest.raises(SpecificationError, match="seed"):
+        dataclasses.replace(asked, seed=-1)
+
+
+@pytest.mark.parametrize(
+    ("python", "option"),
+    [
+        ("preset='damped'", "--preset damped"),
+        ("a larger `peak_effort`, or start=(0.1, 0.2)", "a larger --peak-effort, or --from-pose 0.1,0.2"),
+        ("measured=('motor_position',)", "--measured motor_position"),
+        ("compare_rigid=False", "--no-compare-rigid"),
+        ("robot.seed=3 stays", "robot.seed=3 stays"),
+        ("leave 'pd' out of `laws`", "leave 'pd' out of --laws"),
+    ],
+)
+def test_hints_are_put_into_the_syntax_of_the_command_line(python: str, option: str) -> None:
+    assert option_syntax(python) == option

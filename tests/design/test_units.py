@@ -1,0 +1,69 @@
+"""Values as people write them: text with units, lists between commas, numbers of NumPy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.design import units
+
+
+@pytest.mark.parametrize(
+    ("value", "meant"),
+    [
+        ("4", 4.0),
+        ("4rad/s", 4.0),
+        (" 4 rad/s ", 4.0),
+        ("0.6Hz", 1.2 * math.pi),
+        ("1 hz", 2 * math.pi),
+        ("4,6", (4.0, 6.0)),
+        ("4rad/s, 1Hz", (4.0, 2 * math.pi)),
+        (3, 3.0),
+        (np.float64(3.0), 3.0),
+        (np.array([3.0]), (3.0,)),
+    ],
+)
+def test_a_bandwidth_is_in_rad_per_second_unless_it_says_hertz(value: Any, meant: object) -> None:
+    assert units.frequencies(value) == meant
+
+
+@pytest.mark.parametrize("text", ["4xyz", "Hz", "4,", ",", "", "fast", "4 6", "4deg", [], True, None])
+def test_what_is_no_bandwidth_is_refused(text: Any) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011
+        units.frequencies(text)
+
+
+def test_angles_are_in_radians_unless_they_say_degrees() -> None:
+    assert units.angles("0.5,-90deg, 180 deg,180°") == (0.5, -math.pi / 2, math.pi, math.pi)
+    assert units.angles(["30deg", 0.25]) == (math.radians(30), 0.25)
+    assert units.angles(0.5) == units.angles(np.array([0.5])) == (0.5,)
+    assert units.poses(["0.1,90°", [0.2, 0.3]]) == ((0.1, math.pi / 2), (0.2, 0.3))
+    with pytest.raises(ValueError, match="90grad"):
+        units.angles("90grad")
+
+
+def test_the_unit_of_angles_is_that_of_their_texts() -> None:
+    assert units.angle_unit_of("90deg", None, ["0.3,0.4"]) == "deg"
+    assert units.angle_unit_of("0.3rad", (0.1, 0.2)) == "rad"
+    assert units.angle_unit_of((0.1, 0.2), None, ()) is None
+
+
+@pytest.mark.parametrize(("text", "meant"), [("5ms", 5e-3), ("0.5 s", 0.5), ("20µs", 2e-5), ("1e-3", 1e-3)])
+def test_a_time_may_have_a_unit(text: str, meant: float) -> None:
+    assert units.seconds(text) == pytest.approx(meant, rel=1e-15)
+
+
+def test_names_integers_and_weights_stand_between_commas() -> None:
+    assert units.names(" a, b ,,") == ("a", "b")
+    assert units.integers("4,2,2") == (2, 4)
+    assert units.weights("60,0,300") == (60.0, 0.0, 300.0)
+    assert units.weights("link_position=60, motor_velocity = 3") == {
+        "link_position": 60.0,
+        "motor_velocity": 3.0,
+    }
+    for wrong in ("link_position=a", "", [[1.0, 2.0], [3.0]], {}, 3.0):
+        with pytest.raises(ValueError):  # noqa: PT011
+            units.weights(wrong)

@@ -1,0 +1,36 @@
+"""docs/robots.md lists every key of a robot file; its commands are run by test_commands."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from flexhinf.robot.quantities import QUANTITIES
+from flexhinf.robot.schema import JointTable, LinkTable, MotorTable, RobotTable, SpringTable
+
+
+@pytest.fixture
+def page(repository: Path) -> str:
+    return (repository / "docs" / "robots.md").read_text(encoding="utf-8")
+
+
+def test_the_page_lists_every_key_with_its_unit(page: str) -> None:
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    listed = {name: row for row in rows for name in re.findall(r"`([a-z_]+)`", row.split("|")[1])}
+    keys = {
+        key
+        for table in (RobotTable, JointTable, LinkTable, SpringTable, MotorTable)
+        for key in table.model_fields
+    }
+    tables = {"joint", "link", "spring", "motor", "penalty"}
+    assert sorted(keys - tables - set(listed)) == []
+    units = {key: QUANTITIES[key] for key in listed if key in QUANTITIES}
+    wrong = [
+        key
+        for key, unit in units.items()
+        if unit.unit not in listed[key] or unit.sliding_unit not in listed[key]
+    ]
+    assert len(units) > 20
+    assert wrong == []
