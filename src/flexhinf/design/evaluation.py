@@ -179,7 +179,7 @@ class LawEvaluation:
     def running_modes(self) -> tuple[Mode, ...]:
         """Of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
-        return running_modes(linear, self.setup.specification.delay, self.setup.joints, *self.energy)
+        return running_modes(linear, self.setup.joints, *self.energy)
 
     # Cost ---------------------------------------------------------------------------------------------------
     @cached_property
@@ -204,7 +204,7 @@ class LawEvaluation:
             found[f"{kind}_peak_input"] = worst_of(response.metrics, "peak_input")
         found["load_deviation"] = worst_of(load.metrics, "peak_deviation")
         found["load_recovery_s"] = worst_of(load.metrics, "recovery_time_s")
-        found["load_remaining"] = worst_of(load.metrics, "remaining")
+        found["load_remaining"] = worst_of(load.metrics, "remaining_error")
         found["move_error"] = worst_of(move.metrics, "largest_error")
         found["move_peak_input"] = worst_of(move.metrics, "peak_input")
         return found
@@ -245,15 +245,13 @@ class LawEvaluation:
         bandwidth_rad_s and unstable_corners; empty where the loop has no equilibrium."""
         if self.linear_failure:
             return {}
-        from flexhinf.design.requirements import gain_margin_of
-
         found, corners = self.margins, self.corners
         bandwidth = float(found.bandwidth.min()) if len(found.bandwidth) else np.nan
         return {
             "damping": found.damping if np.isfinite(found.damping) else None,
             "delay_margin_s": found.delay_margin_s,
             "peak_sensitivity": found.peak_sensitivity,
-            "gain_margin": gain_margin_of(found),
+            "gain_margin": found.gain_margin,
             "input_noise": self.input_noise,
             "bandwidth_rad_s": bandwidth if np.isfinite(bandwidth) else None,
             "unstable_corners": None if corners is None else float(corners.unstable),

@@ -1,4 +1,4 @@
-"""What a law costs to compute, and what it has to be told of the state."""
+"""What a law costs: operations of one evaluation, and the states that it needs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.law_batch import LawRows
-from flexhinf.loop.staged import offers
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
@@ -16,11 +15,11 @@ __all__ = ["needed_states", "operations"]
 #: Coefficients up to which a polynomial law is traced to be counted; beyond, its sums and products are.
 TRACED = 5_000
 
-#: Deviations at which a law is looked at, drawn in ±1 with a fixed seed.
-LOOKED = 5
+#: Number of random deviations in ±1 at which the slopes of a law are computed.
+POINTS = 5
 
-#: Slopes below this share of the largest one are none.
-NOTHING = 1e-12
+#: Slopes smaller than this, relative to the largest one, count as zero.
+NEGLIGIBLE = 1e-12
 
 
 def operations(law: Law) -> int:
@@ -29,16 +28,14 @@ def operations(law: Law) -> int:
     Of the law's trace with common subexpressions shared. A polynomial of many coefficients is evaluated monomial by
     monomial: a product for each of degree two or more, a product and a sum for each coefficient.
     """
-    if np.size(law.law_data) > TRACED and offers(law, "law_polynomial", "evaluate_law"):
-        table = law.law_polynomial()  # type: ignore[attr-defined]
+    if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
         monomials = table.coefficients.shape[1]
         return int(monomials - table.n + 2 * table.coefficients.size)
     n, data = len(law.state_names), np.size(law.law_data)
-    about = getattr(law, "evaluate_about", None)
-    if about is None:
+    if not law.depends_on_reference:
         return _count(trace(law.evaluate_law, n, data, name="law"))
-    states = sum(not name.endswith("_integral") for name in law.state_names)
-    return _count(trace(about, n, states, len(law.input_names), data, name="law"))
+    states = len(law.plant_states)
+    return _count(trace(law.evaluate_about, n, states, len(law.input_names), data, name="law"))
 
 
 def _count(function: Any) -> int:
@@ -52,7 +49,7 @@ def _count(function: Any) -> int:
 def needed_states(law: Law) -> tuple[str, ...]:
     """States, and integrals, that the law depends on, at random deviations."""
     n = len(law.state_names)
-    deviations = np.random.default_rng(0).uniform(-1.0, 1.0, (LOOKED, n))
+    deviations = np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, n))
     _, slopes = LawRows(law)(deviations)
     size = np.abs(slopes).max(axis=(0, 1))
-    return tuple(name for name, value in zip(law.state_names, size) if value > NOTHING * size.max())
+    return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())

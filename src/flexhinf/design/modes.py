@@ -119,20 +119,18 @@ def named_modes(
 
 
 def running_modes(
-    linear: LinearLoop, delay: float, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+    linear: LinearLoop, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
 ) -> tuple[Mode, ...]:
     """Modes of the running loop with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
 
     Parameters
     ----------
     linear : LinearLoop
-        Sampled, with the estimator.
-    delay : float
-        Of the inputs, s.
+        Sampled, with estimator and delay.
     joints, stiffness, inertia
         As of `named_modes`.
     """
-    return _sampled_modes(*np.linalg.eig(linear.closed(delay)), linear.period, joints, stiffness, inertia)
+    return _sampled_modes(*np.linalg.eig(linear.closed()), linear.period, joints, stiffness, inertia)
 
 
 def estimator_modes(

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.analysis import Margins
+from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import FIELDS, Specification
 
 __all__ = [
     "GAIN_MARGIN", "PEAK_SENSITIVITY", "TOLERANCE", "Requirement", "all_met", "behaviour_requirements",
-    "corner_requirement", "gain_margin_of", "gain_margin_limit", "margin_requirements", "peak_sensitivity_limit",
+    "corner_requirement", "gain_margin_limit", "margin_requirements", "peak_sensitivity_limit",
     "sample_requirements", "step_requirements",
 ]  # fmt: skip
 
@@ -26,7 +26,7 @@ __all__ = [
 TOLERANCE = 0.02
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
-PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.7
+PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
@@ -79,29 +79,18 @@ def all_met(lines: Sequence[Requirement]) -> bool:
 
 def peak_sensitivity_limit(s: Specification) -> float:
     """Largest |S| that is allowed: as stated, or `PEAK_SENSITIVITY`."""
-    stated = getattr(s, "peak_sensitivity", None)
-    return PEAK_SENSITIVITY if stated is None else float(stated)
+    return PEAK_SENSITIVITY if s.peak_sensitivity is None else s.peak_sensitivity
 
 
 def gain_margin_limit(s: Specification) -> float:
     """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
-    stated = getattr(s, "gain_margin", None)
-    return GAIN_MARGIN if stated is None else float(stated)
-
-
-def gain_margin_of(margins: Margins) -> float:
-    """The smallest factor by which the gain of an input may be raised or lowered before the loop is unstable."""
-    if margins.gain_margins is None or not margins.stable:
-        return 0.0 if not margins.stable else np.inf
-    pairs = np.atleast_2d(np.asarray(margins.gain_margins, dtype=float))
-    with np.errstate(divide="ignore"):
-        return float(np.min(np.column_stack([1.0 / pairs[:, 0], pairs[:, 1]])))
+    return GAIN_MARGIN if s.gain_margin is None else s.gain_margin
 
 
 def _option(s: Specification, name: str) -> str:
-    """Who states a field: its option, or "default" where it has its default."""
-    default = Specification.__dataclass_fields__[name].default if name in Specification.__dataclass_fields__ else None
-    return "default" if getattr(s, name, default) == default else f"--{name.replace('_', '-')}"
+    """The option that states a field, or "default" where it has its default."""
+    field = FIELDS[name]
+    return "default" if getattr(s, name) == field.default else field.options[0]
 
 
 def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]:
@@ -112,7 +101,7 @@ def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]
             "largest singular value of S at the plant's inputs, over all frequencies", _option(s, "peak_sensitivity"),
         ),
         Requirement(
-            "gain margin", gain_margin_limit(s), gain_margin_of(margins), "", False, RUNNING,
+            "gain margin", gain_margin_limit(s), margins.gain_margin, "", False, RUNNING,
             "smallest factor, up or down, of one input's gain that makes the loop unstable", _option(s, "gain_margin"),
         ),
     ]  # fmt: skip
@@ -180,23 +169,16 @@ def step_requirements(
 
 def _peak(s: Specification, found: float, unit: str, where: str) -> Requirement:
     return Requirement(
-        "peak input", float(s.peak_effort or np.nan), found, unit, True, where,
+        "peak input", float(s.peak_effort or np.inf), found, unit, True, where,
         "largest |input| of all motors, without limits of the inputs", _option(s, "peak_effort"),
     )  # fmt: skip
 
 
-def corner_requirement(corners: int, unstable: int, all_of_them: bool = True) -> Requirement:
-    """That no corner of the tolerances is unstable with the design's own estimator.
-
-    Parameters
-    ----------
-    corners, unstable : int
-    all_of_them : bool
-        Whether every corner was computed; otherwise a sample.
-    """
-    which = f"all {corners} corners" if all_of_them else f"{corners} sampled corners"
+def corner_requirement(corners: ToleranceCorners) -> Requirement:
+    """That no corner of the tolerances is unstable with the design's own estimator."""
+    which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
     return Requirement(
-        "unstable corners", 0.0, float(unstable), "", True,
+        "unstable corners", 0.0, float(corners.unstable), "", True,
         f"{which} of the tolerances, running loop with this design's R^v",
         "corners with a pole outside the unit circle",
     )  # fmt: skip

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import NumericalFailure
 from flexhinf.loop import JerkLimited, Loop, Trajectory
-from flexhinf.loop.simulation.metrics import StepShape, disturbance_response, step_response
+from flexhinf.loop.simulation.metrics import StepShape, load_metrics, steady_state_error, step_metrics
 
 __all__ = ["LoadResponse", "Move", "Response", "Worst", "run_response", "worst_of"]
 
@@ -61,15 +60,17 @@ class Response:
     goal, start : (n,)
         Link positions, rad or m.
     joints : tuple of str
-    diverged_at : float or None
-        When the loop left the finite numbers, s.
     """
 
     run: Trajectory
     goal: np.ndarray
     start: np.ndarray
     joints: tuple[str, ...]
-    diverged_at: float | None = None
+
+    @property
+    def diverged_at(self) -> float | None:
+        """When the loop left the finite numbers, s; None for a run that was completed."""
+        return self.run.diverged_at
 
     @cached_property
     def positions(self) -> np.ndarray:
@@ -90,8 +91,8 @@ class Response:
     def metrics(self) -> list[dict[str, Any]]:
         """Figures of each joint's true link position; an empty list where the run diverged.
 
-        Keys: joint, overshoot_percent, settling_time_s (both only of joints that move; None: it does not settle in
-        the run), steady_state_error, peak_input, input_noise.
+        Keys: joint, overshoot_percent, settling_time_s, rise_time_s (these three only of joints that move; None: not
+        within the run), steady_state_error, peak_input, input_noise.
         """
         if self.diverged_at is not None:
             return []
@@ -99,12 +100,12 @@ class Response:
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
             tail = max(1, math.ceil(TAIL * len(position)))
-            shape = step_response(self.run.time, position, StepShape(float(begin), float(end), 0.0))
+            shape = step_metrics(self.run.time, position, StepShape(float(begin), float(end), 0.0))
             rows.append(
                 {
                     "joint": name,
                     **(shape if begin != end else {}),
-                    "steady_state_error": float(np.abs(position[-tail:] - end).max()),
+                    "steady_state_error": steady_state_error(position, np.full(len(position), end)),
                     "peak_input": float(np.abs(u).max()),
                     "input_noise": float(u[-tail:].std()),
                 }
@@ -148,25 +149,17 @@ class LoadResponse:
         """Figures of each joint; an empty list where the run diverged.
 
         Keys: joint, load, peak_deviation, recovery_time_s (from the load's beginning to the last time outside 2 % of
-        the reference step; None: not within the run), remaining (largest deviation in the last tenth).
+        the reference step; None: not within the run), remaining_error (largest deviation in the last tenth).
         """
         if self.response.diverged_at is not None:
             return []
-        time = self.response.run.time
-        rows = []
+        time, rows = self.response.run.time, []
         for k, (name, goal) in enumerate(zip(self.response.joints, self.response.goal)):
-            position = self.response.positions[:, k]
-            tail = max(1, int(np.count_nonzero(time >= self.at) * TAIL))
-            rows.append(
-                {
-                    "joint": name,
-                    "load": float(self.load[k]),
-                    **disturbance_response(
-                        time, position, float(goal), float(self.reference_step[k]), self.at
-                    ),
-                    "remaining": float(np.abs(position[-tail:] - goal).max()),
-                }
-            )
+            figures = load_metrics(
+                time, self.response.positions[:, k], command=float(goal), step=float(self.reference_step[k]),
+                start=self.at,
+            )  # fmt: skip
+            rows.append({"joint": name, "load": float(self.load[k]), **figures})
         return rows
 
 
@@ -221,11 +214,4 @@ def run_response(
     **options
         Of `Loop.run`.
     """
-    try:
-        run = loop.run(**options)
-    except NumericalFailure as failure:
-        partial: Trajectory | None = getattr(failure, "trajectory", None)
-        if partial is None:
-            raise
-        return Response(partial, goal, start, joints, float(partial.time[-1]))
-    return Response(run, goal, start, joints)
+    return Response(loop.run(**options), goal, start, joints)

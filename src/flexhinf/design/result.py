@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.scenario import Scenario
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
 from flexhinf.design.weights.estimator_noise import NoiseSearch
@@ -32,41 +33,7 @@ if TYPE_CHECKING:
     from flexhinf.design.laws import LawKind
     from flexhinf.design.tuning import Criterion, TunedLaw
 
-__all__ = ["ComparedLaw", "Comparison", "Design", "Status"]
-
-
-@dataclass(frozen=True)
-class Status:
-    """What a reader must know first.
-
-    Attributes
-    ----------
-    not_met : tuple of str
-        Requirements that the loop misses.
-    not_proved : tuple of str
-        What was only sampled, or found by search.
-    risky : tuple of str
-        What no requirement covers, and what nevertheless endangers the loop.
-    """
-
-    not_met: tuple[str, ...] = ()
-    not_proved: tuple[str, ...] = ()
-    risky: tuple[str, ...] = ()
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return not self.not_met
-
-    @property
-    def line(self) -> str:
-        """One line: what is not met, not proved or risky."""
-        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else "Specification met on the running loop"]
-        if self.risky:
-            parts.append("Risky: " + "; ".join(self.risky))
-        if self.not_proved:
-            parts.append("Not proved: " + "; ".join(self.not_proved))
-        return ". ".join(parts) + "."
+__all__ = ["ComparedLaw", "Comparison", "Design"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,8 +46,6 @@ class Design:
         What was asked for.
     synthesis : Synthesis
         Weights, problem, solutions of several degrees, and the law.
-    noise_search : NoiseSearch or None
-        How the estimator's noise levels were found; None where they are stated, or without an estimator.
     evaluation : LawEvaluation
         The law in its loop.
     attenuation : Attenuation
@@ -100,7 +65,6 @@ class Design:
     robot: Robot
     specification: Specification
     synthesis: Synthesis
-    noise_search: NoiseSearch | None
     evaluation: LawEvaluation
     attenuation: Attenuation
     inside: bool | None
@@ -118,6 +82,11 @@ class Design:
     def met(self) -> bool:
         """Whether every requirement is met."""
         return all_met(self.requirements)
+
+    @property
+    def noise_search(self) -> NoiseSearch | None:
+        """How the estimator's noise levels were found; None where they are stated, or without an estimator."""
+        return self.synthesis.noise_search
 
     @property
     def setup(self) -> LoopSetup:
@@ -211,9 +180,7 @@ class ComparedLaw:
     ----------
     kind : LawKind
     tuned : TunedLaw or None
-        None for the design's own law, which is not tuned, and for a law that could not be made.
-    evaluation : LawEvaluation or None
-        None for a law that could not be made or run.
+        The law, its parameters and its evaluation; None for a law that could not be made.
     requirements : tuple of Requirement
         What the specification requires of the jump, nominal and on the sampled robots, and of the margins.
     failure : str
@@ -222,7 +189,6 @@ class ComparedLaw:
 
     kind: LawKind
     tuned: TunedLaw | None = None
-    evaluation: LawEvaluation | None = None
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""
 
@@ -230,6 +196,11 @@ class ComparedLaw:
     def name(self) -> str:
         """Of the law."""
         return self.kind.name
+
+    @property
+    def evaluation(self) -> LawEvaluation | None:
+        """None for a law that could not be made."""
+        return None if self.tuned is None else self.tuned.evaluation
 
     @property
     def metrics(self) -> Mapping[str, float | None]:
@@ -246,8 +217,6 @@ class Comparison:
     robot, specification
     synthesis : Synthesis
         Of the design's own law.
-    noise_search : NoiseSearch or None
-        See `Design`.
     criterion : Criterion
         What every law is tuned for, and the limits that it keeps.
     rows : tuple of ComparedLaw
@@ -258,10 +227,9 @@ class Comparison:
     robot: Robot
     specification: Specification
     synthesis: Synthesis
-    noise_search: NoiseSearch | None
     criterion: Criterion
-    rows: tuple[ComparedLaw, ...] = field(default=())
-    scenario: Scenario | None = None
+    rows: tuple[ComparedLaw, ...]
+    scenario: Scenario
 
     def __repr__(self) -> str:
         return f"Comparison({self.robot.name!r}, {', '.join(row.name for row in self.rows)})"

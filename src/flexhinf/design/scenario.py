@@ -19,7 +19,7 @@ from flexhinf.loop import JerkLimited
 from flexhinf.robot import Robot, check_reference
 
 __all__ = [
-    "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start", "plan_move", "run_length",
+    "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start", "plan_move", "run_length",
     "sample_count", "sample_robots",
 ]  # fmt: skip
 
@@ -47,6 +47,9 @@ LEAST_WAY = 1e-3
 
 #: Robots sampled within the tolerances by default: (largest number of states, robots).
 SAMPLES = ((15, 200), (10_000, 20))
+
+#: The same of a comparison, for each of its laws.
+COMPARED_SAMPLES = ((15, 50), (10_000, 20))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +112,13 @@ def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
     return LOAD_FRACTION * per_input * np.maximum(peak, LOAD_FRACTION * peak.max())
 
 
-def sample_count(robot: Robot, states: int, s: Specification) -> int:
-    """How many robots are sampled: as stated, or fewer for more states; none for a robot without tolerances."""
+def sample_count(
+    robot: Robot, states: int, s: Specification, default: Sequence[tuple[int, int]] = SAMPLES
+) -> int:
+    """How many robots are sampled: as stated, or by the number of states; none for a robot without tolerances."""
     if not robot.uncertain:
         return 0
-    return next(count for most, count in SAMPLES if states <= most) if s.draws is None else s.draws
+    return next(count for most, count in default if states <= most) if s.draws is None else s.draws
 
 
 def sample_robots(robot: Robot, count: int, seed: int) -> tuple[Mapping[str, Any], ...]:

@@ -16,22 +16,19 @@ from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot, check_holding
 
-__all__ = ["LONGEST_DELAY", "Synthesis", "synthesise"]
+__all__ = ["Synthesis", "synthesise"]
 
 Progress = Callable[[str], None]
 
 #: The damping that weights are searched for grows by this factor while corners of the tolerances are unstable, at most
 #: so many times, up to this value: only for the preset robust.
 GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
-
-#: A delay of more samples than this is refused: the loop would have that many more states per input.
-LONGEST_DELAY = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,15 +202,7 @@ def _law_of(
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: a delay out of proportion, extras, sensors and estimator, poses that cannot be held."""
-    samples = s.delay / s.period
-    if samples > LONGEST_DELAY:
-        raise InvalidInput(
-            "The delay is out of proportion to the period.",
-            f"expected at most {LONGEST_DELAY} samples ({LONGEST_DELAY * s.period:g} s), got {s.delay:g} s, which is "
-            f"{samples:.0f} samples of {s.period:g} s",
-            f"--delay {s.delay:g}ms, if milliseconds were meant, or a longer --period",
-        )
+    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
     robot.plant(s.measured, extras=s.extras)
     model = robot.plant(s.measured)
     estimator_for(
