@@ -166,3 +166,28 @@ def test_every_public_name_can_be_imported() -> None:
     missing = [name for name in promised if not hasattr(fh, name) or name not in fh.__all__]
     assert missing == []
     assert [name for name in fh.__all__ if not hasattr(fh, name)] == []
+
+
+#: Words that are no terms of control engineering. They come back in no name of a file, a public class or a public function.
+RIDDLES = {
+    "asked", "bench", "corridor", "dial", "disturbed", "drawn", "expense", "given", "knob", "maker", "merits", "met",
+    "pace", "shown", "spending", "told", "withstand", "words",
+}  # fmt: skip
+
+
+@pytest.mark.xfail(reason="some rooms still have such names", strict=False)
+def test_names_are_terms_of_the_field(repository: Path) -> None:
+    found = set()
+    for file in (repository / "src").rglob("*.py"):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        public = [
+            n.name for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef)) and n.name[0] != "_"
+        ]
+        for name in (file.stem, *public):
+            parts = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_")
+            found |= {
+                f"{file.relative_to(repository)}: {name}"
+                for part in parts
+                if part.rstrip("s") in RIDDLES or part in RIDDLES
+            }
+    assert found == set()

@@ -8,7 +8,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexhinf.analysis import EquilibriumLoop, ProcessNoise, corner_population, corners, unstable_share
+import flexhinf as fh
+from flexhinf.analysis import (
+    FORMS,
+    LINK_VELOCITIES,
+    MOTOR_VELOCITIES,
+    EquilibriumLoop,
+    ProcessNoise,
+    corner_population,
+    corners,
+    destabilising_scale,
+    growth_rates,
+    standard_noises,
+    tolerance_corners,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.robot import Robot
@@ -58,7 +71,7 @@ def test_shares_are_those_of_single_loops(made: SimpleNamespace, arm: Robot, cub
     plant, filter = arm.plant(inductance=True), made.filter(arm.plant(), np.zeros(4), noise=(1e-6, 1e-6))
     loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi)
     noises = (None, ProcessNoise("all states", 1e-4), ProcessNoise("velocities only", 1e-4))
-    swept = unstable_share(loop, plants, noises)
+    swept = growth_rates(loop, plants, noises)
     for found in swept:
         q = found.noise.covariance(filter.plant.states) if found.noise else 1e-6
         own = EquilibriumLoop(
@@ -76,6 +89,8 @@ def test_process_noise_by_its_form() -> None:
     states = ("link_position_a", "link_velocity_a", "motor_velocity")
     assert np.array_equal(ProcessNoise("velocities only", 2.0).covariance(states), np.diag([0.0, 2.0, 2.0]))
     assert np.array_equal(ProcessNoise("all states", 2.0).covariance(states), 2.0 * np.eye(3))
+    assert np.array_equal(ProcessNoise(LINK_VELOCITIES, 1.0).covariance(states), np.diag([0.0, 1.0, 0.0]))
+    assert np.array_equal(ProcessNoise(MOTOR_VELOCITIES, 1.0).covariance(states), np.diag([0.0, 0.0, 1.0]))
     with pytest.raises(InvalidInput, match="velocity"):
         ProcessNoise("velocities only", 1.0).covariance(("position",))
     for form, q in (("some", 1.0), ("all states", -1.0), ("all states", math.nan)):
@@ -88,6 +103,99 @@ def test_process_noise_by_its_form() -> None:
 def test_the_true_state_has_no_process_noise(arm: Robot, cubic: HJISolution) -> None:
     plants = corner_population(arm.corner, len(arm.uncertain), 2)
     loop = EquilibriumLoop(cubic, None, arm.plant(), PERIOD)
-    assert unstable_share(loop, plants)[0].share() == 0.0
+    assert growth_rates(loop, plants)[0].share() == 0.0
     with pytest.raises(InvalidInput, match="no filter"):
-        unstable_share(loop, plants, [ProcessNoise("all states", 1.0)])
+        growth_rates(loop, plants, [ProcessNoise("all states", 1.0)])
+
+
+def loop_of(
+    made: SimpleNamespace, arm: Robot, law: HJISolution, goal: float = math.pi / 2, **options: int
+) -> EquilibriumLoop:
+    filter = made.filter(arm.plant(), np.zeros(4), "ukf", (1e-7 * np.diag([0.0, 1.0, 0.0, 1.0]), 1e-8))
+    return EquilibriumLoop(law, filter, arm.plant(inductance=True), PERIOD, goal, **options)
+
+
+def test_all_corners_are_computed_whatever_the_seed(
+    made: SimpleNamespace, arm: Robot, cubic: HJISolution
+) -> None:
+    """400 drawn ones were 151 unstable from one route and 160 from another."""
+    loop = loop_of(made, arm, cubic)
+    first, second = (tolerance_corners(loop, arm.corner, arm.uncertain, (), seed=seed) for seed in (0, 7))
+    assert first.complete
+    assert first.count == 2048 == len(first.designed.rates)
+    assert np.array_equal(first.designed.rates, second.designed.rates)
+    assert 0 < first.unstable < 2048
+    assert first.unstable == int((loop.modes(first.population.values[:-1]).rate >= 0.0).sum())
+    assert first.describe().count("%") == 11
+    assert first.designed.rates[first.worst] == first.designed.fastest
+    assert len(repr(first)) < 100
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("delay", [0, 1, 6])
+def test_the_worst_corner_grows_as_the_traced_loop_there(
+    made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
+) -> None:
+    """The batch against the traced step of the compiled loop; with a delay, against the linear loop of one plant."""
+    loop = loop_of(made, arm, cubic, delay=delay)
+    found = tolerance_corners(loop, arm.corner, arm.uncertain, ())
+    plain = loop_of(made, arm, cubic)
+    for k in (found.worst, int(np.argmin(found.designed.rates))):
+        values = found.population.values[k]
+        z = plain.modes([values]).equilibrium[0]
+        _, one = made.whole_jacobian(plain, z, values)
+        linear = loop.linear(values)
+        expected = np.abs(np.linalg.eigvals(linear.closed(delay * PERIOD))).max()
+        if not delay:
+            expected = np.abs(np.linalg.eigvals(one)).max()
+        assert found.designed.rates[k] == pytest.approx(math.log(expected) / PERIOD, abs=1e-5)
+
+
+def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Robot) -> None:
+    """A damped law: stable at all corners as designed, not with noise on the link's torque alone."""
+    weights = {"link_position": 60.0, "link_position_integral": 300.0, "joint_torque_rate": 3e-3}
+    law = made.law(arm, ratio=1.5, penalty=fh.Penalty(weights, effort=10.0), pose=[math.pi / 2])
+    loop = loop_of(made, arm, law)
+    found = tolerance_corners(loop, arm.corner, arm.uncertain)
+    assert found.forms == FORMS
+    assert found.measurement_noise == 1e-8
+    assert {swept.noise for swept in found.swept} >= set(standard_noises(loop))
+    for form in FORMS:
+        by_ratio = found.of_form(form)
+        assert len(by_ratio) >= 9
+        stable = [ratio for ratio, rates in by_ratio.items() if not rates.unstable]
+        assert found.stable_ratios(form) == tuple(stable)
+        assert (form in found.retunable) == (len(stable) == len(by_ratio))
+    # One of the sweep's entries is the loop with that filter.
+    other = found.of_form(LINK_VELOCITIES)[1e2]
+    assert other.unstable > 500
+    filter = made.filter(arm.plant(), np.zeros(4), "ukf", (other.noise.covariance(arm.plant().states), 1e-8))
+    again = EquilibriumLoop(law, filter, arm.plant(inductance=True), PERIOD, math.pi / 2)
+    assert tolerance_corners(again, arm.corner, 11, ()).unstable == other.unstable
+
+
+def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+    """At 0.99 of it no corner is unstable, at 1.01 some are; the paper's law stands less than its tolerances."""
+    loop = loop_of(made, arm, cubic)
+    scale, corner = destabilising_scale(loop, arm.corner, arm.uncertain)
+    assert 0.0 < scale < 1.0
+    signs = corners(11, 2048)
+    for factor, some in ((0.99, False), (1.01, True)):
+        rates = loop.modes([arm.corner((factor * scale * row).tolist()) for row in signs]).rate
+        assert bool((rates >= 0.0).any()) == some
+        assert not some or rates[corner] >= 0.0
+    fed = EquilibriumLoop(cubic, None, arm.plant(), PERIOD)
+    assert destabilising_scale(fed, arm.corner, arm.uncertain)[0] > 1.0
+    assert destabilising_scale(fed, arm.corner, arm.uncertain, most=1.0) == (math.inf, -1)
+
+
+def test_many_numbers_are_sampled_and_said_to_be(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
+) -> None:
+    loop = EquilibriumLoop(two_link_law, None, two_link.plant(), PERIOD)
+    found = tolerance_corners(loop, two_link.corner, two_link.uncertain)
+    assert not found.complete
+    assert found.count == 400
+    assert found.swept == () == found.forms
+    again = tolerance_corners(loop, two_link.corner, two_link.uncertain, seed=0)
+    assert np.array_equal(found.designed.rates, again.designed.rates)

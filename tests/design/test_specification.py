@@ -94,3 +94,10 @@ def test_a_specification_cannot_be_changed_but_replaced() -> None:
 )
 def test_hints_are_put_into_the_syntax_of_the_command_line(python: str, option: str) -> None:
     assert option_syntax(python) == option
+
+
+def test_a_delay_is_refused_where_the_loop_refuses_it() -> None:
+    from flexhinf.design.specification import DELAY_SAMPLES
+    from flexhinf.loop.simulation.channel import MOST_DELAY
+
+    assert DELAY_SAMPLES == MOST_DELAY

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis import ProcessNoise, unstable_share
-from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
+from flexhinf.analysis import ALL_STATES, VELOCITIES, ProcessNoise, growth_rates
 from flexhinf.design import Specification
 from flexhinf.design.bench import Bench
 from flexhinf.design.presets.choose import DAMPING, choose
@@ -46,7 +45,7 @@ def test_no_corner_is_unstable_for_any_process_noise(preset: str, goal: float) -
     for variance in (1e-6, 1.0):  # R^n, rad²
         other = replace(bench, specification=replace(bench.specification, measurement_noise=variance))
         noises = [ProcessNoise(form, 10.0**k) for form in (ALL_STATES, VELOCITIES) for k in range(-4, 5, 2)]
-        for swept in unstable_share(resting_loop(other, bench.law), found.population, noises):
+        for swept in growth_rates(resting_loop(other, bench.law), found.population, noises):
             assert swept.share() == 0.0
 
 
@@ -65,7 +64,7 @@ def test_the_loop_as_it_is_has_the_noise_of_the_specification() -> None:
     bench = bench_of("damped", np.pi / 2, torque_noise=1e-5)
     found = tolerance_corners(bench, bench.law)
     assert found is not None
-    same = unstable_share(resting_loop(bench, bench.law), found.population, (ProcessNoise(VELOCITIES, 1e-5),))
+    same = growth_rates(resting_loop(bench, bench.law), found.population, (ProcessNoise(VELOCITIES, 1e-5),))
     np.testing.assert_allclose(found.own.rates, same[0].rates, rtol=1e-9)
 
 

@@ -22,21 +22,29 @@ from flexhinf.analysis.frequency_response import FrequencyResponse, frequency_re
 from flexhinf.analysis.law_batch import LawRows
 from flexhinf.analysis.linear_loop import LinearLoop, Modes
 from flexhinf.analysis.margins import Margins, margins
-from flexhinf.analysis.tolerance_corners import (
+from flexhinf.analysis.population import Population, corner_population, corners
+from flexhinf.analysis.process_noise import (
     ALL_STATES,
+    FORMS,
+    LINK_VELOCITIES,
+    MOTOR_VELOCITIES,
     VELOCITIES,
-    Population,
     ProcessNoise,
-    Swept,
-    corner_population,
-    corners,
-    unstable_share,
+    standard_noises,
+)
+from flexhinf.analysis.tolerance_corners import (
+    GrowthRates,
+    ToleranceCorners,
+    destabilising_scale,
+    growth_rates,
+    tolerance_corners,
 )
 from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturbance
 
 __all__ = [
-    "ALL_STATES", "VELOCITIES", "Attained", "BudgetTerm", "DiscreteSystem", "DissipationBudget", "DisturbanceSearch",
-    "EquilibriumLoop", "FrequencyResponse", "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise",
-    "Swept", "budget_terms", "corner_population", "corners", "dissipation_budget", "frequency_response", "margins",
-    "unstable_share", "worst_disturbance",
+    "ALL_STATES", "FORMS", "LINK_VELOCITIES", "MOTOR_VELOCITIES", "VELOCITIES", "Attained", "BudgetTerm",
+    "DiscreteSystem", "DissipationBudget", "DisturbanceSearch", "EquilibriumLoop", "FrequencyResponse", "GrowthRates",
+    "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise", "ToleranceCorners", "budget_terms",
+    "corner_population", "corners", "destabilising_scale", "dissipation_budget", "frequency_response", "growth_rates",
+    "margins", "standard_noises", "tolerance_corners", "worst_disturbance",
 ]  # fmt: skip

@@ -54,7 +54,7 @@ class DiscreteSystem:
         """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0 are left out."""
         lasting = self.multipliers[np.abs(self.multipliers) > GONE]
         poles = np.asarray(np.log(lasting) / self.period)
-        return poles[np.argsort(-poles.real, kind="stable")]
+        return poles[np.argsort(-np.real(poles), kind="stable")]
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
         """Some outputs by some inputs."""
@@ -73,9 +73,9 @@ class DiscreteSystem:
     def frequencies(self, count: int = 300) -> np.ndarray:
         """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
         top = np.pi / self.period
-        exponents = self.poles[self.poles.imag >= 0.0]
+        exponents = self.poles[np.imag(self.poles) >= 0.0]
         offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
-        near = exponents.imag[:, None] + np.abs(exponents.real)[:, None] * offsets
+        near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
         every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
         return np.unique(every[(every > 0.0) & (every <= top)])
 
@@ -99,11 +99,11 @@ class DiscreteSystem:
         Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. A
         loop that does not oscillate has the ratio 1, a growing mode a negative one.
         """
-        lasting = self.poles[self.poles.real > -0.5 / self.period]
+        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
         if not len(lasting):
             return 1.0, np.nan
         sizes = np.abs(lasting)
-        ratios = np.divide(-lasting.real, sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
+        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
         return float(ratios.min()), float(sizes[ratios.argmin()])
 
     def norm(self) -> tuple[float, float]:

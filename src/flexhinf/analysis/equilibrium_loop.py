@@ -108,7 +108,7 @@ class EquilibriumLoop:
             else (np.array(equilibrium[0]), np.array(equilibrium[1]))
         )
         steady = filter
-        if self._tunable:
+        if self.tunable:
             steady = ConstantGainFilter(filter, self.gain(filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
@@ -132,7 +132,12 @@ class EquilibriumLoop:
 
     # The estimator -------------------------------------------------------------------------------------
     @property
-    def _tunable(self) -> bool:
+    def states(self) -> int:
+        """Number of states of the linear loop: true plant, inputs that wait in the delay, controller."""
+        return self.plant.n + self.delay * self.step.m + self.step.size
+
+    @property
+    def tunable(self) -> bool:
         """Whether the gain follows from R^v: that of a Kalman filter."""
         own = isinstance(self.filter, OutputInjectionObserver)
         return isinstance(self.filter, RecursiveFilter) and not own
@@ -147,7 +152,7 @@ class EquilibriumLoop:
 
     def gain(self, process_noise: np.ndarray) -> np.ndarray:
         """The filter's stationary gain (n, p) at the goal for this R^v (n, n)."""
-        if not self._tunable:
+        if not self.tunable:
             raise InvalidInput(
                 "This loop has no filter whose gain depends on R^v.",
                 f"got {type(self.filter).__name__}",
@@ -212,6 +217,26 @@ class EquilibriumLoop:
         after = np.hstack([x, stepped.memory.value])
         return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
 
+    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
+        """The Jacobian of one period with `delay` inputs waiting, (N, K, K): plant, past inputs, controller."""
+        n, m, s, p, j = self.plant.n, self.step.m, self.step.size, self.step.p, self.delay
+        stepped, by_y = self.stepped(z, vectors, fixed)
+        _, moved = one_period(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        size = n + (j + 1) * m + s
+        oldest, memory = slice(n + j * m, n + (j + 1) * m), slice(size - s, size)
+        y = np.zeros((len(z), p, size))
+        y[:, :, :n], y[:, :, oldest] = by_y[:, :, :n], by_y[:, :, n : n + m]
+        slope = np.zeros((len(z), size, size))
+        slope[:, :n, :n], slope[:, :n, oldest.start - m : oldest.start] = (
+            moved[:, :, :n],
+            moved[:, :, n : n + m],
+        )
+        for rows, by in ((slice(n, n + m), stepped.u.by), (memory, stepped.memory.by)):
+            slope[:, rows] = by[:, :, s : s + p] @ y
+            slope[:, rows, memory] += by[:, :, :s]
+        slope[:, n + m : oldest.stop, n : oldest.start] = np.eye(j * m)
+        return slope
+
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
     def start(self) -> np.ndarray:
@@ -264,9 +289,12 @@ class EquilibriumLoop:
         return by
 
     def modes(
-        self, values: Sequence[Mapping[str, Any]] | np.ndarray, process_noise: np.ndarray | None = None
+        self,
+        values: Sequence[Mapping[str, Any]] | np.ndarray,
+        process_noise: np.ndarray | None = None,
+        near: np.ndarray | None = None,
     ) -> Modes:
-        """Rest and multipliers with these true plants.
+        """Equilibrium and multipliers with these true plants.
 
         Parameters
         ----------
@@ -274,16 +302,14 @@ class EquilibriumLoop:
             Numbers, or arrays where there are joints; names that are left out keep their nominal value.
         process_noise : (n, n) array, optional
             R^v instead of the filter's.
+        near : (N, K) array, optional
+            Equilibria from which those of the plants are searched for, for example those with another R^v; where one
+            is NaN, and by default, the nominal plant's.
         """
         vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
-        z, slope, found = self._equilibrium(vectors, process_noise)
+        z, slope, found = self._equilibrium(vectors, process_noise, near)
         if self.delay:
-            delayed = [
-                self._linear(z[i], vectors[i], process_noise).closed(self.delay * self.period)
-                for i in np.flatnonzero(found)
-            ]
-            slope = np.zeros((len(z), *delayed[0].shape)) if delayed else slope
-            slope[found] = delayed if delayed else slope[found]
+            slope = self._delayed(z, vectors, self._fixed(process_noise))
         multipliers = np.full(slope.shape[:2], np.inf, dtype=complex)
         if found.any():
             multipliers[found] = np.linalg.eigvals(slope[found])
@@ -299,7 +325,16 @@ class EquilibriumLoop:
         NumericalFailure
             If the loop has no equilibrium with this plant.
         """
-        vectors = self.vectors([values or {}])
+        if not values and process_noise is None:
+            return self._nominal
+        return self._linear_at(values or {}, process_noise)
+
+    @cached_property
+    def _nominal(self) -> LinearLoop:
+        return self._linear_at({}, None)
+
+    def _linear_at(self, values: Mapping[str, Any], process_noise: np.ndarray | None) -> LinearLoop:
+        vectors = self.vectors([values])
         z, _, found = self._equilibrium(vectors, process_noise)
         if not found[0]:
             raise NumericalFailure(
@@ -307,11 +342,8 @@ class EquilibriumLoop:
                 f"none was found near the goal {np.array2string(self.command, precision=6)}",
                 "another law or goal",
             )
-        return self._linear(z[0], vectors[0], process_noise)
-
-    def _linear(self, z: np.ndarray, vector: np.ndarray, process_noise: np.ndarray | None) -> LinearLoop:
-        stepped, by_y = self.stepped(z[None, :], vector[None, :], self._fixed(process_noise))
-        return LinearLoop.of(self, z, vector, stepped, by_y[0])
+        stepped, by_y = self.stepped(z, vectors, self._fixed(process_noise))
+        return LinearLoop.of(self, z[0], vectors[0], stepped, by_y[0])
 
     def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Parameter vectors (N, q) of true plants with these values."""
@@ -322,7 +354,7 @@ class EquilibriumLoop:
         return None if process_noise is None else self.gain(process_noise).ravel()
 
     def _equilibrium(
-        self, vectors: np.ndarray, process_noise: np.ndarray | None
+        self, vectors: np.ndarray, process_noise: np.ndarray | None, near: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(equilibrium, Jacobian there, whether it was found), all plants at once."""
         count, k = len(vectors), self.plant.n + self.step.size
@@ -330,6 +362,8 @@ class EquilibriumLoop:
             z = np.tile(self.start, (count, 1))
         except NumericalFailure:
             return np.full((count, k), np.nan), np.zeros((count, k, k)), np.zeros(count, bool)
+        if near is not None:
+            z = np.where(np.isfinite(near).all(axis=1, keepdims=True), near, z)
         fixed = self._fixed(process_noise)
         slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
         for _ in range(ITERATIONS):

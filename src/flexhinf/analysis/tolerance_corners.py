@@ -1,17 +1,15 @@
-"""True plants within tolerances: drawn, at corners, with one number at one end.
+"""The linear loop at the corners of the tolerances, over choices of the estimator's noise.
 
-A campaign knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
-plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
+A corner has every uncertain number at one end of its interval: 2^p corners of p numbers. A loop is stable at a corner
+if its multipliers there are inside the unit circle, at the equilibrium that it has with that plant.
 
-How many plants of a population make a loop unstable, over the process noise that its estimator assumes.
-
-No paper gives R^v, and the gain of an estimator depends on its ratio to R^n alone. Two forms are usual: q on every
-state (R^v = q I), and q on the velocities only, since what a model misses are torques.
+The gain of an estimator depends on the ratio of R^v to R^n alone, and R^v has a direction too: whether every state is
+taken to be disturbed, all velocities (what a model misses are torques), those of the links or those of the motors. A
+loop that is stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,192 +17,83 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.errors import InvalidInput
+from flexhinf.analysis.population import Population, corner_population
+from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
 
 __all__ = [
-    "ALL_STATES",
-    "VELOCITIES",
-    "Population",
-    "ProcessNoise",
-    "Swept",
-    "corner_population",
-    "corners",
-    "unstable_share",
-]
+    "GrowthRates", "ToleranceCorners", "destabilising_scale", "growth_rates", "tolerance_corners",
+]  # fmt: skip
+
+#: All corners are computed of up to so many uncertain numbers (4096 corners).
+ALL_OF = 12
+
+#: With more uncertain numbers so many sampled corners; the second number for a large loop.
+SAMPLED = (400, 60)
+
+#: A large loop is swept over R^v at so many corners only: those that grow fastest as designed.
+SWEPT_OF_LARGE = 100
+
+#: Finer grid of q per decade, corners tried on it for each q of the coarse one, and peaks found on it that are kept.
+PER_DECADE, FEW, PEAKS = 4, 4, 2
+
+#: A peak stands out from both of its neighbours on the grid by so much of its growth rate; less is rounding.
+PROMINENT = 1e-4
+
+#: Doublings of the tolerances until a corner is unstable, and bisections afterwards.
+DOUBLINGS, BISECTIONS = 4, 12
 
 
+# Growth rates ------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class Population:
-    """Plants of a campaign.
-
-    Attributes
-    ----------
-    values : tuple of mappings by name
-        Parameters of each plant, numbers or arrays.
-    kinds : (N,) array of str
-        "draw", "corner", "single" or "nominal".
-    signs : (N, p) array
-        Of the uncertain numbers; NaN for draws.
-    nominal : mapping by name
-        Parameters of the nominal plant.
-    """
-
-    values: tuple[Mapping[str, Any], ...]
-    kinds: np.ndarray
-    signs: np.ndarray
-    nominal: Mapping[str, Any]
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def describe(self, k: int) -> str:
-        """A plant by its changes in per cent."""
-        parts = []
-        for name, value in self.values[k].items():
-            new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, self.nominal[name]))
-            for i in np.flatnonzero((new != 0.0) & (old != 0.0)):
-                change = 100.0 * (new[i] / old[i] - 1.0)
-                place = f" {i + 1}" if len(new) > 1 else ""
-                if abs(change) > 1e-9:
-                    parts.append(f"{name.replace('_', ' ')}{place} {change:+.3g} %")
-        return ", ".join(parts) or "nominal"
-
-
-def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
-    """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones.
-
-    Raises
-    ------
-    InvalidInput
-        If a number is negative or no integer.
-    """
-    for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
-        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
-            raise InvalidInput(
-                "The corners cannot be counted.",
-                f"expected integers >= 0, got {name}={number!r}",
-                "count=400",
-            )
-    if uncertain < 63 and 2**uncertain <= count:
-        return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
-            2**uncertain, uncertain
-        )
-    return np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (count, uncertain))
-
-
-def corner_population(
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
-    uncertain: int,
-    count: int = 400,
-    seed: int = 0,
-    draw: Callable[[np.random.Generator], Mapping[str, Any]] | None = None,
-    draws: int = 100,
-) -> Population:
-    """Draws, corners, every uncertain number alone at both of its ends, and the nominal plant, in this order.
-
-    Parameters
-    ----------
-    at : callable
-        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`.
-    uncertain : int
-        How many uncertain numbers there are: ``len(robot.uncertain)``.
-    count : int
-        Corners, if there are more than so many.
-    seed : int
-        Of corners and draws, each with a generator of its own.
-    draw : callable, optional
-        Generator → parameters: `Robot.draw`. Without it nothing is drawn.
-    draws : int
-    """
-    rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
-    drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
-    unit = np.eye(uncertain)
-    singles = np.array([sign * row for row in unit for sign in (-1.0, 1.0)]).reshape(-1, uncertain)
-    signs = np.vstack([found, singles, np.zeros((1, uncertain))])
-    values = (*drawn, *(at(row.tolist()) for row in signs))
-    kinds = ["draw"] * len(drawn) + ["corner"] * len(found) + ["single"] * len(singles) + ["nominal"]
-    whole = np.vstack([np.full((len(drawn), uncertain), np.nan), signs])
-    return Population(values, np.array(kinds), whole, values[-1])
-
-
-ALL_STATES, VELOCITIES = "all states", "velocities only"
-
-
-@dataclass(frozen=True)
-class ProcessNoise:
-    """R^v = q on the diagonal: of all states, or of velocities (states with "velocity" as a word of their name).
-
-    Parameters
-    ----------
-    form : {"all states", "velocities only"}
-    q : float
-        Variance per sample, in the states' units squared.
-
-    Raises
-    ------
-    InvalidInput
-        For another form, or a q that is negative or not finite.
-    """
-
-    form: str
-    q: float
-
-    def __post_init__(self) -> None:
-        if self.form not in (ALL_STATES, VELOCITIES) or not (np.isfinite(self.q) and self.q >= 0.0):
-            raise InvalidInput(
-                "The process noise is not known.",
-                f"expected {ALL_STATES!r} or {VELOCITIES!r} and a finite q >= 0, got {self.form!r} and {self.q!r}",
-                f"ProcessNoise({ALL_STATES!r}, 1e-6)",
-            )
-
-    def covariance(self, states: Sequence[str]) -> np.ndarray:
-        """R^v (n, n) of a plant with these states.
-
-        Raises
-        ------
-        InvalidInput
-            If velocities are asked for and there are none.
-        """
-        moves = [self.form == ALL_STATES or "velocity" in name.split("_") for name in states]
-        if not any(moves):
-            raise InvalidInput(
-                "No state is a velocity.", f"got {list(states)}", f"ProcessNoise({ALL_STATES!r}, …)"
-            )
-        return self.q * np.diag(np.array(moves, dtype=float))
-
-
-@dataclass(frozen=True, eq=False)
-class Swept:
-    """What a population does to a loop at one R^v.
+class GrowthRates:
+    """How fast a loop grows with each of some plants, at one R^v.
 
     Attributes
     ----------
     noise : ProcessNoise or None
-        None: the estimator's own R^v, or the true state fed back.
+        None: the loop as it is designed, or the true state fed back.
     rates : (N,) array
-        Growth rate with each plant, 1/s; infinite for a loop without equilibrium.
+        log of the largest multiplier per period, 1/s: negative where the loop is stable, infinite where it has no
+        equilibrium.
     kinds : (N,) array of str
+        As of `Population`.
+    plants : (N,) array of int
+        Which plants of the population these are.
     """
 
     noise: ProcessNoise | None
     rates: np.ndarray
     kinds: np.ndarray
+    plants: np.ndarray
 
-    def share(self, kind: str | None = None) -> float:
-        """Share of unstable plants of a kind ("corner", …), or of all; NaN where there is none."""
-        chosen = self.rates if kind is None else self.rates[self.kinds == kind]
-        return float(np.mean(chosen >= 0.0)) if len(chosen) else float("nan")
+    @property
+    def unstable(self) -> int:
+        """How many of the plants make the loop unstable."""
+        return int((self.rates >= 0.0).sum())
+
+    @property
+    def fastest(self) -> float:
+        """Growth rate with the worst plant, 1/s."""
+        return float(self.rates.max())
 
     @property
     def worst(self) -> int:
-        """The plant with which the loop grows fastest."""
-        return int(np.argmax(self.rates))
+        """The plant of the population with which the loop grows fastest."""
+        return int(self.plants[np.argmax(self.rates)])
+
+    def share(self, kind: str | None = None) -> float:
+        """Fraction of unstable plants of a kind ("corner", …), or of all; NaN where there is none."""
+        chosen = self.rates if kind is None else self.rates[self.kinds == kind]
+        return float(np.mean(chosen >= 0.0)) if len(chosen) else float("nan")
 
 
-def unstable_share(
-    loop: EquilibriumLoop, population: Population, noises: Sequence[ProcessNoise | None] = (None,)
-) -> tuple[Swept, ...]:
-    """Growth rates of a loop for every plant and every R^v.
+def growth_rates(
+    loop: EquilibriumLoop,
+    population: Population,
+    noises: Sequence[ProcessNoise | None] = (None,),
+    plants: np.ndarray | None = None,
+) -> tuple[GrowthRates, ...]:
+    """Growth rates of a loop with every plant, for every R^v.
 
     Parameters
     ----------
@@ -212,14 +101,225 @@ def unstable_share(
     population : Population
     noises : sequence of ProcessNoise or None
         None stands for the loop as it is.
+    plants : (N,) array of int, optional
+        Only these plants of the population.
 
     Raises
     ------
     InvalidInput
         If R^v is asked for and no Kalman filter is in the loop.
     """
-    vectors, found = loop.vectors(population.values), []
+    chosen = np.arange(len(population)) if plants is None else plants
+    table = loop.plant.parameters
+    vectors = loop.vectors([table.known(population.values[k]) for k in chosen])
+    found, equilibria = [], None
     for noise in noises:
         covariance = None if noise is None else noise.covariance(loop.step.states)
-        found.append(Swept(noise, loop.modes(vectors, covariance).rate, population.kinds))
+        modes = loop.modes(vectors, covariance, equilibria)
+        equilibria = modes.equilibrium
+        found.append(GrowthRates(noise, modes.rate, population.kinds[chosen], chosen))
     return tuple(found)
+
+
+# Corners -----------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class ToleranceCorners:
+    """Growth rates of a loop at the corners of the tolerances.
+
+    Attributes
+    ----------
+    population : Population
+        The corners, and the nominal plant last.
+    complete : bool
+        Whether all corners are among them; otherwise they are sampled.
+    designed : GrowthRates
+        At the corners, with the estimator's noise as designed, or without an estimator.
+    swept : tuple of GrowthRates
+        Over other choices of R^v. Of a large loop these are at the corners only that grow fastest as designed.
+    measurement_noise : float
+        R^n that ratios are to; NaN without a Kalman filter.
+    """
+
+    population: Population
+    complete: bool
+    designed: GrowthRates
+    swept: tuple[GrowthRates, ...]
+    measurement_noise: float
+
+    def __repr__(self) -> str:
+        return (
+            f"ToleranceCorners({self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v)"
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of corners."""
+        return len(self.population) - 1
+
+    @property
+    def unstable(self) -> int:
+        """Corners at which the loop as designed is unstable."""
+        return self.designed.unstable
+
+    @property
+    def worst(self) -> int:
+        """The corner at which the loop as designed grows fastest."""
+        return self.designed.worst
+
+    def describe(self, k: int | None = None) -> str:
+        """A corner, the worst one by default, by its changes in per cent: ``stiffness -12 %, mass +3 %``."""
+        return self.population.describe(self.worst if k is None else k)
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """Forms of R^v that were swept over."""
+        return tuple(dict.fromkeys(swept.noise.form for swept in self.swept if swept.noise is not None))
+
+    def of_form(self, form: str) -> dict[float, GrowthRates]:
+        """Growth rates by the ratio q / R^n, of one form."""
+        return {
+            swept.noise.q / self.measurement_noise: swept
+            for swept in self.swept
+            if swept.noise is not None and swept.noise.form == form
+        }
+
+    def stable_ratios(self, form: str) -> tuple[float, ...]:
+        """Ratios q / R^n of a form with which no corner was unstable: where the estimator may be retuned to."""
+        return tuple(ratio for ratio, rates in self.of_form(form).items() if not rates.unstable)
+
+    @property
+    def retunable(self) -> tuple[str, ...]:
+        """Forms with which no corner was unstable at any ratio that was swept over."""
+        return tuple(form for form in self.forms if len(self.stable_ratios(form)) == len(self.of_form(form)))
+
+
+def tolerance_corners(
+    loop: EquilibriumLoop,
+    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    uncertain: int | Sequence[Any],
+    noises: Sequence[ProcessNoise] | None = None,
+    *,
+    seed: int = 0,
+) -> ToleranceCorners:
+    """Growth rates at all corners of up to 12 uncertain numbers, at seeded samples of the corners of more.
+
+    The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
+    far as a q between two of these with which the loop grows fastest.
+
+    Parameters
+    ----------
+    loop : EquilibriumLoop
+    at : callable
+        Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that the loop's plant does
+        not have are left out.
+    uncertain : int or sequence
+        The uncertain numbers, or how many there are: ``robot.uncertain``.
+    noises : sequence of ProcessNoise, optional
+        R^v to sweep over; `standard_noises` by default.
+    seed : int
+        Of the samples; without effect where all corners are computed.
+
+    Raises
+    ------
+    InvalidInput
+        If R^v is asked for and no Kalman filter is in the loop.
+    """
+    number = uncertain if isinstance(uncertain, int) else len(uncertain)
+    complete, large = number <= ALL_OF, loop.states > LARGE
+    population = corner_population(at, number, 2**number if complete else SAMPLED[large], seed, singles=False)
+    every = np.arange(len(population) - 1)
+    designed = growth_rates(loop, population, (None,), every)[0]
+    noises = standard_noises(loop) if noises is None else noises
+    if large:
+        every = np.sort(np.argsort(-designed.rates, kind="stable")[:SWEPT_OF_LARGE])
+    swept = growth_rates(loop, population, noises, every) if noises else ()
+    swept += growth_rates(loop, population, _between(loop, population, swept), every)
+    variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
+    return ToleranceCorners(population, complete, designed, swept, variance)
+
+
+def _between(
+    loop: EquilibriumLoop, population: Population, swept: Sequence[GrowthRates]
+) -> list[ProcessNoise]:
+    """For each form that is stable on the grid of q, other q at which the loop grows fastest, if there are any.
+
+    A loop may be stable at two neighbours on the grid and not between them. A finer grid is tried with the few corners
+    that grow fastest at each q of the grid; where a q of it grows faster than its neighbours, it is one of these.
+    """
+    found = []
+    for form in FORMS:
+        grid = [each for each in swept if each.noise is not None and each.noise.form == form]
+        levels = sorted(each.noise.q for each in grid if each.noise is not None)
+        if len(grid) < 2 or levels[0] <= 0.0 or any(each.unstable for each in grid):
+            continue
+        few = np.unique([each.plants[np.argsort(-each.rates, kind="stable")[:FEW]] for each in grid])
+        count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
+        tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
+        rates = np.array([each.fastest for each in growth_rates(loop, population, tried, few)])
+        higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
+        peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
+        found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
+    return found
+
+
+def destabilising_scale(
+    loop: EquilibriumLoop,
+    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    uncertain: int | Sequence[Any],
+    process_noise: np.ndarray | None = None,
+    *,
+    most: float = 2.0**DOUBLINGS,
+    seed: int = 0,
+) -> tuple[float, int]:
+    """Smallest common factor of all tolerances with which some corner is unstable, and this corner.
+
+    Parameters of the plant are moved from the nominal ones along the straight line through each corner. The factor is
+    found by doubling and bisection: at it one corner is on the edge. A corner that would change a parameter's sign is
+    left out from there on.
+
+    Parameters
+    ----------
+    loop, at, uncertain, seed
+        As for `tolerance_corners`.
+    process_noise : (n, n) array, optional
+        R^v instead of the filter's.
+    most : float
+        Where the search ends.
+
+    Returns
+    -------
+    scale : float
+        Infinite if no corner is unstable up to `most`; zero if the nominal loop is unstable.
+    corner : int
+        Number of the corner, as of `tolerance_corners`' population; −1 where there is none.
+    """
+    number = uncertain if isinstance(uncertain, int) else len(uncertain)
+    count = 2**number if number <= ALL_OF else SAMPLED[loop.states > LARGE]
+    population = corner_population(at, number, count, seed, singles=False)
+    table = loop.plant.parameters
+    *ends, middle = loop.vectors([table.known(values) for values in population.values])
+    away = np.array(ends) - middle
+    if loop.modes(middle[None, :], process_noise).rate[0] >= 0.0:
+        return 0.0, -1
+
+    def unstable(scale: float, which: np.ndarray) -> np.ndarray:
+        moved = middle + scale * away[which]
+        possible = np.all((moved * middle > 0.0) | (away[which] == 0.0), axis=1)
+        found = which[possible]
+        if not len(found):
+            return found
+        return found[loop.modes(moved[possible], process_noise).rate >= 0.0]
+
+    low, high, which = 0.0, 1.0, np.arange(len(away))
+    while not len(found := unstable(high, which)):
+        if high >= most:
+            return np.inf, -1
+        low, high = high, min(2.0 * high, most)
+    for _ in range(BISECTIONS):
+        centre = 0.5 * (low + high)
+        now = unstable(centre, which)
+        if len(now):
+            high, found = centre, now
+        else:
+            low = centre
+    return high, int(found[0])

@@ -13,8 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, Population, ProcessNoise, corner_population
-from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
+from flexhinf.analysis import (
+    ALL_STATES,
+    VELOCITIES,
+    EquilibriumLoop,
+    Population,
+    ProcessNoise,
+    corner_population,
+)
 from flexhinf.paper.bench import PaperBench
 from flexhinf.plant import Law
 from flexhinf.report import number

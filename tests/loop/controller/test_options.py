@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.options import Limits
+from flexhinf.loop.controller.options import Limits, checked_period
 
 
 @pytest.mark.parametrize(
@@ -28,3 +28,20 @@ def test_every_form(saturation, lower, upper):
 def test_no_room_is_refused(saturation):
     with pytest.raises(InvalidInput):
         Limits.of(saturation, 2)
+
+
+@pytest.mark.parametrize("period", [1e-6, 2e-4, 1e-3, 0.1, 1.0])
+def test_periods_of_controllers(period):
+    assert checked_period(period) == period
+
+
+@pytest.mark.parametrize(
+    ("period", "match"),
+    [
+        (5, "period=0.005 if 5 ms was meant"), (1000, "0.001 for a rate of 1000 Hz"), (1e-9, "out of proportion"),
+        (0.0, "not positive"), (-1e-3, "not positive"), ("fast", "not positive"),
+    ],
+)  # fmt: skip
+def test_periods_out_of_proportion(period, match):
+    with pytest.raises(InvalidInput, match=match):
+        checked_period(period)

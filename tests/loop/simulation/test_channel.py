@@ -92,3 +92,11 @@ def test_what_does_not_fit_is_refused(made, quantisation, delay, what):
 
 def test_no_quantum_and_no_delay_is_no_channel():
     assert Channel.of(0.0, 0.0, 1e-3, ("a", "b")) == Channel((), 0)
+
+
+def test_a_delay_out_of_proportion_is_refused_early_with_the_unit_it_probably_was():
+    assert Channel.of(None, 0.5, 1e-3, ("y",)).delay == 500
+    with pytest.raises(
+        InvalidInput, match=r"(?s)5 s = 5000 samples of 0.001 s.*delay=0.005 if 5 ms was meant"
+    ):
+        Channel.of(None, 5, 1e-3, ("y",))

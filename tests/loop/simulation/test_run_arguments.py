@@ -1,9 +1,14 @@
+"""What a run is given is checked before it starts, whoever asks."""
+
+from typing import Any
+
 import numpy as np
 import pytest
 
+import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller
-from flexhinf.loop.simulation.run_arguments import starting_state
+from flexhinf.loop import Controller, Loop
+from flexhinf.loop.simulation.run_arguments import MOST_SAMPLES, check_ranges, sample_count, starting_state
 from flexhinf.robot import paper_arm
 
 WITH_COIL = paper_arm().plant(inductance=True).states
@@ -43,3 +48,94 @@ def test_fewer_values_are_those_of_the_designed_plant_by_name(made):
 def test_what_does_not_fit_is_refused(made, given):
     with pytest.raises(InvalidInput):
         starting_state(given, WITH_COIL, Controller(made.law, None))
+
+
+# Ranges of joints ---------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def robot() -> fh.Robot:
+    return fh.load_robot("planar-two-link")
+
+
+def loop_of(robot: fh.Robot, moving: bool) -> fh.Loop:
+    problem = robot.problem()
+    law = fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
+    return fh.Loop(robot.plant(), fh.Controller(law, None, 1e-3, moving=moving))
+
+
+def test_commands_beyond_a_joint_are_refused_with_joint_time_and_value(robot: fh.Robot) -> None:
+    low, high = robot.links.limits[1]
+    wide = high + 0.3
+    elbow = {"link_position_elbow": fh.Step(wide, at=0.25)}
+    with pytest.raises(fh.InvalidInput, match="link_position_elbow") as caught:
+        loop_of(robot, moving=False).run(elbow, duration=0.5)
+    assert f"{wide:.6g} rad at t = 0.25 s" in str(caught.value)
+    assert f"{low:g} to {high:g}" in str(caught.value)
+    wave = [0.0, fh.Sine(wide, 1.0)]
+    moving: Any = fh.Moving(wave, robot.inverse_dynamics)
+    with pytest.raises(fh.InvalidInput, match="leaves the range of 'link_position_elbow'"):
+        loop_of(robot, moving=True).run(moving, duration=1.0)
+
+
+def test_the_limit_itself_and_states_without_limits_are_commanded(robot: fh.Robot) -> None:
+    _, high = robot.links.limits[1]
+    run = loop_of(robot, moving=False).run({"link_position_elbow": high}, duration=0.01)
+    assert run.signals["reference"][0, 1] == high
+    arm = fh.paper_arm()
+    assert arm.plant().limits == {}
+    check_ranges(np.array([[1e9]]), np.zeros(1), ["anything"], {}, {})
+
+
+# Degrees, milliseconds and hertz --------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "command",
+    [
+        180, fh.Step(180), fh.Step(1.0, at=0.2, initial=90.0), [90.0], {"link_position": fh.Step(-180.0)},
+        fh.Quintic(0.0, 90.0, 1.0),
+        fh.JerkLimited(0.0, 45.0, 100.0, 100.0, 1000.0), fh.Sine(30.0, 1.0), np.array([7.0]),
+    ],
+)  # fmt: skip
+def test_degrees_are_asked_about(made: Any, command: Any) -> None:
+    loop = Loop(paper_arm().plant(), Controller(made.law, None))
+    with pytest.raises(InvalidInput, match="more than a full turn") as caught:
+        loop.run(command, duration=0.5)
+    assert "np.radians(" in str(caught.value)
+
+
+def test_the_hint_converts_the_number(made: Any) -> None:
+    loop = Loop(paper_arm().plant(), Controller(made.law, None))
+    with pytest.raises(InvalidInput, match=r"np.radians\(180\) = 3.142"):
+        loop.run(fh.Step(180))
+
+
+def test_a_turn_and_several_that_are_meant_are_commanded(made: Any) -> None:
+    loop = Loop(paper_arm().plant(), Controller(made.law, None))
+    assert loop.run(2.0 * np.pi, duration=0.01).signals["reference"][0, 0] == 2.0 * np.pi
+    assert loop.run(7.0, duration=0.01, multi_turn=True).signals["reference"][0, 0] == 7.0
+    for computed in (fh.Samples([0.0, 1.0], [7.0, 8.0]), lambda t: 7.0 + t):
+        assert loop.run(computed, duration=0.01).signals["reference"][0, 0] == 7.0
+
+
+def test_what_is_no_angle_has_no_turns(made: Any) -> None:
+    plant, law = made.two_inputs()
+    run = Loop(plant, Controller(law, None, 1e-2)).run(100.0, duration=0.05)
+    assert run.signals["reference"][0, 0] == 100.0
+
+
+def test_the_number_of_samples() -> None:
+    assert sample_count(8.0, 1e-3) == 8001
+    assert sample_count(0.3, 0.1) == 4
+    assert sample_count((MOST_SAMPLES - 1) * 1e-3, 1e-3) == MOST_SAMPLES
+
+
+@pytest.mark.parametrize(
+    ("duration", "match"),
+    [
+        (-3, "not positive"),
+        (4e-4, "shorter than one period"),
+        (1e5, "duration=100 if"),
+        ("long", "not positive"),
+    ],
+)
+def test_durations_out_of_proportion(duration: Any, match: str) -> None:
+    with pytest.raises(InvalidInput, match=match):
+        sample_count(duration, 1e-3)

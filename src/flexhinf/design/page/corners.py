@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.analysis import Swept
-from flexhinf.analysis.tolerance_corners import ALL_STATES, VELOCITIES
+from flexhinf.analysis import ALL_STATES, VELOCITIES, GrowthRates
 from flexhinf.design.page.changes import change_words
 from flexhinf.design.page.notes import section_notes
 from flexhinf.design.result import Design
@@ -62,7 +61,7 @@ def sweep_rows(design: Design) -> list[SweepRow]:
     return rows
 
 
-def _row(form: str, ratio: float | None, swept: Swept) -> SweepRow:
+def _row(form: str, ratio: float | None, swept: GrowthRates) -> SweepRow:
     unstable = int((swept.rates >= 0.0).sum())
     return SweepRow(form, ratio, unstable, 100.0 * swept.share(), float(swept.rates.max()))
 

@@ -19,7 +19,7 @@ from flexhinf.loop.controller.options import (
     Source,
     check_kinds,
     check_names,
-    positive,
+    checked_period,
 )
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.controller.step import controller_step
@@ -82,7 +82,7 @@ class Controller:
         fade: float | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
-        self.period = positive(period, "sampling period", "1e-3 for 1 kHz")
+        self.period = checked_period(period)
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.mode = Mode(moving, start, len(self.laws))

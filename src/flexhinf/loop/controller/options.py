@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
 
-__all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "positive"]
+__all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "positive"]
 
 
 class Source(NamedTuple):
@@ -84,6 +84,37 @@ class Mode:
     def takes_over(self) -> bool:
         """Whether a law ever takes over: at the first sample, or from another law."""
         return self.bumpless or self.laws > 1
+
+
+#: Shortest and longest sampling period of a controller, s.
+PERIODS = (1e-6, 1.0)
+
+
+def checked_period(value: Any) -> float:
+    """A sampling period, s, of a size that a controller of a robot can have.
+
+    Raises
+    ------
+    InvalidInput
+        If it is no number within `PERIODS`; the message asks for the unit that was probably meant.
+    """
+    period = positive(value, "sampling period", "1e-3 for 1 kHz")
+    low, high = PERIODS
+    if low <= period <= high:
+        return period
+    meant = "a period in seconds: 1e-3 for 1 kHz"
+    if period > high:
+        hertz, milliseconds = 1.0 / period, 1e-3 * period
+        meant = (
+            f"period={milliseconds:g} if {period:g} ms was meant, or {hertz:g} for a rate of {period:g} Hz"
+            if period >= 10.0
+            else f"period={milliseconds:g} if {period:g} ms was meant"
+        )
+    raise InvalidInput(
+        "The sampling period is out of proportion.",
+        f"expected {low:g} s to {high:g} s, got {period:g} s",
+        meant,
+    )
 
 
 def positive(value: Any, what: str, example: str) -> float:

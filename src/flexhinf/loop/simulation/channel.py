@@ -11,6 +11,9 @@ from flexhinf.errors import InvalidInput
 
 __all__ = ["DIRECT", "Channel"]
 
+#: Longest delay, in samples: the queue of inputs that wait is part of the compiled code.
+MOST_DELAY = 500
+
 #: A delay this close to a whole number of samples (in samples) is one.
 WHOLE = 1e-6
 
@@ -39,7 +42,7 @@ class Channel:
         quantisation : None, float, or (p,) array
             Step of the measurements.
         delay : float
-            s; a whole number of periods.
+            s; a whole number of periods, at most `MOST_DELAY`.
 
         Raises
         ------
@@ -67,6 +70,13 @@ class Channel:
                 "The input delay is not a whole number of samples.",
                 f"expected a multiple of {period:g} s, got {delay!r} s",
                 f"delay={period:g} for one sample",
+            )
+        if samples > MOST_DELAY:
+            raise InvalidInput(
+                "The input delay is out of proportion to the period.",
+                f"expected at most {MOST_DELAY} samples = {MOST_DELAY * period:g} s, got {late:g} s = "
+                f"{round(samples)} samples of {period:g} s",
+                f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
             )
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))

@@ -11,7 +11,6 @@ import numpy as np
 from flexhinf.codegen import compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.controller.options import positive
 from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import (
     by_name,
@@ -23,14 +22,11 @@ from flexhinf.loop.signals.sampling import (
 from flexhinf.loop.simulation.black_box import run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
-from flexhinf.loop.simulation.run_arguments import check_ranges, starting_state
+from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import BlackBox, Plant, sub_steps
 
 __all__ = ["Loop"]
-
-#: Longest run, in samples.
-MOST_SAMPLES = 20_000_000
 
 
 class Loop:
@@ -149,6 +145,8 @@ class Loop:
         initial_state: Any = None,
         seed: int = 0,
         initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
     ) -> Trajectory:
         """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
@@ -170,6 +168,9 @@ class Loop:
         initial_input : (m,) array, optional
             That acts before the first sample, and in the estimator's first step; the operating input by default.
             A controller with ``start="bumpless"`` continues from it.
+        multi_turn : bool
+            Whether the command may turn a joint by more than 2π rad. Otherwise a number or a house signal beyond
+            that is refused, as it is degrees more often; `Samples` and functions of time are taken as they are.
 
         Returns
         -------
@@ -182,17 +183,11 @@ class Loop:
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
         """
-        samples = round(positive(duration, "duration of a run", "8.0") / self.controller.period) + 1
-        if not 2 <= samples <= MOST_SAMPLES:
-            raise InvalidInput(
-                "The run is too short or too long.",
-                f"expected 1 to {MOST_SAMPLES - 1} periods of {self.controller.period:g} s, got {duration!r} s",
-                "duration=8.0",
-            )
+        samples = sample_count(duration, self.controller.period)
         times = np.arange(samples) * self.controller.period
         held = self.controller.operating_reference if reference is None else reference
         signals = {
-            "reference": self._commanded(held, times),
+            "reference": self._commanded(held, times, multi_turn or reference is None),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
         if isinstance(self.true_plant, Plant):
@@ -220,7 +215,7 @@ class Loop:
         message = _divergence(code, times[last]) if code else ""
         return Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings, message)
 
-    def _commanded(self, reference: Any, times: np.ndarray) -> np.ndarray:
+    def _commanded(self, reference: Any, times: np.ndarray, multi_turn: bool) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
         names = self.controller.commanded
         if isinstance(reference, Mapping):
@@ -231,7 +226,10 @@ class Loop:
         if self.controller.estimator is not None:
             models.append(self.controller.estimator.plant)
         limits = next((plant.limits for plant in models if plant.limits), {})
-        check_ranges(commands, times, names, limits, models[-1].units)
+        units = {**self.true_plant.units, **models[-1].units}
+        if not multi_turn:
+            check_turns(reference, commands, names, units)
+        check_ranges(commands, times, names, limits, units)
         return commands
 
     def _run_kernel(

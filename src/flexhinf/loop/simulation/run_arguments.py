@@ -1,4 +1,4 @@
-"""What a run is given, checked before it starts: the initial state and the ranges of commands."""
+"""What a run is given, checked before it starts: its length, the initial state, and the size of commands."""
 
 from __future__ import annotations
 
@@ -9,8 +9,45 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.options import positive
+from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
 
-__all__ = ["check_ranges", "starting_state"]
+__all__ = ["check_ranges", "check_turns", "sample_count", "starting_state"]
+
+#: Longest run, in samples.
+MOST_SAMPLES = 20_000_000
+
+#: A full turn, rad, with its rounding.
+FULL_TURN = 2.0 * np.pi * (1.0 + 1e-9)
+
+#: Signals whose values are written by a person.
+WRITTEN = (Constant, JerkLimited, Quintic, Sine, Step)
+
+
+def sample_count(duration: Any, period: float) -> int:
+    """Number of samples of a run at 0, period, …, duration.
+
+    Raises
+    ------
+    InvalidInput
+        If the duration, s, is not positive, shorter than a period, or longer than `MOST_SAMPLES` samples.
+    """
+    seconds = positive(duration, "duration of a run", "8.0")
+    samples = seconds / period + 1.0
+    if samples < 1.5:
+        raise InvalidInput(
+            "The run is shorter than one period.",
+            f"expected at least {period:g} s, got {seconds:g} s",
+            "a duration in seconds, for example 8.0",
+        )
+    if samples > MOST_SAMPLES:
+        raise InvalidInput(
+            "The run is too long for its period.",
+            f"expected at most {MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s, got {seconds:g} s",
+            f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
+        )
+    return round(samples)
 
 
 def starting_state(given: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
@@ -109,4 +146,38 @@ def check_ranges(
                 f"The reference leaves the range of {name!r}.",
                 f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
                 "a command within the joint's limits; angles are in rad",
+            )
+
+
+def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
+    """Refuse a command beyond 2π rad that somebody wrote as a number: it is degrees more often than several turns.
+
+    Parameters
+    ----------
+    reference : as for `flexhinf.Loop.run`
+        Numbers and the signals of `WRITTEN` are looked at; samples and functions are computed, not written.
+    commands : ndarray, (N, k)
+        What it gives.
+    names : sequence of str
+        Of the columns.
+    units : mapping of str to str
+        Only positions in rad are looked at.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the state, the value, and the same number of degrees in rad.
+    """
+    parts = list(reference) if isinstance(reference, (list, tuple)) else [reference] * len(names)
+    if isinstance(reference, Mapping):
+        parts = [reference.get(name) for name in names]
+    for name, part, column in zip(names, parts, commands.T):
+        written = isinstance(part, WRITTEN) or not callable(part)
+        largest = float(column[np.argmax(np.abs(column))])
+        if written and units.get(name) == "rad" and abs(largest) > FULL_TURN:
+            raise InvalidInput(
+                f"The command of {name!r} is more than a full turn.",
+                f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
+                f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
+                "run(..., multi_turn=True) for several turns",
             )

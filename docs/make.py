@@ -1,0 +1,208 @@
+"""Tables, transcripts and figures of the pages, computed by the code and written between markers.
+
+    python docs/make.py              every part (some of them take minutes)
+    python docs/make.py options      only this one
+    python docs/make.py --check …    changes nothing; exit code 1 where a page is not what the code computes
+
+A part stands between ``<!-- made: NAME -->`` and ``<!-- end -->``. The tests check the quick parts always, the slow
+ones with ``make slow``.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "flexhinf"
+FIGURE = ROOT / "docs" / "images" / "architecture.svg"
+
+
+# Options --------------------------------------------------------------------------------------------
+def options() -> str:
+    """Every field of a specification: option, meaning, unit, range and default."""
+    from flexhinf.design.specification import FIELDS
+
+    lines, group = [], ""
+    for name, field in FIELDS.items():
+        about = field.about
+        if about.group != group:
+            group = about.group
+            lines += [
+                "",
+                f"**{group}**",
+                "",
+                "| option | field | meaning | allowed | default |",
+                "|---|---|---|---|---|",
+            ]
+        default = about.default or ("none" if field.default in (None, ()) else f"`{_text(field.default)}`")
+        names = ", ".join(f"`{option.partition('/')[0]}`" for option in field.options)
+        unit = f" ({about.unit})" if about.unit else ""
+        row = (names, f"`{name}`", about.help, f"{field.allowed}{unit}", default)
+        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |")
+    return "\n".join(lines).strip()
+
+
+def _text(value: object) -> str:
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+# Architecture ---------------------------------------------------------------------------------------
+def floors() -> list[list[str]]:
+    """The rooms of the import contract, from the top floor down."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    rows = [[name.strip() for name in layer.split("|")] for layer in layers]
+    kept = [[name for name in row if (PACKAGE / name).exists() or _file(name).exists()] for row in rows]
+    return [row for row in kept if row]
+
+
+def _file(name: str) -> Path:
+    return PACKAGE / f"{name}.py"
+
+
+def imports(room: str) -> set[str]:
+    """The other rooms that the files of a room import, type annotations included."""
+    files = [_file(room)] if _file(room).exists() else (PACKAGE / room).rglob("*.py")
+    found = set()
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("flexhinf"):
+                parts = (node.module or "").split(".")
+                found |= {parts[1]} if len(parts) > 1 else {alias.name for alias in node.names}
+            elif isinstance(node, ast.Import):
+                found |= {
+                    alias.name.split(".")[1] for alias in node.names if alias.name.startswith("flexhinf.")
+                }
+    return found - {room}
+
+
+def rooms() -> str:
+    """The figure of the floors, and the files of every room."""
+    FIGURE.write_text(figure(), encoding="utf-8")
+    lines = [
+        "![The rooms, from the command line down; a line is an import](images/architecture.svg)",
+        "",
+        "```text",
+    ]
+    for row in floors():
+        for room in row:
+            if (PACKAGE / room).is_dir():
+                lines += [f"{room}/", *_tree(PACKAGE / room, 1)]
+            else:
+                lines.append(f"{room}.py")
+    return "\n".join([*lines, "```"])
+
+
+def _tree(folder: Path, depth: int) -> list[str]:
+    files = sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
+    lines = _wrapped(files, "  " * depth)
+    for inner in sorted(path for path in folder.iterdir() if (path / "__init__.py").exists()):
+        lines += [f"{'  ' * depth}{inner.name}/", *_tree(inner, depth + 1)]
+    return lines
+
+
+def _wrapped(names: list[str], indent: str) -> list[str]:
+    lines, line = [], indent
+    for name in names:
+        if len(line) + len(name) > 110:
+            lines.append(line.rstrip())
+            line = indent
+        line += name + "  "
+    return [*lines, line.rstrip()] if line.strip() else lines
+
+
+#: Of the figure, px.
+WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
+
+#: Where the only room of a floor stands beside the middle, px, so that no line runs behind a box.
+ASIDE = (0, -200, 160, 0, 60, 0, 0, 150, 0, -150)
+
+#: Rooms that all others may import; their lines would say nothing.
+EVERYWHERE = {"errors", "notebook"}
+
+
+def figure() -> str:
+    """SVG: one row per floor, one box per room, a line for every import that no other import implies."""
+    rows = [row for row in floors() if row not in (["__main__"],)]
+    places = {}
+    for y, row in enumerate(rows):
+        aside = ASIDE[y % len(ASIDE)] if len(row) == 1 else 0
+        left = (WIDTH - len(row) * BOX - (len(row) - 1) * GAP) / 2 + aside
+        places |= {room: (left + x * (BOX + GAP), 14 + y * HEIGHT) for x, room in enumerate(row)}
+    graph = {room: imports(room) & places.keys() - EVERYWHERE for room in places}
+    drawn = [
+        (room, other) for room in graph for other in sorted(graph[room]) if not _implied(graph, room, other)
+    ]
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {len(rows) * HEIGHT + 4}" '
+        'font-family="sans-serif" font-size="13" text-anchor="middle">',
+        "<title>Rooms of flexhinf and their imports</title>",
+    ]
+    for room, other in drawn:
+        (x1, y1), (x2, y2) = places[room], places[other]
+        parts.append(
+            f'<line x1="{x1 + BOX / 2:g}" y1="{y1 + 34:g}" x2="{x2 + BOX / 2:g}" y2="{y2:g}" stroke="#8a94a6"/>'
+        )
+    for room, (x, y) in places.items():
+        parts.append(
+            f'<rect x="{x:g}" y="{y:g}" width="{BOX}" height="34" rx="5" fill="#eef3fb" stroke="#44546a"/>'
+        )
+        parts.append(f'<text x="{x + BOX / 2:g}" y="{y + 22:g}" fill="#1d2733">{room}</text>')
+    return "\n".join([*parts, "</svg>", ""])
+
+
+def _implied(graph: dict[str, set[str]], room: str, other: str) -> bool:
+    """Whether another import of the room leads to the same one."""
+    waiting, seen = list(graph[room] - {other}), set()
+    while waiting:
+        current = waiting.pop()
+        if current == other:
+            return True
+        if current not in seen:
+            seen.add(current)
+            waiting += graph[current]
+    return False
+
+
+# Pages ----------------------------------------------------------------------------------------------
+#: Page and generator of every part; the slow ones are those that design.
+QUICK: dict[str, tuple[str, Callable[[], str]]] = {
+    "options": ("docs/design.md", options),
+    "rooms": ("docs/architecture.md", rooms),
+}
+SLOW: dict[str, tuple[str, Callable[[], str]]] = {}
+
+
+def written(name: str) -> str:
+    """The text of the page with one part made anew."""
+    page, make = {**QUICK, **SLOW}[name]
+    text = (ROOT / page).read_text(encoding="utf-8")
+    before, start, rest = text.partition(f"<!-- made: {name} -->\n")
+    _, end, after = rest.partition("<!-- end -->")
+    if not (start and end):
+        raise SystemExit(f"{page}: no markers for {name!r}")
+    return f"{before}{start}\n{make()}\n\n{end}{after}"
+
+
+def main(arguments: list[str]) -> int:
+    """Write the parts that are named, or all; returns the exit code."""
+    check = "--check" in arguments
+    names = [name for name in arguments if name != "--check"] or [*QUICK, *SLOW]
+    stale = []
+    for name in names:
+        page = ROOT / {**QUICK, **SLOW}[name][0]
+        old, new = page.read_text(encoding="utf-8"), written(name)
+        if old != new:
+            stale.append(name)
+            if not check:
+                page.write_text(new, encoding="utf-8")
+        print(f"{name}: {'differs from' if check and old != new else 'is'} {page.relative_to(ROOT)}")
+    return int(check and bool(stale))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
