@@ -1,9 +1,9 @@
 """A law tuned over all its parameters for one cost, within stated limits.
 
 The parameters are positive and searched on a logarithmic scale: first a Latin hypercube about the start, then the
-simplex of [nelder1965] from the best of it. A limit that is exceeded adds to the cost by its relative excess, so the
-simplex can slide along it; what is returned is the cheapest candidate that exceeds none. The search is local and
-short: it finds a good law, not the best there is.
+simplex of [nelder1965] from the best two of it, because settling times jump and leave several local minima. A limit
+that is exceeded adds to the cost by its relative excess, so the simplex can slide along it; what is returned is the
+cheapest candidate that exceeds none. The search is short: it finds a good law, not the best there is.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ PENALTY = 10.0
 
 #: Cost of a candidate that could not be judged: more than that of any that could.
 UNJUDGED = 1e6
+
+#: How many of the best coarse candidates a simplex begins from.
+STARTS = 2
 
 #: Factor by which each parameter is moved to begin the simplex.
 SIMPLEX = 1.35
@@ -132,7 +135,7 @@ def tune(
     bounds : mapping of str to (lower, upper)
         Of each parameter, with the start between them.
     samples, refinements : int
-        Candidates of the Latin hypercube, and of the simplex, at most.
+        Candidates of the Latin hypercube, and of both simplexes together, at most.
     seed : int
         Of the Latin hypercube.
 
@@ -162,8 +165,8 @@ def tune(
 
     points = [begin, *_spread(begin, low, high, samples, seed)]
     costs = [cost(point) for point in points]
-    if names and refinements:
-        _simplex(cost, points[int(np.argmin(costs))], low, high, refinements)
+    for place in np.argsort(costs)[:STARTS] if names and refinements else ():
+        _simplex(cost, points[place], low, high, -(-refinements // STARTS))
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
 
 

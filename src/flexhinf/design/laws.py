@@ -161,12 +161,12 @@ _KINDS = (
     ),
     LawKind(
         "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
-        "whole model and its derivatives", (_BANDWIDTH, *_MOTOR_SIDE), (_BOTH, _MOTOR), False,
+        "whole model and its derivatives", (_BANDWIDTH, *_MOTOR_SIDE), (_BOTH,), False,
     ),
     LawKind(
         "flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        (_BANDWIDTH, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH, _MOTOR),
+        (_BANDWIDTH, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
     ),
 )  # fmt: skip
 

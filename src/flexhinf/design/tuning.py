@@ -16,8 +16,8 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 
 __all__ = ["TradeOff", "TunedLaw", "Tuner", "best_rival", "figures_of", "own_figures", "trade_offs"]
 
-#: Candidates per parameter, of the coarse search and of the simplex: (largest number of states, coarse, simplex).
-BUDGET = ((15, 3, 9), (10_000, 1, 4))
+#: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
+BUDGET = ((15, 6, 14), (10_000, 1, 4))
 
 #: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
 #: seconds. The law itself is judged afterwards.
