@@ -15,9 +15,11 @@ import numpy as np
 from flexhinf.analysis import (
     EquilibriumLoop,
     FrequencyResponse,
+    GrowthRates,
     Margins,
     ToleranceCorners,
     frequency_response,
+    growth_rates,
     margins,
     tolerance_corners,
 )
@@ -146,6 +148,13 @@ class LawEvaluation:
             return None
         return tolerance_corners(self.loop, robot.corner, robot.uncertain)
 
+    @cached_property
+    def state_corners(self) -> GrowthRates | None:
+        """The same corners with the true state fed back: whether the law itself stands them."""
+        if self.corners is None or self.loop.filter is None:
+            return None
+        return growth_rates(self.state_loop, self.corners.population)[0]
+
     @property
     def linear_failure(self) -> str:
         """Why the loop has no linear figures: it has no equilibrium; empty where it has."""
@@ -258,11 +267,16 @@ class LawEvaluation:
         }
 
     @property
-    def input_noise(self) -> float:
-        """RMS of the noisiest input that the measurement noise causes, V or N·m; zero without an estimator."""
+    def input_noises(self) -> np.ndarray | None:
+        """RMS of each input (m,) that the measurement noise causes, V or N·m; None with the true state fed back."""
         if self.setup.noise is None:
-            return 0.0
-        return float(np.linalg.norm(self.margins.noise_to_input * self.setup.noise, axis=1).max())
+            return None
+        return np.linalg.norm(self.margins.noise_to_input * self.setup.noise, axis=1)
+
+    @property
+    def input_noise(self) -> float:
+        """The largest of `input_noises`; zero without an estimator."""
+        return 0.0 if self.input_noises is None else float(self.input_noises.max())
 
 
 def _median(values: np.ndarray) -> float:

@@ -35,7 +35,7 @@ class MonteCarlo:
         Slowest of all joints, s; infinite where one does not settle in the run.
     peak : (N,)
         Largest input of all motors; infinite where the run diverged.
-    overshoot_joints, settling_joints : tuple of str
+    overshoot_joints, settling_joints, peak_joints : tuple of str
         The joints of these worst values; "" where the run diverged, or no joint moves.
     time : (T,)
         Instants that are kept, s.
@@ -49,6 +49,7 @@ class MonteCarlo:
     peak: np.ndarray
     overshoot_joints: tuple[str, ...]
     settling_joints: tuple[str, ...]
+    peak_joints: tuple[str, ...]
     time: np.ndarray
     positions: np.ndarray
 
@@ -69,6 +70,11 @@ class MonteCarlo:
     def worst(self) -> int:
         """The robot with the largest overshoot; of equal ones, that which settles last."""
         return max(range(len(self)), key=lambda k: (self.overshoot[k], self.settling[k]))
+
+    @property
+    def slowest(self) -> int:
+        """The robot that settles last; of those that never do, the one with the largest overshoot."""
+        return max(range(len(self)), key=lambda k: (self.settling[k], self.overshoot[k]))
 
     @property
     def joint_of_worst_overshoot(self) -> str:
@@ -116,7 +122,7 @@ def sampled_runs(
         for k, response in enumerate(pool.map(one, range(count))):
             overshoots.append(response.overshoot)
             settlings.append(response.settling)
-            peaks.append(response.peak_input)
+            peaks.append(response.peak)
             passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * period))
             at = np.searchsorted(response.run.time, time[:passed] - 0.5 * period)
             positions[k, :passed] = response.positions[at]
@@ -126,9 +132,10 @@ def sampled_runs(
         tuple(robots),
         np.array([worst.value for worst in overshoots]),
         np.array([worst.value for worst in settlings]),
-        np.array(peaks),
+        np.array([worst.value for worst in peaks]),
         tuple(worst.joint for worst in overshoots),
         tuple(worst.joint for worst in settlings),
+        tuple(worst.joint for worst in peaks),
         time,
         positions,
     )

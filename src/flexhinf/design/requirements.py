@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.responses import Response
+from flexhinf.design.responses import Response, Worst
 from flexhinf.design.specification import FIELDS, Specification
 
 __all__ = [
@@ -163,14 +163,15 @@ def step_requirements(
     ]  # fmt: skip
     if s.peak_effort is not None:
         demanded = response if unlimited is None else unlimited
-        lines.append(_peak(s, demanded.peak_input, unit, where))
+        free = ", without limits of the inputs" if s.saturation is not None and unlimited is not None else ""
+        lines.append(_peak(s, demanded.peak, unit, where, several, free))
     return lines
 
 
-def _peak(s: Specification, found: float, unit: str, where: str) -> Requirement:
+def _peak(s: Specification, found: Worst, unit: str, where: str, several: bool, how: str = "") -> Requirement:
     return Requirement(
-        "peak input", float(s.peak_effort or np.inf), found, unit, True, where,
-        "largest |input| of all motors, without limits of the inputs", _option(s, "peak_effort"),
+        "peak input", float(s.peak_effort or np.inf), found.value, unit, True, where,
+        f"largest |input| of all motors{how}", _option(s, "peak_effort"), found.joint if several else "",
     )  # fmt: skip
 
 
@@ -199,5 +200,7 @@ def sample_requirements(s: Specification, samples: MonteCarlo, unit: str) -> lis
         ),
     ]  # fmt: skip
     if s.peak_effort is not None:
-        lines.append(_peak(s, float(samples.peak.max()), unit, where))
+        worst = int(np.argmax(samples.peak))
+        found = Worst(float(samples.peak[worst]), samples.peak_joints[worst])
+        lines.append(_peak(s, found, unit, where, samples.positions.shape[2] > 1))
     return lines

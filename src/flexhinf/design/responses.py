@@ -113,6 +113,11 @@ class Response:
         return rows
 
     @property
+    def peak(self) -> Worst:
+        """Largest |input| of all motors, with the joint that it drives."""
+        return worst_of(self.metrics, "peak_input")
+
+    @property
     def overshoot(self) -> Worst:
         """Largest overshoot of all joints that move, per cent of the joint's own step."""
         return worst_of(self.metrics, "overshoot_percent")
