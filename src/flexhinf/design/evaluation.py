@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,6 +54,13 @@ class LawEvaluation:
     scenario: Scenario | None = None
     parameters: Mapping[str, float] | None = None
 
+    def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
+        """The same with runs; linear figures that were computed are kept, and the step where it was run."""
+        found = replace(self, scenario=scenario)
+        computed = {name: value for name, value in vars(self).items() if name not in vars(found)}
+        vars(found).update(computed | ({} if step is None else {"step": step}))
+        return found
+
     @property
     def _runs(self) -> Scenario:
         assert self.scenario is not None, "an evaluation without a scenario has no runs"
@@ -68,8 +75,6 @@ class LawEvaluation:
     @cached_property
     def unlimited_step(self) -> Response:
         """The same without limits of the inputs: what the law demands."""
-        from dataclasses import replace
-
         s = self.setup.specification
         if s.saturation is None:
             return self.step

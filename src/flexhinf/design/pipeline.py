@@ -87,8 +87,7 @@ def design(
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
-    evaluation = LawEvaluation(REFERENCE, setup, scenario)
-    evaluation.__dict__ |= {**linear.__dict__, "scenario": scenario, "step": step}
+    evaluation = linear.in_scenario(scenario, step)
     _evaluate(evaluation, progress)
     progress("the worst disturbance, and the dissipation budget of the step")
     worth = attenuation(setup, synthesis, scenario.step_duration)
@@ -279,7 +278,7 @@ def compare(
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(REFERENCE, setup)
     scenario = _comparison_scenario(linear, synthesis)
-    own = LawEvaluation(REFERENCE, setup, scenario)
+    own = linear.in_scenario(scenario)
     criterion = _criterion(tune, own, _unit(synthesis))
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion)
     rows = tuple(_row(tuner, kind, laws is not None, progress) for kind in kinds)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis import tolerance_corners
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances
@@ -163,14 +164,12 @@ def _unstable(
     noise: NoiseSearch | None,
 ) -> int:
     """Unstable corners with the noise levels that were found or stated."""
-    from flexhinf.design.evaluation import unstable_corners
-
     if noise is not None and noise.chosen.unstable is not None:
         return noise.chosen.unstable
     setup = _linear_setup(robot, goal, start, s, problem)
     if noise is not None:
         setup = replace(setup, estimator_noise=noise.chosen.levels)
-    return unstable_corners(setup.equilibrium_loop(), robot)
+    return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
 
 
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -135,6 +136,7 @@ class _Search:
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
         self.many = len(setup.linear_law.state_names) > MANY_STATES
         self.tried: list[NoiseCandidate] = []
+        self.equilibria: np.ndarray | None = None
         self.stiff = _compliance(setup.equilibrium_loop(estimated=False))
 
     def run(self) -> None:
@@ -191,8 +193,17 @@ class _Search:
         return candidate
 
     def unstable(self, process: np.ndarray) -> int:
-        """Unstable corners with this R^v."""
-        raise NotImplementedError
+        """Unstable corners with this R^v (n, n)."""
+        modes = self.loop.modes(self.corners, process, self.equilibria)
+        self.equilibria = modes.equilibrium
+        return int((modes.rate >= 0.0).sum())
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
+        robot, table = self.setup.robot, self.loop.plant.parameters
+        found = tolerance_corners(self.loop, robot.corner, robot.uncertain, ()).population
+        return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 
 def _compliance(loop: object) -> float:
