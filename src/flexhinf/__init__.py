@@ -29,6 +29,7 @@ _PUBLIC = {
         "Step",
         "Trajectory",
     ),
+    "design": ("Comparison", "Design", "Specification", "compare", "load_design"),
     "errors": ("FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure"),
 }
 _ROOM_OF = {name: room for room, names in _PUBLIC.items() for name in names}
@@ -40,10 +41,12 @@ __all__ = [  # noqa: RUF022 (grouped by room, as above)
     "ExtendedKalmanFilter", "OutputInjectionObserver", "UnscentedKalmanFilter",
     "Constant", "Controller", "JerkLimited", "Loop", "Moving", "Quintic",
     "Samples", "Schedule", "Sine", "Spline", "Step", "Trajectory",
+    "Comparison", "Design", "Specification", "compare", "design", "load_design",
     "FlexhinfError", "InfeasibleGamma", "InvalidInput", "NumericalFailure",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
+    from flexhinf.design import Comparison, Design, Specification, compare, design, load_design
     from flexhinf.errors import FlexhinfError, InfeasibleGamma, InvalidInput, NumericalFailure
     from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
     from flexhinf.hinf import HJISolution, linear_law, load_solution, smallest_gamma, solve_hji
@@ -70,6 +73,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(f"flexhinf.{_ROOM_OF[name]}"), name)
         globals()[name] = value
         return value
+    if name == "design":  # the room is called as its function, whichever of its files was imported before
+        return import_module("flexhinf.design")
     raise AttributeError(f"module 'flexhinf' has no attribute {name!r}")
 
 

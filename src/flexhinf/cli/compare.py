@@ -62,23 +62,24 @@ def compare(
     """
     from rich.console import Console
 
-    from flexhinf.design import compare as room
+    from flexhinf.design import compare as make_comparison
+    from flexhinf.design import comparison_stages, law_names, report
     from flexhinf.report import check, write
 
     read = request_of(context, robot, elastic)
     request = read.request
     chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
     folder = check(out)
-    count = room.comparison_stages(request.robot, request.specification, room.law_names(chosen))
-    with Progress(count + 1) as tell:
-        result = room.compare(request.robot, request.specification, chosen, tune, tell)
-        tell("report")
-        files = room.comparison_files(result, reproduce_command(context), read.warnings)
+    count = comparison_stages(request.robot, request.specification, law_names(chosen))
+    with Progress(count + 1) as progress:
+        result = make_comparison(request.robot, request.specification, chosen, tune, progress)
+        progress("report")
+        files = report.comparison_files(result, reproduce_command(context), read.warnings)
     write(folder, files)
     console = Console()
-    for table in room.comparison_tables(result, console.width):
+    for table in report.comparison_tables(result, console.width):
         console.print(table)
-    for text in room.notes(result):
+    for text in report.comparison_notes(result):
         note(text)
-    typer.echo(room.verdict(result))
+    typer.echo(report.comparison_verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
