@@ -245,6 +245,7 @@ def compare(
     laws: Sequence[str] | None = None,
     tune: str = "peak",
     progress: Progress = lambda text: None,
+    same_sensors: bool = False,
 ) -> Comparison:
     """The same evaluation for several laws, each tuned for one criterion; nothing is written.
 
@@ -259,6 +260,8 @@ def compare(
         What the laws share with the design's own: a limit beside those of the specification.
     progress : callable, optional
         Called with what comes next, `comparison_stages` times in all.
+    same_sensors : bool
+        Every law measures what the design measures, instead of what its proponents would choose.
 
     Raises
     ------
@@ -280,7 +283,7 @@ def compare(
     scenario = _comparison_scenario(linear, synthesis)
     own = linear.in_scenario(scenario)
     criterion = _criterion(tune, own, _unit(synthesis))
-    tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion)
+    tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
     rows = tuple(_row(tuner, kind, laws is not None, progress) for kind in kinds)
     return Comparison(robot, s, synthesis, criterion, rows, scenario)
 
