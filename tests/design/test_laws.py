@@ -31,7 +31,9 @@ NAMES = [name for name in DEFAULT_LAWS if name != REFERENCE]
 
 @pytest.fixture(scope="module", params=["paper", "robust"])
 def factory(request: Any) -> LawFactory:
-    s = Specification(pose=(0.8,), start=(0.3,), degrees=(4,), rays=0, preset=request.param)
+    s = Specification(
+        pose=(0.8,), start=(0.3,), degrees=(4,), rays=0, preset=request.param, torque_noise=1e-7
+    )
     return LawFactory(synthesise(fh.load_robot("vertical-rig"), s, lambda text: None), 5.0)
 
 
