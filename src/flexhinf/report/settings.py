@@ -85,10 +85,7 @@ class Provenance:
         )
         if not self.command:
             again = "<p>Written from Python with the settings above.</p>"
-        return (
-            f"{again}"
-            f'<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
-        )
+        return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
     def ids(self) -> tuple[str, ...]:
         """No anchors."""

@@ -199,9 +199,10 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         if samples is None or not len(samples):
             return "nominal robot"
         values = getattr(samples, figure)
-        largest = float(np.max(values))
-        text = f"{number(largest, 3)} {unit}" if np.isfinite(largest) else "none (not settled or diverged)"
-        return f"worst of {len(values)} sampled robots: {text}"
+        if not np.isfinite(values).all():
+            bad = "do not settle" if figure == "settling" else "diverge"
+            return f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
+        return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}"
 
     found = [
         KeyNumber("settling time", rounded(response.settling.value), "s", worst("settling", "s")),

@@ -20,7 +20,7 @@ __all__ = ["Loop", "bode_figure", "frequency_figures", "nyquist_figure", "sensit
 #: Decibels below the largest value that are shown.
 SHOWN_DB = 90.0
 
-#: Half width of a Nyquist diagram: the neighbourhood of −1 is what matters.
+#: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
 
 RUNNING = "The linearised sampled loop at the goal, with estimator and delay as it runs."
@@ -70,8 +70,9 @@ def bode_figure(loops: Sequence[Loop], joints: Sequence[str], load: str, positio
         _bounded(axis)
     label(command, "command → link", "dB")
     label(phase, "phase", "°")
-    label(torque, "torque on the link → link", f"dB of {position}/({load})")
-    legend(command)
+    label(torque, f"torque → link\n(dB of {position}/({load}))", "")
+    if len(loops) > 1 or len(joints) > 1:
+        legend(command)
     which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[_worst(loops)]}."
     return drawn(
         "bode",
@@ -114,7 +115,7 @@ def nyquist_figure(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     """The open loop at each input, the others closed, with the circle about −1 that it does not enter."""
     from matplotlib.patches import Circle
 
-    figure, ((axis,),) = panels(1, 1, 4.6, 5.2)
+    figure, ((axis,),) = panels(1, 1, 4.6)
     radius = np.inf
     for place, (name, style, response, joint) in enumerate(_lines(loops, joints)):
         opened = response.input_loops[:, joint]
@@ -129,8 +130,8 @@ def nyquist_figure(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         if np.isfinite(radius):
             circle = Circle((-1.0, 0.0), radius, fill=False, color=INK, linewidth=1.0, linestyle=(0, DASHED))
             axis.add_patch(circle)
-        axis.set_xlim(-NYQUIST, NYQUIST)
-        axis.set_ylim(-NYQUIST, NYQUIST)
+        axis.set_xlim(-NYQUIST, 0.6 * NYQUIST)
+        axis.set_ylim(-0.5 * NYQUIST, 0.5 * NYQUIST)
         axis.set_aspect("equal")
         axis.set_xlabel("real part")
     label(axis, "imaginary part", "")

@@ -132,10 +132,10 @@ def margin_rows(e: LawEvaluation) -> list[tuple[str, ...]]:
         row("disk margin: gain", lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins))),
         row("disk margin: phase, °", lambda m: number(np.degrees(m.disk_phase_margin), 3)),
         row("peak sensitivity", lambda m: number(m.peak_sensitivity, 3)),
-        row("  at, Hz", lambda m: hertz(m.sensitivity_frequency)),
+        row("peak sensitivity at, Hz", lambda m: hertz(m.sensitivity_frequency)),
         row("peak complementary", lambda m: number(m.peak_complementary, 3)),
         row("smallest damping ratio", lambda m: number(m.damping, 2)),
-        row("  at, Hz", lambda m: hertz(m.damping_frequency)),
+        row("smallest damping at, Hz", lambda m: hertz(m.damping_frequency)),
         row(f"bandwidth{of}, rad/s", lambda m: _bandwidths(m.bandwidth)),
     ]
 

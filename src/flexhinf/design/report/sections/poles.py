@@ -29,8 +29,8 @@ HARDLY_SEEN = 0.01
 #: Damping ratios whose lines are drawn in the s-plane.
 RAYS = (0.1, 0.3, 0.7)
 
-#: The s-plane shows this much more than the fastest oscillation; faster poles are on the right-hand panel only.
-ROOM = 1.35
+#: The s-plane reaches so many times as far as the fastest oscillation of robot and law; faster poles are on the right.
+ROOM = 1.8
 
 #: Below this frequency, Hz, a pole is at zero and has no place on a logarithmic axis.
 SLOWEST = 1e-3
@@ -69,7 +69,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     return drawn(
         "poles",
         figure,
-        "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
+        "Left: poles λ in the s-plane, upper half, near the imaginary axis (faster ones on the right only); dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles; 1 "
         "decays "
         "without oscillating, below zero (shaded) grows. Poles at zero are left out on the right.",
@@ -181,7 +181,8 @@ def _decays(design: Design) -> str:
     words = []
     for name, modes in mode_groups(design)[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
-        constants = f" with time constants of {range_text(times)} s" if times else ""
+        ending = "s" if len(times) > 1 else ""
+        constants = f", time constant{ending} {range_text(times)} s" if times else ""
         many = f"{len(times)} modes decay" if len(times) != 1 else "1 mode decays"
         words.append(f"{name.capitalize()}: {many} without oscillating{constants}.")
     return " ".join(words) + " The law adds one mode for the integral of each joint's error."
@@ -189,7 +190,7 @@ def _decays(design: Design) -> str:
 
 def _plane(axis: Axes, groups: Sequence[PoleGroup]) -> None:
     """Upper half of the s-plane."""
-    poles = np.concatenate([group.poles for group in groups])
+    poles = np.concatenate([group.poles for group in groups[:2]])  # without control, and with the law
     oscillating = np.abs(poles[np.abs(np.imag(poles)) > 0.0])
     size = ROOM * float(oscillating.max() if len(oscillating) else np.abs(poles).max(initial=1.0))
     with house_style():
@@ -228,6 +229,7 @@ def _damping(axis: Axes, groups: Sequence[PoleGroup]) -> None:
             low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
             axis.plot(np.abs(seen) / (2.0 * np.pi), ratio, label=group.name, **group.style)
         axis.set_xscale("log")
+        axis.margins(x=0.06)
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
         axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.xaxis.set_minor_formatter(NullFormatter())
