@@ -1,7 +1,8 @@
 # make demo      set everything up in .venv and reproduce the paper
-# make test      set up what the tests need and run them, with the import contract
+# make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests;  make bench, make bench-hji, make bench-arm: measure;  make clean;  make locks
+# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm: measure;  make clean;  make locks
+# make pages     the tables, transcripts and figures of the docs, computed anew
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
 # when a lock changes, .venv is made anew.
@@ -18,7 +19,10 @@ PROJECT := $(VENV)/.stamp-project
 PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
 
-.PHONY: demo test check slow bench bench-hji bench-arm locks clean environment environment-dev
+# All cores; the tests of a file stay together, so that what they share is made once (tests/conftest.py).
+SHARED  := -n auto --maxprocesses 8 --dist loadgroup
+
+.PHONY: demo test check slow bench bench-hji bench-arm pages locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -26,17 +30,20 @@ demo: environment
 
 test: environment-dev
 	$(VENV)/bin/lint-imports
-	$(PY) -m pytest -m "not slow" -n auto --maxprocesses 8
+	$(PY) -m pytest -m "not slow" $(SHARED)
 
 check: environment-dev
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(PY)
 	$(VENV)/bin/lint-imports
-	$(PY) -m pytest -m "not slow" -n auto --maxprocesses 8
+	$(PY) -m pytest -m "not slow" $(SHARED)
 
 slow: environment-dev
-	$(PY) -m pytest -m slow
+	$(PY) -m pytest -m slow -n auto --maxprocesses 8 --dist worksteal
+
+pages: environment-dev
+	$(PY) docs/make.py
 
 bench: environment-dev
 	$(PY) -m benchmarks

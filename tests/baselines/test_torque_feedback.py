@@ -87,6 +87,7 @@ def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     np.testing.assert_allclose(states[-1], goal, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_weight_is_compensated_away_from_the_goal(made):
     """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""

@@ -31,7 +31,7 @@ __all__ = ["FeedbackLinearisation", "bessel_coefficients"]
 SINGULAR = 1e-12
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FeedbackLinearisation(PlacedLaw):
     """The law above, for any plant whose outputs have a vector relative degree.
 

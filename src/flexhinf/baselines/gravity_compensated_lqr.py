@@ -18,7 +18,7 @@ from flexhinf.plant import GeneralisedPlant
 __all__ = ["GravityCompensatedLQR"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GravityCompensatedLQR(PlacedLaw):
     """κ(x) = k_u⁻¹ G(q) + K (q, q̇, θ − K_s⁻¹ G(q), θ̇ − K_s⁻¹ Ġ(q), e): the LQR of the weightless robot, and its weight.
 

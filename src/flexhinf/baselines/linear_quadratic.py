@@ -62,7 +62,7 @@ def _unsolved(problem: GeneralisedPlant, got: str) -> NumericalFailure:
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LinearQuadratic(LinearFeedback):
     """u = u* + K (x − x*).
 

@@ -29,7 +29,7 @@ from flexhinf.plant import GeneralisedPlant
 __all__ = ["MotorPD"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MotorPD(LinearFeedback):
     """k(x) = −(K_p δθ + K_d δθ̇ + K_i e) in units of the input; about a moving reference its θ̇_d counts too.
 

@@ -22,7 +22,7 @@ def rest_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
     return problem.operating_point[: problem.plant.n], problem.operating_input
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class RestLaw(Law):
     """A `flexhinf.plant.Law` about a rest of a plant.
 

@@ -37,7 +37,7 @@ MOST_TURNS = 30
 POSES, SEED = 200, 0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TorqueFeedback(PlacedLaw):
     """Torque feedback and PD on the motor side; about a moving reference all in deviations from it.
 

@@ -69,7 +69,7 @@ def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
     return np.array(right)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigidLaw(ProblemLaw):
     """The rigid robot's law on the elastic robot, fed the position and velocity of one side.
 

@@ -52,6 +52,10 @@ class ConstantGainFilter(Estimator):
             )
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
 
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        return {"filter": self.filter, "gain": self.initial.gain}
+
     @property
     def estimator_key(self) -> str:
         """What distinguishes its code from another's."""

@@ -133,6 +133,7 @@ class OutputInjectionObserver(RecursiveFilter):
         start = 0.0 if covariance is None else covariance
         super().__init__(plant, period, process_noise, measurement_noise, mean, start)
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
+        self._poles, self._about = poles, point
         form = output_form(plant, point)
         self._drift, self._sensors = form.drift, form.measured
         self._held = first_order_hold(self._drift, self.period)
@@ -150,6 +151,11 @@ class OutputInjectionObserver(RecursiveFilter):
     def _placed_gain(self, poles: Any) -> np.ndarray:
         model = (self._drift, self._sensors, self._held.transition)
         return placed_gain(*model, self.period, poles, self.plant.states)
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        poles = None if self._poles is None else np.array(self._poles)
+        return {**super().settings(), "poles": poles, "about": self._about}
 
     # What it is ------------------------------------------------------------------------------------
     @property

@@ -14,7 +14,7 @@ from flexhinf.hinf.report import solution_report
 from flexhinf.hinf.sampled import Penalty, SampledCheck, sample_region
 from flexhinf.hinf.storage import read_solution, write_solution
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.problem import Problem
 from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import add_part, product
@@ -24,7 +24,7 @@ __all__ = ["HJISolution", "load_solution"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HJISolution(ValueFunction, Summarised, Law):
+class HJISolution(ValueFunction, Law):
     """V = V_2 + … + V_degree with V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = O(|x|^(degree+1)).
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.

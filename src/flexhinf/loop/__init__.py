@@ -1,6 +1,6 @@
 """Closed loops: commands and disturbances, sampling, controller, trajectory, figures of merit."""
 
-from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.controller.controller import Controller, load_controller
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.moving import Moving
@@ -27,6 +27,7 @@ __all__ = [
     "Step",
     "StepShape",
     "Trajectory",
+    "load_controller",
     "load_metrics",
     "step_metrics",
     "step_shape",

@@ -173,6 +173,7 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
     np.testing.assert_allclose(composed._memory, one._memory, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_seven_links_at_two_poses(seven):
     """Composed, tables of monomials, a filter: equal to the text on floats, and without a jump."""

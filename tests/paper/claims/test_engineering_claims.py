@@ -30,8 +30,8 @@ def bench() -> PaperBench:
     ("module", "claim", "verdict"),
     [
         (electrical_pole, "electrical-pole-negligible", "holds"),
-        (attained_gain, "gain-attained", "holds"),
-        (tolerances, "withstands-tolerances", "fails"),
+        pytest.param(attained_gain, "gain-attained", "holds", marks=pytest.mark.slow),
+        pytest.param(tolerances, "withstands-tolerances", "fails", marks=pytest.mark.slow),
         (bounded, "ukf-bounded", "holds"),
         (ukf_against_ekf, "ukf-better-than-ekf", "ties"),
     ],
@@ -64,6 +64,7 @@ def test_any_settings_are_judged(module: ModuleType, options: dict) -> None:
     assert to_json(judged.numbers)
 
 
+@pytest.mark.slow
 def test_the_gain_stays_below_gamma_near_rest_only(bench: PaperBench) -> None:
     judged = attained_gain.judge(bench)
     rows: list[Any] = list(next(block for block in judged.blocks if isinstance(block, Table)).rows)
