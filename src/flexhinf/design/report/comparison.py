@@ -52,6 +52,9 @@ RATIOS = {
 #: Differences of the criterion smaller than this fraction are none.
 EQUAL = 0.02
 
+#: A deviation that remains under the load is named where it is so many times that of the design's own law.
+OFFSET = 10.0
+
 #: Laws in the frequency figures, the best by the criterion.
 DRAWN = 4
 
@@ -132,8 +135,18 @@ def _outcome(rival: TunedLaw, own: TunedLaw) -> str:
 def _ratios_text(comparison: Comparison, rival: TunedLaw) -> str:
     """The three parts of the criterion of the best rival."""
     found = comparison.criterion.ratios(rival.figures)
-    parts = ", ".join(f"{RATIOS[name]} {number(value, 3)} times" for name, value in found.items())
-    return f"{rival.name} has {parts} that of {REFERENCE}."
+    parts = [f"{number(found[name], 3)} times the {text}" for name, text in RATIOS.items()]
+    text = f"Relative to {REFERENCE}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
+    figure = next(figure for figure in FIGURES if figure.key == "load_remaining")
+    mine, theirs = (law.metrics.get(figure.key) for law in (comparison.own, comparison.row(rival.name)))
+    if mine is None or theirs is None or not OFFSET * mine < theirs < np.inf:
+        return text
+    unit = unit_of(figure, comparison)
+    return (
+        f"{text} Under a constant load it keeps a deviation of {cell(figure, theirs, comparison)} {unit}, "
+        f"{REFERENCE} of "
+        f"{cell(figure, mine, comparison)} {unit}: the criterion does not count that."
+    )
 
 
 def _second(others: Sequence[TunedLaw], rival: TunedLaw, own: TunedLaw) -> str:

@@ -193,7 +193,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
     """The few numbers at the top."""
     e = design.evaluation
     response, m, samples, units = e.step, e.margins, e.step_samples, units_of(e)
-    period = design.specification.period
+    period, settling = design.specification.period, rounded(response.settling.value)
 
     def worst(figure: str, unit: str) -> str:
         if samples is None or not len(samples):
@@ -205,7 +205,12 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}"
 
     found = [
-        KeyNumber("settling time", rounded(response.settling.value), "s", worst("settling", "s")),
+        KeyNumber(
+            "settling time",
+            "not settled" if settling is None else settling,
+            "s" if settling else "",
+            worst("settling", "s"),
+        ),
         KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", worst("overshoot", "%")),
         KeyNumber(
             "peak input",

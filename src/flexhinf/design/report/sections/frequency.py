@@ -20,6 +20,9 @@ __all__ = ["Loop", "bode_figure", "frequency_figures", "nyquist_figure", "sensit
 #: Decibels below the largest value that are shown.
 SHOWN_DB = 90.0
 
+#: Fraction of half the sampling frequency that a Bode diagram shows: the phase jumps at its end.
+SHOWN_BAND = 0.97
+
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
 
@@ -58,8 +61,9 @@ def bode_figure(loops: Sequence[Loop], joints: Sequence[str], load: str, positio
     """Command → link position (magnitude and phase), and torque on the link → link position."""
     figure, ((command, phase, torque),) = _stacked(3, 8.4)
     for name, style, response, joint in _lines(loops, joints):
-        hertz = response.frequencies / (2.0 * np.pi)
-        followed, moved = response.command[:, joint, joint], _moved(response, joint)
+        below = response.frequencies <= SHOWN_BAND * np.pi / response.period
+        hertz = response.frequencies[below] / (2.0 * np.pi)
+        followed, moved = response.command[below, joint, joint], _moved(response, joint)[below]
         with house_style():
             command.plot(hertz, _decibel(followed), label=name, **style)
             phase.plot(hertz, _degrees(followed), **style)

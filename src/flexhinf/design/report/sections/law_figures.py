@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
+from flexhinf.design.report.formatting import pose_text
 from flexhinf.design.report.sections.requirements import limit_text
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import number
-from flexhinf.report.text import escape
+from flexhinf.report.text import escape, prose
 
 __all__ = ["FIGURES", "FigureTable", "LawFigure", "TableLine", "best_of", "cell", "table_lines", "unit_of"]
 
@@ -100,7 +101,8 @@ def _title(group: str, comparison: Comparison) -> str:
     runs, setup = own.scenario, own.setup
     assert runs is not None
     loads = ", ".join(number(float(value), 3) for value in runs.load)
-    way = f"{_pose(setup.start)} → {_pose(setup.goal)} {units['position']}"
+    slides, degrees = setup.robot.links.slides, setup.specification.in_degrees
+    way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
     return {
         JUMP: f"Step {way}, commanded at once, integrals at zero",
         LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
@@ -110,11 +112,6 @@ def _title(group: str, comparison: Comparison) -> str:
         COST: "Cost",
         STEP: "The step as a law with integrals is deployed: they begin such that the input does not jump",
     }[group]
-
-
-def _pose(values: np.ndarray) -> str:
-    text = ", ".join(number(float(value), 3) for value in values)
-    return text if len(values) == 1 else f"({text})"
 
 
 def unit_of(figure: LawFigure, comparison: Comparison) -> str:
@@ -159,7 +156,7 @@ def _without_number(figure: LawFigure, comparison: Comparison) -> str:
     if "settling" in figure.key and own is not None and own.scenario is not None:
         return f"> {own.scenario.step_duration:g}"
     if figure.key == "load_recovery_s":
-        return "not"
+        return "never"
     return "∞" if figure.better > 0 else "diverges"
 
 
@@ -201,7 +198,8 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
     found.append(_plain("limits kept", "", kept))
     for lines in zip(*(row.requirements for row in rows)):
         first = lines[0]
-        where = "" if short else f" ({first.where})"
+        brief = ", sampled" if "robots sampled" in first.where else ""
+        where = brief if short else f" ({first.where})"
         label = f"{first.what} {limit_text(first)}{where}"
         found.append(_plain(label, "", ["met" if line.met else "not met" for line in lines]))
     for group in GROUPS:
@@ -270,7 +268,7 @@ def _html(line: TableLine, columns: int) -> str:
         f'<td class="number">{f"<strong>★ {escape(text)}</strong>" if top else escape(text)}</td>'
         for text, top in zip(line.cells, line.best)
     )
-    return f'<tr><th scope="row">{escape(line.label)}{unit}</th>{cells}</tr>'
+    return f'<tr><th scope="row">{prose(line.label)}{unit}</th>{cells}</tr>'
 
 
 def _whole(name: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import REFERENCE
 from flexhinf.design.report.drawing import drawn, line_style, panels, reference_line, thin
+from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TradeOff
 from flexhinf.report import SERIES, Figure, house_style, label
@@ -112,8 +113,7 @@ class _Column:
 
 
 def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
-    units = comparison.units()
-    own = comparison.own.evaluation
+    units, own = comparison.units(), comparison.own.evaluation
     assert own is not None
     assert own.scenario is not None
     duration = own.scenario.step_duration
@@ -127,9 +127,10 @@ def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
     step = errors(lambda e: (e.jump.run.time, e.jump.positions - e.jump.goal))
     load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
     move = errors(lambda e: (e.move.response.run.time, e.move.error))
+    shown = units_of(own)
     plan = 1.5 * float(own.scenario.plan.duration)
     return (
-        _Column("step", "position − goal", units["position"], "time (s)", step, 1.0, (0.0, end)),
+        _Column("step", "position − goal", shown.angle, "time (s)", step, shown.scale, (0.0, end)),
         _Column(
             "load",
             "position − goal",
@@ -176,6 +177,8 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     finite = [one for one in offs if np.isfinite([one.point.peak_input, one.point.load_deviation]).all()]
     if len(finite) < 2:
         return None
+    from matplotlib.ticker import FuncFormatter
+
     figure, ((axis,),) = panels(1, 1, 4.6, 8.0)
     for k, one in enumerate(finite):
         _trade_off(axis, one, k)
@@ -186,8 +189,13 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
     peaks = [one.point.peak_input for one in finite]
     sags = [1e3 * one.point.load_deviation for one in finite]
-    axis.set_xlim(max(0.5 * min(peaks), max(peaks) / RANGE), 2.0 * max(peaks))
-    axis.set_ylim(max(0.5 * min(sags), max(sags) / RANGE), 2.0 * max(sags))
+    for which, values in ((axis.xaxis, peaks), (axis.yaxis, sags)):
+        which.set_minor_formatter(
+            FuncFormatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "2357" else "")
+        )
+        which.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        low, high = max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values)
+        axis.set_xlim(low, high) if which is axis.xaxis else axis.set_ylim(low, high)
     label(axis, "largest deviation under the load", comparison.units()["error"])
     return drawn(
         "trade-off", figure,
