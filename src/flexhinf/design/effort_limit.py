@@ -78,7 +78,12 @@ class _Search:
     """Bandwidths whose step keeps the limit."""
 
     def __init__(
-        self, robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, levels: EstimatorNoise | None
+        self,
+        robot: Robot,
+        goal: np.ndarray,
+        start: np.ndarray,
+        s: Specification,
+        levels: EstimatorNoise | None,
     ) -> None:
         self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
 

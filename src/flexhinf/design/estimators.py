@@ -84,7 +84,10 @@ class EstimatorNoise:
     def scaled(self, factor: float) -> EstimatorNoise:
         """All levels times a factor: a faster estimator for a factor above 1."""
         return EstimatorNoise(
-            factor * self.all_states, factor * self.link_velocities, factor * self.motor_velocities, self.source
+            factor * self.all_states,
+            factor * self.link_velocities,
+            factor * self.motor_velocities,
+            self.source,
         )
 
     def diagonal(self, states: tuple[str, ...]) -> np.ndarray:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -47,12 +46,15 @@ class LawEvaluation:
         The runs, the same for all laws; without one there are only linear figures.
     parameters : mapping of str to float
         Values that were tuned, by name; empty for a design's own law.
+    other_noise : bool
+        Whether the corners are computed with other R^v too, which takes most of an evaluation's time.
     """
 
     name: str
     setup: LoopSetup
     scenario: Scenario | None = None
     parameters: Mapping[str, float] | None = None
+    other_noise: bool = True
 
     def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
         """The same with runs; linear figures that were computed are kept, and the step where it was run."""
@@ -151,7 +153,8 @@ class LawEvaluation:
         robot = self.setup.robot
         if not robot.uncertain:
             return None
-        return tolerance_corners(self.loop, robot.corner, robot.uncertain)
+        noises = None if self.other_noise else ()
+        return tolerance_corners(self.loop, robot.corner, robot.uncertain, noises)
 
     @cached_property
     def state_corners(self) -> GrowthRates | None:
@@ -287,5 +290,3 @@ class LawEvaluation:
 def _median(values: np.ndarray) -> float:
     """The upper median: a run of the list, also where some are infinite."""
     return float(np.sort(values)[len(values) // 2])
-
-

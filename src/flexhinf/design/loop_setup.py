@@ -255,18 +255,14 @@ class LoopSetup:
         controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
         return self._run(controller, at, duration, values, seed, None, sub_steps)
 
-    def load_response(
-        self, load: np.ndarray, duration: float, sub_steps: int | None = None
-    ) -> LoadResponse:
+    def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
         period = self.specification.period
         at = round(LOAD_START * duration / period) * period
         names = signal_names("link_torque", self.joints)
         torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
         controller = self.controller(self.goal, moving=True)
-        response = self._run(
-            controller, self.goal, duration, None, 0, None, sub_steps, disturbance=torques
-        )
+        response = self._run(controller, self.goal, duration, None, 0, None, sub_steps, disturbance=torques)
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 

@@ -154,9 +154,7 @@ def estimator_modes(
     return _sampled_modes(*np.linalg.eig(error), estimator.period, joints, stiffness, inertia)
 
 
-def _sampled_modes(
-    values: np.ndarray, vectors: np.ndarray, period: float, *names: Any
-) -> tuple[Mode, ...]:
+def _sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
     kept = np.abs(values) > DEADBEAT
     rates = np.log(values[kept].astype(complex)) / period
     return named_modes(rates, vectors[:, kept], *names)
@@ -168,7 +166,9 @@ def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
     return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
 
 
-def stiffness_and_inertia(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def stiffness_and_inertia(
+    plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium."""
     p = plant.parameters.named(plant.parameters.vector())
     stiffness, motors = np.atleast_1d(p.stiffness).astype(float), np.atleast_1d(p.motor_inertia).astype(float)

@@ -24,7 +24,7 @@ from flexhinf.design.requirements import (
     step_requirements,
 )
 from flexhinf.design.responses import Response
-from flexhinf.design.result import ComparedLaw, Comparison, Design, Status
+from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.scenario import (
     COMPARED_SAMPLES,
@@ -61,9 +61,7 @@ MUJOCO_STEP = 0.1
 
 
 # Design -------------------------------------------------------------------------------------------------
-def design(
-    robot: Robot, specification: Specification, progress: Progress = lambda text: None
-) -> Design:
+def design(robot: Robot, specification: Specification, progress: Progress = lambda text: None) -> Design:
     """Everything from the robot to its judged loop; nothing is written.
 
     Parameters
@@ -192,9 +190,7 @@ def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Resp
     return setup.step(scenario.step_duration, plant=plant)
 
 
-def _rigid(
-    evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress
-) -> RigidComparison | None:
+def _rigid(evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress) -> RigidComparison | None:
     progress("the rigid design on the same robot")
     setup = evaluation.setup
     few = len(synthesis.problem.state_names) <= RIGID_STATES
@@ -234,7 +230,12 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     searched = preset_of(robot, s) in ("damped", "robust")
-    more = [s.peak_effort is not None and searched, s.mujoco, sample_count(robot, states, s) > 0, s.compare_rigid]
+    more = [
+        s.peak_effort is not None and searched,
+        s.mujoco,
+        sample_count(robot, states, s) > 0,
+        s.compare_rigid,
+    ]
     return 8 + solved + len(s.via) + sum(more) + searches_disturbance(states, rays_of(states, s))
 
 
@@ -273,13 +274,15 @@ def compare(
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
     if tune not in MODES:
-        raise InvalidInput("There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'")
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"
+        )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup = synthesis.setup(robot, s)
     _check_way(setup)
     progress("what all laws share: load, move, criterion")
-    linear = LawEvaluation(REFERENCE, setup)
+    linear = LawEvaluation(REFERENCE, setup, other_noise=False)
     scenario = _comparison_scenario(linear, synthesis)
     own = linear.in_scenario(scenario)
     criterion = _criterion(tune, own, _unit(synthesis))
@@ -312,7 +315,10 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
     """What every law is tuned for; the limits are the specification's, or wider where the design's own law is."""
     s = own.setup.specification
     limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (peak_sensitivity_limit(s), "--peak-sensitivity" if s.peak_sensitivity else "default"),
+        "peak_sensitivity": (
+            peak_sensitivity_limit(s),
+            "--peak-sensitivity" if s.peak_sensitivity else "default",
+        ),
         "gain_margin": (gain_margin_limit(s), "--gain-margin" if s.gain_margin else "default"),
     }
     if s.peak_effort is not None:

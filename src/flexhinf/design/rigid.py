@@ -15,7 +15,8 @@ from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 
 __all__ = [
-    "SIDES", "RigidComparison", "RigidFlow", "RigidLaw", "RigidLoop", "compare_rigid", "rigid_problem", "rigid_solution",
+    "SIDES", "RigidComparison", "RigidFlow", "RigidLaw", "RigidLoop", "compare_rigid", "rigid_problem",
+    "rigid_solution",
 ]  # fmt: skip
 
 #: Which side's position and velocity the rigid law is fed: on a rigid robot they are the same.
@@ -169,7 +170,6 @@ def _weights(penalty: Penalty, names: tuple[str, ...]) -> np.ndarray | None:
         own = getattr(states, "states", None)  # weighted states and torques of springs
         return None if own is None else np.asarray(own, dtype=float)
     return penalty.weights(names)
-
 
 
 @dataclass(frozen=True, eq=False)

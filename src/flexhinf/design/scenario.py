@@ -19,8 +19,8 @@ from flexhinf.loop import JerkLimited
 from flexhinf.robot import Robot, check_reference
 
 __all__ = [
-    "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start", "plan_move", "run_length",
-    "sample_count", "sample_robots",
+    "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start",
+    "plan_move", "run_length", "sample_count", "sample_robots",
 ]  # fmt: skip
 
 #: Default step: rad for a joint that turns, m for one that slides.

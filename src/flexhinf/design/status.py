@@ -42,7 +42,9 @@ class Status:
     @property
     def line(self) -> str:
         """One line: what is not met, not proved or risky."""
-        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else "Specification met on the running loop"]
+        parts = [
+            "Not met: " + "; ".join(self.not_met) if self.not_met else "Specification met on the running loop"
+        ]
         if self.risky:
             parts.append("Risky: " + "; ".join(self.risky))
         if self.not_proved:
@@ -89,7 +91,9 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
-        found.append(f"the estimation error oscillates at {worst.frequency:.3g} Hz with a damping of {worst.damping:.2g}")
+        found.append(
+            f"the estimation error oscillates at {worst.frequency:.3g} Hz with a damping of {worst.damping:.2g}"
+        )
     damping = evaluation.margins.damping
     judged = any(line.what.startswith("damping") for line in lines)
     if damping < HARDLY_DAMPED and not slow and not judged:

@@ -149,7 +149,12 @@ def _linear_setup(
 
 
 def _noise_search(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem, progress: Progress
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    progress: Progress,
 ) -> NoiseSearch | None:
     damping = None if problem.target is None else required_damping(s)
     return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)

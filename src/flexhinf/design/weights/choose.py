@@ -1,4 +1,4 @@
-"""Which game a design plays: the penalty, its source, the disturbances and the level, by preset.
+"""The problem of a specification: penalty with its source, disturbances and level, by preset.
 
 ========  ========================================================================================================
 preset    penalty
@@ -6,7 +6,7 @@ preset    penalty
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
 damped    found for a bandwidth and a damping, see `flexhinf.design.weights.search`
 robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.weights.robust`
-given     as asked by ``--penalty``
+given     the penalty of the specification
 ========  ========================================================================================================
 
 Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
@@ -21,15 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.weights.linear_family import worst_members
-from flexhinf.design.weights.linear_family import LinearFamily
-from flexhinf.design.weights.robust import RobustProblem, Scalings, find_scalings
-from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
-from flexhinf.design.weights.linear_problem import LinearProblem, LinearDesign
-from flexhinf.design.weights.robust import PREFIX, with_channels
-from flexhinf.design.weights.uncertainty import channels
-from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.specification import Specification
+from flexhinf.design.weights.linear_family import LinearFamily, worst_members
+from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
+from flexhinf.design.weights.uncertainty import channels
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
@@ -52,7 +50,7 @@ class Robustness:
     Attributes
     ----------
     fraction : float
-        Of the tolerances, for which the game has a solution.
+        Of the tolerances, for which the problem has a solution.
     channels : int
     gamma_star : float
         Smallest level for every robot within that fraction.
@@ -75,7 +73,7 @@ class Robustness:
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """The game and who says so.
+    """What is solved, and who states it.
 
     Attributes
     ----------
@@ -112,7 +110,7 @@ def preset_of(robot: Any, s: Specification) -> str:
     Raises
     ------
     InvalidInput
-        If what is asked for contradicts itself.
+        If the specification contradicts itself.
     """
     behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
@@ -145,7 +143,7 @@ def _contradiction(both: str, advice: str) -> InvalidInput:
 
 
 def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> DesignProblem:
-    """The game of a specification.
+    """The problem of a specification.
 
     Raises
     ------
@@ -203,7 +201,9 @@ def _command(s: Specification) -> str | None:
     return "disturbance" if s.command or s.disturbances is None else None
 
 
-def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str) -> DesignProblem:
+def _searched(
+    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str
+) -> DesignProblem:
     plant, equilibrium = robot.plant(), robot.operating_point(goal)
     family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, equilibrium)
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
@@ -213,12 +213,14 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
         torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: float) -> LinearProblem:
-        return LinearProblem.of(family, scales.rows(target_frequency, damping), _command(s) is not None, torques)
+        return LinearProblem.of(
+            family, scales.rows(target_frequency, damping), _command(s) is not None, torques
+        )
 
     def synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
-        game = nominal(target_frequency, damping)
-        star = game.gamma_star()
-        return game.design(s.gamma_ratio * star, star)
+        linear = nominal(target_frequency, damping)
+        star = linear.gamma_star()
+        return linear.design(s.gamma_ratio * star, star)
 
     found, family = _widened(robot, goal, target, family, synthesis, scales.held)
     source = f"found for {_words(target)}"
@@ -237,15 +239,18 @@ def _searched(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification,
             "expected parameters with a tolerance that changes how the robot moves, got none",
             "tolerance = 10 beside a value in the robot's file, or preset='damped'",
         )
-    scalings = find_scalings(RobustProblem(_game_of(found, nominal), family.torques, tolerances), s.gamma_ratio)
+    scalings = find_scalings(
+        RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
+    )
 
     def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
-        game = RobustProblem(nominal(target_frequency, damping), family.torques, tolerances)
-        return game.design(s.gamma_ratio, scalings)
+        return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
+            s.gamma_ratio, scalings
+        )
 
     found, family = _widened(robot, goal, target, family, robust_synthesis, scales.held)
-    game = RobustProblem(_game_of(found, nominal), family.torques, tolerances)
-    return _robust(robot, goal, s, scales, target, found, game, scalings)
+    robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
+    return _robust(robot, goal, s, scales, target, found, robust, scalings)
 
 
 def _widened(
@@ -260,7 +265,7 @@ def _widened(
     return search(target, wider, synthesis, held), wider
 
 
-def _game_of(found: SearchResult, nominal: Any) -> LinearProblem:
+def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
     return nominal(found.chosen.target_frequency, found.chosen.damping_weight)
 
 
@@ -271,13 +276,13 @@ def _robust(
     scales: JointScales,
     target: TargetBehaviour,
     found: SearchResult,
-    game: RobustProblem,
+    robust: RobustProblem,
     scalings: Scalings,
 ) -> DesignProblem:
-    """The nonlinear game of the robust preset."""
-    star = game.gamma_star(scalings, 1e-6)
+    """The nonlinear problem of the robust preset."""
+    star = robust.gamma_star(scalings, 1e-6)
     gamma = s.gamma_ratio * star
-    enter, seen, price = game.parts(scalings)
+    enter, seen, price = robust.parts(scalings)
     base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
     nominal = _problem(robot, goal, s, base)
     rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weight), seen])
@@ -290,32 +295,34 @@ def _robust(
         disturbances=(*physical, *names),
         equilibrium=robot.operating_point(goal),
     )
-    lowest = game.nominal.gamma_star()
-    plain = game.nominal.design(s.gamma_ratio * lowest, lowest)
+    lowest = robust.nominal.gamma_star()
+    plain = robust.nominal.design(s.gamma_ratio * lowest, lowest)
     robustness = Robustness(
         scalings.fraction,
-        len(game.channels),
+        len(robust.channels),
         star,
         lowest,
-        game.nominal.attained(plain.gain),
-        game.nominal.attained(found.chosen.design.gain),
-        _by_quantity(game, scalings),
+        robust.nominal.attained(plain.gain),
+        robust.nominal.attained(found.chosen.design.gain),
+        _by_quantity(robust, scalings),
     )
     source = f"found for {_words(target)}, beside the channels of the tolerances"
-    return DesignProblem("robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness)
+    return DesignProblem(
+        "robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness
+    )
 
 
-def _by_quantity(game: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
+def _by_quantity(robust: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
     """Smallest and largest s of the channels of each quantity."""
     values: dict[str, list[float]] = {}
-    for channel, log in zip(game.channels, scalings.log):
+    for channel, log in zip(robust.channels, scalings.log):
         values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
     return {group: (min(found), max(found)) for group, found in values.items()}
 
 
 def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
-    asked = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    values = np.atleast_1d(np.asarray(asked, dtype=float))
+    required = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    values = np.atleast_1d(np.asarray(required, dtype=float))
     if len(values) not in (1, joints):
         raise InvalidInput(
             "The bandwidths do not fit the joints.",

@@ -170,16 +170,16 @@ class _Search:
         linear = self.loop.linear(process_noise=process)
         found = margins(linear)
         compliance = _compliance(linear) / self.stiff if found.stable else np.inf
-        wanted = [
+        ratios = [
             found.peak_sensitivity / peak_sensitivity_limit(s),
             gain_margin_limit(s) / max(found.gain_margin, 1e-9),
             compliance / COMPLIANCE,
         ]
         if self.damping:
-            wanted.append(self.damping / max(found.damping, 1e-9))
+            ratios.append(self.damping / max(found.damping, 1e-9))
         if not found.stable:
-            wanted.append(1e9)
-        excess = sum(float(np.log(ratio)) for ratio in wanted if ratio > 1.0 + 0.5 * TOLERANCE)
+            ratios.append(1e9)
+        excess = sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.5 * TOLERANCE)
         unstable = None
         if excess == 0.0 and self.setup.robot.uncertain:
             unstable = self.unstable(process)

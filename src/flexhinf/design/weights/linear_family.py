@@ -53,7 +53,7 @@ class LinearFamily:
 
     @staticmethod
     def of(robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0) -> LinearFamily:
-        """Of a robot, its corners drawn with a fixed seed.
+        """Of a robot, corners sampled with a fixed seed.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant import PolynomialPlant
 
-__all__ = ["LinearProblem", "LinearDesign"]
+__all__ = ["LinearDesign", "LinearProblem"]
 
 #: Relative width at which the bisection for γ* ends during a search.
 ROUGH = 1e-3
@@ -40,7 +40,7 @@ class LinearDesign:
 
 @dataclass(frozen=True, eq=False)
 class LinearProblem:
-    """The linear game of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u).
+    """The linear problem of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u).
 
     Attributes
     ----------
@@ -54,7 +54,9 @@ class LinearProblem:
     r2: np.ndarray
 
     @staticmethod
-    def of(family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None) -> LinearProblem:
+    def of(
+        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
+    ) -> LinearProblem:
         """With h(x) = C x, R2 = I, and disturbances by the command and by torques.
 
         Parameters

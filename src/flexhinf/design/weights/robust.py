@@ -5,7 +5,7 @@ Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
     V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
 
 has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
-[shen1995]. The Δ-channels do not scale with γ: in a game of one level γ they enter with γ g_i/s_i. The s_i are found
+[shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
 on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
 few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses fraction one)
 ends it. Where no γ does for the whole tolerances, the largest fraction of them is looked for, and told.
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.weights.linear_problem import ROUGH, LinearProblem, LinearDesign
+from flexhinf.design.weights.linear_problem import ROUGH, LinearDesign, LinearProblem
 from flexhinf.design.weights.uncertainty import Channel
 from flexhinf.errors import NoFeasibleGamma
 from flexhinf.hinf.gamma import is_feasible
@@ -26,7 +26,7 @@ from flexhinf.plant import Plant
 
 __all__ = ["PREFIX", "RobustProblem", "Scalings", "UncertainFlow", "find_scalings", "with_channels"]
 
-#: Largest level that is tried, relative to that of the nominal game.
+#: Largest level that is tried, relative to that of the nominal problem.
 LARGEST = 1e4
 
 #: Shares of the tolerances are found to this width; less than the smallest is none.
@@ -46,7 +46,7 @@ class Scalings:
 
 @dataclass(frozen=True, eq=False)
 class RobustProblem:
-    """A nominal game with the channels of the tolerances.
+    """A nominal problem with the channels of the tolerances.
 
     Attributes
     ----------
@@ -75,16 +75,16 @@ class RobustProblem:
             price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
         return _root(enter), _root(seen).T, price
 
-    def game(self, gamma: float, scalings: Scalings) -> LinearProblem:
-        """The game of one level γ, its Δ-channels entering with γ L."""
+    def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L."""
         enter, seen, price = self.parts(scalings)
         g = self.nominal
         disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
         return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
 
     def feasible(self, gamma: float, scalings: Scalings) -> bool:
-        """Whether the game of this level has a solution."""
-        return is_feasible(self.game(gamma, scalings).linear_part(), gamma)
+        """Whether the problem of this level has a solution."""
+        return is_feasible(self.scaled(gamma, scalings).linear_part(), gamma)
 
     def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
         """Smallest γ for every robot within the fraction of the tolerances.
@@ -110,10 +110,10 @@ class RobustProblem:
     def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
         """The gain at `ratio` times the smallest level."""
         star = self.gamma_star(scalings)
-        return self.game(ratio * star, scalings).design(ratio * star, star)
+        return self.scaled(ratio * star, scalings).design(ratio * star, star)
 
     def fraction(self, scalings: Scalings) -> float:
-        """The largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH` from below."""
+        """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
         level = LARGEST * self.nominal.gamma_star()
         if self.feasible(level, replace(scalings, fraction=1.0)):
             return 1.0
@@ -132,12 +132,12 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def find_scalings(game: RobustProblem, ratio: float) -> Scalings:
-    """Scalings for a game, found as the head of this file says.
+def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
+    """Scalings for a problem, found as the head of this file says.
 
     Parameters
     ----------
-    game : RobustProblem
+    problem : RobustProblem
     ratio : float
         γ/γ* of the designs in whose loops channels are balanced.
 
@@ -146,19 +146,19 @@ def find_scalings(game: RobustProblem, ratio: float) -> Scalings:
     NoFeasibleGamma
         If not even `LEAST_FRACTION` of the tolerances can be covered.
     """
-    nominal = game.nominal.gamma_star()
-    best = _balanced(game, game.nominal.design(ratio * nominal, nominal))
-    best = replace(best, fraction=game.fraction(best))
+    nominal = problem.nominal.gamma_star()
+    best = _balanced(problem, problem.nominal.design(ratio * nominal, nominal))
+    best = replace(best, fraction=problem.fraction(best))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
-        again = _balanced(game, game.design(ratio, within))
-        again = replace(again, fraction=game.fraction(again))
-        if not _better(game, again, best):
+        again = _balanced(problem, problem.design(ratio, within))
+        again = replace(again, fraction=problem.fraction(again))
+        if not _better(problem, again, best):
             break
         best = again
-    best = _polished(game, best)
+    best = _polished(problem, best)
     if best.fraction < LEAST_FRACTION:
         raise NoFeasibleGamma(
             "No attenuation level holds for these tolerances, nor for a part of them.",
@@ -168,35 +168,35 @@ def find_scalings(game: RobustProblem, ratio: float) -> Scalings:
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
 
 
-def _better(game: RobustProblem, one: Scalings, other: Scalings) -> bool:
+def _better(problem: RobustProblem, one: Scalings, other: Scalings) -> bool:
     if one.fraction < 1.0 or other.fraction < 1.0:
         return one.fraction > other.fraction
-    return game.gamma_star(one) < game.gamma_star(other)
+    return problem.gamma_star(one) < problem.gamma_star(other)
 
 
-def _balanced(game: RobustProblem, design: LinearDesign) -> Scalings:
+def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
     """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    a, b2, p = game.nominal.a, game.nominal.b2, design.p
+    a, b2, p = problem.nominal.a, problem.nominal.b2, design.p
     n = len(a)
     x = solve_continuous_lyapunov(a + b2 @ design.gain, -np.diag(1.0 / np.abs(np.diag(p))))
-    log = np.zeros(len(game.channels))
-    for k, channel in enumerate(game.channels):
-        g = p @ (game.torques @ channel.torque)
+    log = np.zeros(len(problem.channels))
+    for k, channel in enumerate(problem.channels):
+        g = p @ (problem.torques @ channel.torque)
         z = channel.by_input @ design.gain
         z = z + np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return Scalings(log)
 
 
-def _polished(game: RobustProblem, start: Scalings) -> Scalings:
+def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
     """The best of a simplex search over one factor for each quantity; none with many states."""
     from scipy.optimize import minimize
 
-    groups = list(dict.fromkeys(channel.group for channel in game.channels))
-    places = np.array([groups.index(channel.group) for channel in game.channels])
-    if len(game.nominal.a) > MOST_STATES:
+    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
+    places = np.array([groups.index(channel.group) for channel in problem.channels])
+    if len(problem.nominal.a) > MOST_STATES:
         return start
 
     def moved(factors: np.ndarray) -> Scalings:
@@ -206,17 +206,16 @@ def _polished(game: RobustProblem, start: Scalings) -> Scalings:
         found = moved(factors)
         if start.fraction == 1.0:
             try:
-                return float(np.log(game.gamma_star(found)))
+                return float(np.log(problem.gamma_star(found)))
             except NoFeasibleGamma:
                 return np.inf
-        return -game.fraction(found)
+        return -problem.fraction(found)
 
     options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
     best = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options)
     found = moved(best.x)
-    found = replace(found, fraction=game.fraction(found))
-    return found if _better(game, found, start) else start
-
+    found = replace(found, fraction=problem.fraction(found))
+    return found if _better(problem, found, start) else start
 
 
 #: Names of the disturbances that stand for tolerances, numbered from 1.

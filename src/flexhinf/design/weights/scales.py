@@ -1,4 +1,4 @@
-"""Weights from a target_frequency and a dial of damping, scaled by what each motor moves.
+"""Weights from a target frequency per joint and a damping weight, scaled by what each motor moves.
 
 For a motor that moves the inertia M + J against a damping d, uᵀu costs as much as (w q)² at the angular frequency ω if
 w = |(M + J) ω² − i d ω| per unit of input. So R2 = 1, and each joint has
@@ -11,7 +11,7 @@ spring's torque: a spring between M and J alone, its motor paid with uᵀu, gets
 
     w_torque_rate = 2 ζ ω_v J / (k K).
 
-It hardly touches the slow motion. The target_frequency ω of each joint and one ζ for all are the knobs of the search.
+It hardly touches the slow motion. The search is over the target frequency ω of each joint and one damping weight ζ.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ import numpy as np
 from flexhinf.design.modes import stiffness_and_inertia
 from flexhinf.plant import Penalty
 
-__all__ = ["INTEGRAL_FRACTION", "VELOCITY_FRACTION", "JointScales"]
+__all__ = ["INTEGRAL_WEIGHT", "VELOCITY_WEIGHT", "JointScales"]
 
-#: Weight of the integral over that of the position times the target_frequency; of the velocities, over the position's per target_frequency.
-INTEGRAL_FRACTION, VELOCITY_FRACTION = 0.5, 0.5
+#: Weight of the integral over that of the position times ω; weight of the velocities over that of the position per ω.
+INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +83,18 @@ class JointScales:
         target_frequency : (n,)
             ω of each joint, rad/s.
         damping : float
-            ζ of the dial; 0 leaves the rates of the springs' torques free.
+            ζ; 0 leaves the rates of the springs' torques free.
         """
         total = self.link_inertia + self.motor_inertia
         position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
-        velocity = VELOCITY_FRACTION * position / target_frequency
+        velocity = VELOCITY_WEIGHT * position / target_frequency
         twist_rate = 2.0 * damping * self.vibration * self.motor_inertia / self.per_input
         return {
             "link_position": position,
             "link_velocity": velocity,
             "motor_velocity": velocity,
             "joint_torque_rate": twist_rate / self.stiffness,
-            "link_position_integral": INTEGRAL_FRACTION * position * target_frequency,
+            "link_position_integral": INTEGRAL_WEIGHT * position * target_frequency,
         }
 
     def rows(self, target_frequency: np.ndarray, damping: float) -> np.ndarray:

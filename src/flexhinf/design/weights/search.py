@@ -1,8 +1,9 @@
-"""Weights for a behaviour: two nested searches over the linear part, every try kept to be shown.
+"""Weights for a behaviour: two nested searches over the linear part; every candidate is kept for the report.
 
-Inside, for a given dial ζ, each joint's target_frequency ω is moved by the ratio of the target to the found bandwidth, until all
-fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped as target, and is then bisected to
-the smallest that does. All members of the family count: the nominal robot and corners of its tolerances.
+Inside, for a given damping weight ζ, each joint's target frequency ω is multiplied by the ratio of the required to the
+found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped
+as required, and is then bisected to the smallest value that does. All members of the family count: the nominal robot
+and corners of its tolerances.
 """
 
 from __future__ import annotations
@@ -12,29 +13,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.design.weights.linear_family import Behaviour, behaviour_of
-from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.linear_family import Behaviour, LinearFamily, behaviour_of
 from flexhinf.design.weights.linear_problem import LinearDesign
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["SearchResult", "Candidate", "TargetBehaviour", "search"]
+__all__ = ["Candidate", "SearchResult", "TargetBehaviour", "search"]
 
-#: The dial ζ: its first value beyond 0, its growth, and where it ends.
+#: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 
 #: Relative width of a bandwidth that fits; turns of the inner search, and of the bisection.
 FITS, TURNS, HALVINGS = 0.01, 30, 6
 
-#: A target_frequency moves by this power of the ratio: coupled joints swing about the fit with 1.
+#: A target frequency is multiplied by this power of the ratio: with 1, coupled joints would swing about the fit.
 CAUTION = 0.6
 
-#: A target_frequency beyond this many times the held vibration is not looked at.
+#: Largest target frequency that is tried, over the lowest vibration with held motors.
 FASTEST = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
-    """The behaviour that is asked for.
+    """The behaviour that weights are searched for.
 
     Attributes
     ----------
@@ -50,7 +50,17 @@ class TargetBehaviour:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One candidate: its knobs and what they came to."""
+    """Weights that were tried, and what they came to.
+
+    Attributes
+    ----------
+    target_frequency : (n,)
+        ω of each joint, rad/s.
+    damping_weight : float
+        ζ.
+    design : LinearDesign
+    behaviour : Behaviour
+    """
 
     target_frequency: np.ndarray
     damping_weight: float
@@ -77,14 +87,14 @@ Synthesis = Callable[[np.ndarray, float], LinearDesign]
 
 
 def search(target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, held: float) -> SearchResult:
-    """The weights that meet what is target.
+    """The weights with which the linear part behaves as required.
 
     Parameters
     ----------
     target : TargetBehaviour
     family : LinearFamily
     synthesis : callable
-        (target_frequency (n,), ζ) → LinearDesign.
+        (ω (n,), ζ) → LinearDesign.
     held : float
         Lowest vibration with held motors, rad/s.
 
@@ -103,13 +113,14 @@ class _Inside:
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
         self.candidates: list[Candidate] = []
-        self.reached = (
-            0.0  # largest fraction of a target bandwidth that any stable loop had, in all joints at once
-        )
+        # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
+        self.reached = 0.0
 
     def fit(self, bandwidth: np.ndarray, damping_weight: float) -> Candidate | None:
-        """The candidate, or None if no target_frequency gives the bandwidth."""
-        target_frequency = self.candidates[-1].target_frequency if self.candidates else np.minimum(1.5 * bandwidth, FASTEST * self.held)
+        """The candidate, or None if no target frequencies give the bandwidth."""
+        target_frequency = np.minimum(1.5 * bandwidth, FASTEST * self.held)
+        if self.candidates:
+            target_frequency = self.candidates[-1].target_frequency
         for _ in range(TURNS):
             try:
                 design = self.synthesis(target_frequency, damping_weight)
@@ -132,7 +143,7 @@ class _Inside:
 
 
 def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:
-    """The smallest ζ with which every oscillation is damped as target."""
+    """The smallest ζ with which every oscillation is damped as required."""
     damping_weight, below = 0.0, 0.0
     best: Candidate | None = None
     while damping_weight <= LARGEST:
@@ -156,23 +167,23 @@ def _least(target: TargetBehaviour, inside: _Inside, below: float, above: Candid
     return above
 
 
-def _words(values: np.ndarray) -> str:
+def _text(values: np.ndarray) -> str:
     low, high = float(np.min(values)), float(np.max(values))
     return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
 
 
 def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: float) -> InvalidInput:
-    asked = f"a bandwidth of {_words(target.bandwidth)} rad/s with a damping ratio of {target.damping:g}"
+    required = f"a bandwidth of {_text(target.bandwidth)} rad/s with a damping ratio of {target.damping:g}"
     if best is None:
         return InvalidInput(
             "The specification cannot be met: the bandwidth binds.",
-            f"expected {asked}; the best found that is stable within the tolerances is "
-            f"{_words(reached * target.bandwidth)} rad/s",
+            f"expected {required}; the best found that is stable within the tolerances is "
+            f"{_text(reached * target.bandwidth)} rad/s",
             "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
         )
     return InvalidInput(
         "The specification cannot be met: the damping of the oscillations binds.",
-        f"expected {asked} for the robot and its tolerances; the best found at this bandwidth is "
+        f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
         f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
         f"damping={max(0.0, 0.95 * best.behaviour.damping):.2g}, or another `bandwidth`",
     )

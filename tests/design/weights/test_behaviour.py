@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from flexhinf.design.presets.behaviour import behaviour_of
-from flexhinf.design.presets.linear_family import LinearFamily
+from flexhinf.design.weights.linear_family import LinearFamily, behaviour_of
 
 pytestmark = pytest.mark.oracle
 

@@ -13,12 +13,12 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.modes import closed_loop
-from flexhinf.design.presets.choose import BANDWIDTH_SHARE, DAMPING, Chosen, choose, preset_of
-from flexhinf.design.presets.uncertainty import channels
+from flexhinf.design.weights.choose import BANDWIDTH_FRACTION, DAMPING, DesignProblem, choose, preset_of
+from flexhinf.design.weights.uncertainty import channels
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]
-Games = Callable[..., Chosen]
+Games = Callable[..., DesignProblem]
 
 WEIGHTS = {"link_position": 3.0, "link_position_integral": 5.0}
 
@@ -70,42 +70,42 @@ def test_what_contradicts_itself_is_refused_in_three_parts(
     assert advice in attempt
 
 
-def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, game_of: Games) -> None:
+def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, problem_of: Games) -> None:
     with pytest.raises(InvalidInput, match="do not fit the joints") as refused:
         choose(robot_of("cart"), np.zeros(2), np.zeros(2), Specification(bandwidth=[1.0, 2.0, 3.0]))
     assert "expected one number or 2" in str(refused.value)
-    game = game_of("cart", bandwidth=(4.0, 2.0), damping=0.1)
-    assert game.wanted is not None
-    assert game.wanted.bandwidth.tolist() == [4.0, 2.0]
+    game = problem_of("cart", bandwidth=(4.0, 2.0), damping=0.1)
+    assert game.target is not None
+    assert game.target.bandwidth.tolist() == [4.0, 2.0]
 
 
 # What is stated -------------------------------------------------------------------------------------
-def test_who_says_so_is_never_silent(robot_of: Named, game_of: Games) -> None:
-    own = game_of("vertical-rig")
+def test_who_says_so_is_never_silent(robot_of: Named, problem_of: Games) -> None:
+    own = problem_of("vertical-rig")
     assert own.penalty is robot_of("vertical-rig").penalty
     assert (own.preset, own.source, own.effort_source) == ("paper", "the robot's file", "the robot's file")
-    asked = game_of("vertical-rig", penalty=WEIGHTS, effort=2.0)
+    asked = problem_of("vertical-rig", penalty=WEIGHTS, effort=2.0)
     assert (asked.preset, asked.source, asked.effort_source) == (
         "given", "option --penalty", "option --effort",
     )  # fmt: skip
     assert asked.penalty.effort == 2.0
-    kept = game_of("vertical-rig", penalty=WEIGHTS)
+    kept = problem_of("vertical-rig", penalty=WEIGHTS)
     assert kept.effort_source == "the robot's file"
     assert kept.penalty.effort == 4.0
-    mine = game_of("vertical-rig", penalty=fh.Penalty(WEIGHTS, effort=7.0))
+    mine = problem_of("vertical-rig", penalty=fh.Penalty(WEIGHTS, effort=7.0))
     assert (mine.effort_source, mine.penalty.effort) == ("option --penalty", 7.0)
-    found = game_of("vertical-rig", damping=0.3)
+    found = problem_of("vertical-rig", damping=0.3)
     assert found.source.startswith("found for")
     assert "0.3" in found.source
 
 
-def test_stated_weights_are_the_robots_problem_at_the_goal(robot_of: Named, game_of: Games) -> None:
-    game = game_of("paper", goal=(np.pi / 2,))
+def test_stated_weights_are_the_robots_problem_at_the_goal(robot_of: Named, problem_of: Games) -> None:
+    game = problem_of("paper", goal=(np.pi / 2,))
     problem = robot_of("paper").problem(pose=[np.pi / 2])
     assert game.gamma_star == pytest.approx(fh.smallest_gamma(problem), rel=1e-8)
     assert game.gamma == pytest.approx(1.5 * game.gamma_star)
     assert game.problem is game.nominal
-    assert (game.wanted, game.found, game.robustness) == (None, None, None)
+    assert (game.target, game.search, game.robustness) == (None, None, None)
     assert game.nominal.operating_input == pytest.approx(problem.operating_input)
 
 
@@ -128,8 +128,8 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     goal = np.array(robot.home)
     game = choose(robot, goal, goal - 0.1, Specification())
     assert game.preset == "damped"
-    assert game.wanted is not None
-    assert game.wanted.damping == DAMPING
+    assert game.target is not None
+    assert game.target.damping == DAMPING
     gain = fh.solve_hji(game.problem, game.gamma, 2).gain
     values = np.linalg.eigvals(closed_loop(game.problem, gain))
     pairs = values[values.imag > 0.0]
@@ -138,7 +138,7 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     links = robot.plant().linearise(*robot.operating_point())[0]
     joints = len(goal)
     held = np.sqrt(np.linalg.eigvals(links[joints : 2 * joints, 2 * joints : 3 * joints]).real.min())
-    assert game.wanted.bandwidth == pytest.approx(BANDWIDTH_SHARE * held, rel=1e-9)
+    assert game.target.bandwidth == pytest.approx(BANDWIDTH_FRACTION * held, rel=1e-9)
 
 
 # Disturbances ---------------------------------------------------------------------------------------
@@ -152,9 +152,9 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     ],
 )
 def test_disturbances_are_those_asked_for(
-    game_of: Games, preset: str, asked: dict[str, Any], names: list[str]
+    problem_of: Games, preset: str, asked: dict[str, Any], names: list[str]
 ) -> None:
-    game = game_of("paper", goal=(0.5,), preset=preset, **asked)
+    game = problem_of("paper", goal=(0.5,), preset=preset, **asked)
     assert list(game.nominal.disturbance_names) == names
     assert list(game.problem.disturbance_names)[: len(names)] == names
     assert (len(game.problem.disturbance_names) > len(names)) is (preset == "robust")
@@ -165,13 +165,13 @@ def test_disturbances_are_those_asked_for(
 @pytest.mark.parametrize("disturbances", [None, ("link_torque", "motor_torque")])
 @pytest.mark.parametrize("name", ["paper", "cart", "planar-two-link"])
 def test_the_game_of_the_search_is_the_game_that_is_solved(
-    game_of: Games, name: str, disturbances: tuple[str, ...] | None
+    problem_of: Games, name: str, disturbances: tuple[str, ...] | None
 ) -> None:
     """Two routes to γ* and the gain: the search's matrices, and the expansion of the nonlinear problem."""
     for preset in ("damped", "robust"):
-        game = game_of(name, preset=preset, disturbances=disturbances)
-        assert game.found is not None
-        searched = game.found.chosen.design
+        game = problem_of(name, preset=preset, disturbances=disturbances)
+        assert game.search is not None
+        searched = game.search.chosen.design
         assert searched.gamma_star == pytest.approx(game.gamma_star, rel=3e-3)
         solution = fh.solve_hji(game.problem, game.gamma, 2)
         size = np.abs(solution.gain).max()
@@ -185,12 +185,12 @@ ROBUST = {"paper": (np.pi / 2,), "quanser-rotflex": (0.3,), "cart": None, "plana
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBUST)
 def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channels(
-    robot_of: Named, game_of: Games, name: str
+    robot_of: Named, problem_of: Games, name: str
 ) -> None:
     """The linear part of solve_hji's law, with Δ of a share of the tolerances, by python-control's norm."""
     pytest.importorskip("slycot")
     game, robot, rng = (
-        game_of(name, goal=ROBUST[name], preset="robust"),
+        problem_of(name, goal=ROBUST[name], preset="robust"),
         robot_of(name),
         np.random.default_rng(7),
     )
@@ -207,7 +207,7 @@ def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channel
     for k in range(20):
         loop = a + b @ gain
         for channel in found:
-            delta = game.robustness.share * (rng.choice([-1.0, 1.0]) if k % 2 else rng.uniform(-1.0, 1.0))
+            delta = game.robustness.fraction * (rng.choice([-1.0, 1.0]) if k % 2 else rng.uniform(-1.0, 1.0))
             seen = np.append(channel.by_state, np.zeros(len(goal))) + channel.by_input @ gain
             loop[: -len(goal)] += delta * np.outer(torques @ channel.torque, seen)
         assert np.linalg.eigvals(loop).real.max() < 0.0
@@ -219,10 +219,10 @@ def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channel
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBUST)
 def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
-    game_of: Games, name: str
+    problem_of: Games, name: str
 ) -> None:
     pytest.importorskip("slycot")
-    game = game_of(name, goal=ROBUST[name], preset="robust")
+    game = problem_of(name, goal=ROBUST[name], preset="robust")
     told = game.robustness
     assert told is not None
     star = fh.smallest_gamma(game.nominal)
@@ -244,10 +244,10 @@ def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
 @pytest.mark.oracle
 @pytest.mark.parametrize(("name", "away"), [("paper", 0.1), ("cart", 0.002)])
 def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_goal(
-    robot_of: Named, game_of: Games, name: str, away: float
+    robot_of: Named, problem_of: Games, name: str, away: float
 ) -> None:
     """V̇ ≤ ½ γ²|r|² − ½ |z|² with the robot's own rates, torques Δ t (c x + e u) added by hand; below γ* it breaks."""
-    game, robot = game_of(name, goal=ROBUST[name], preset="robust"), robot_of(name)
+    game, robot = problem_of(name, goal=ROBUST[name], preset="robust"), robot_of(name)
     assert game.robustness is not None
     plant, joints = robot.plant(), len(robot.joint_names)
     rest, held = game.nominal.operating_point[: plant.n], game.nominal.operating_input
@@ -263,7 +263,7 @@ def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_g
             x *= away * rng.uniform(0.1, 1.0) / np.abs(x[:joints]).max()
             u, slope = solution.law(x), solution.gradient(x)
             torque = sum(
-                game.robustness.share * rng.choice([-1.0, 1.0])  # type: ignore[union-attr]
+                game.robustness.fraction * rng.choice([-1.0, 1.0])  # type: ignore[union-attr]
                 * (c.by_state @ x[: plant.n] + c.by_input @ u) * c.torque
                 for c in found
             )  # fmt: skip
@@ -278,8 +278,8 @@ def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_g
     assert largest(0.5 * game.gamma) > 0.1
 
 
-def test_the_region_of_a_robust_law_is_sampled_and_not_empty(game_of: Games) -> None:
-    game = game_of("paper", goal=ROBUST["paper"], preset="robust")
+def test_the_region_of_a_robust_law_is_sampled_and_not_empty(problem_of: Games) -> None:
+    game = problem_of("paper", goal=ROBUST["paper"], preset="robust")
     solution = fh.solve_hji(game.problem, game.gamma, 4)
     check = solution.sampled_region(gamma=1.6 * game.gamma_star, rays=300)
     assert check.level > 0.0
@@ -303,10 +303,10 @@ def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> 
 
 
 @pytest.mark.slow
-def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(game_of: Games) -> None:
-    game = game_of("seven-link", preset="robust")
+def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: Games) -> None:
+    game = problem_of("seven-link", preset="robust")
     assert game.robustness is not None
-    assert 0.0 < game.robustness.share <= 1.0
+    assert 0.0 < game.robustness.fraction <= 1.0
     assert game.robustness.channels > 50
     assert len(game.problem.disturbance_names) == 7 + 14  # commands, and no more torques than there are
     assert game.gamma == pytest.approx(1.5 * game.robustness.gamma_star)

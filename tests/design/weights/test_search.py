@@ -10,17 +10,16 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.presets.behaviour import behaviour_of
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.search import FITS, Found, Wanted, search
-from flexhinf.design.presets.synthesis import Game, LinearDesign
-from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.weights.linear_family import LinearFamily, behaviour_of
+from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.search import FITS, SearchResult, TargetBehaviour, search
 from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle
 
 
-class Bench:
+class Case:
     """A robot's search for a share of its lowest vibration, and a damping."""
 
     def __init__(self, robot: Any) -> None:
@@ -29,18 +28,20 @@ class Bench:
         self.scales = JointScales.of(robot.plant(), robot.operating_point(goal))
 
     def synthesis(self, pace: np.ndarray, damping: float) -> LinearDesign:
-        game = Game.of(self.family, self.scales.rows(pace, damping), True)
+        game = LinearProblem.of(self.family, self.scales.rows(pace, damping), True)
         star = game.gamma_star()
         return game.design(1.5 * star, star)
 
-    def wanted(self, share: Any, damping: float) -> Wanted:
-        return Wanted(np.broadcast_to(share * self.scales.held, (len(self.family.joints),)).copy(), damping)
+    def target(self, share: Any, damping: float) -> TargetBehaviour:
+        return TargetBehaviour(
+            np.broadcast_to(share * self.scales.held, (len(self.family.joints),)).copy(), damping
+        )
 
-    def search(self, share: Any, damping: float) -> Found:
-        return search(self.wanted(share, damping), self.family, self.synthesis, self.scales.held)
+    def search(self, share: Any, damping: float) -> SearchResult:
+        return search(self.target(share, damping), self.family, self.synthesis, self.scales.held)
 
 
-def smallest_damping(bench: Bench, gain: np.ndarray) -> float:
+def smallest_damping(bench: Case, gain: np.ndarray) -> float:
     """Of every oscillation of every member, straight from the eigenvalues; −1 where one grows."""
     values = np.linalg.eigvals(bench.family.a + bench.family.b @ gain).ravel()
     if values.real.max() >= 0.0:
@@ -49,7 +50,7 @@ def smallest_damping(bench: Bench, gain: np.ndarray) -> float:
     return float((-pairs.real / np.abs(pairs)).min(initial=np.inf))
 
 
-def check(bench: Bench, found: Found, wanted: Wanted) -> None:
+def check(bench: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
     """Damping by eigenvalues; bandwidths by the responses of python-control at the band's edge and inside."""
     gain, joints = found.chosen.design.gain, len(wanted.bandwidth)
     assert smallest_damping(bench, gain) >= wanted.damping
@@ -87,39 +88,39 @@ def check(bench: Bench, found: Found, wanted: Wanted) -> None:
 def test_what_is_found_has_what_is_asked_for_and_no_larger_dial_than_needed(
     robot_of: Callable[[str], Any], name: str, share: float, damping: float
 ) -> None:
-    bench = Bench(robot_of(name))
+    bench = Case(robot_of(name))
     found = bench.search(share, damping)
-    check(bench, found, bench.wanted(share, damping))
-    assert found.chosen.knob > 0.0
-    assert found.tries[0].knob == 0.0
-    assert smallest_damping(bench, found.tries[0].design.gain) < damping
-    less = bench.synthesis(found.chosen.pace, 0.9 * found.chosen.knob)
+    check(bench, found, bench.target(share, damping))
+    assert found.chosen.damping_weight > 0.0
+    assert found.candidates[0].damping_weight == 0.0
+    assert smallest_damping(bench, found.candidates[0].design.gain) < damping
+    less = bench.synthesis(found.chosen.target_frequency, 0.9 * found.chosen.damping_weight)
     assert smallest_damping(bench, less.gain) < damping
 
 
 def test_where_no_dial_is_needed_none_is_turned(robot_of: Callable[[str], Any]) -> None:
-    bench = Bench(robot_of("paper"))
+    bench = Case(robot_of("paper"))
     found = bench.search(0.7, 0.05)
-    assert found.chosen.knob == 0.0
-    assert len(found.tries) == 1
-    check(bench, found, bench.wanted(0.7, 0.05))
+    assert found.chosen.damping_weight == 0.0
+    assert len(found.candidates) == 1
+    check(bench, found, bench.target(0.7, 0.05))
 
 
 @pytest.mark.parametrize("name", ["cart", "planar-two-link"])
 def test_each_joint_gets_its_own_bandwidth(robot_of: Callable[[str], Any], name: str) -> None:
-    bench, shares = Bench(robot_of(name)), np.array([0.15, 0.4])
-    check(bench, bench.search(shares, 0.15), bench.wanted(shares, 0.15))
+    bench, shares = Case(robot_of(name)), np.array([0.15, 0.4])
+    check(bench, bench.search(shares, 0.15), bench.target(shares, 0.15))
 
 
 def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> None:
-    bench = Bench(robot_of("quanser-rotflex"))
+    bench = Case(robot_of("quanser-rotflex"))
     found = bench.search(0.3, 0.25)
-    assert len(found.tries) > 5
-    for tried in found.tries:
+    assert len(found.candidates) > 5
+    for tried in found.candidates:
         assert smallest_damping(bench, tried.design.gain) == pytest.approx(tried.behaviour.damping)
-        again = bench.synthesis(tried.pace, tried.knob)
+        again = bench.synthesis(tried.target_frequency, tried.damping_weight)
         assert again.gain == pytest.approx(tried.design.gain)
-    assert any(tried is found.chosen for tried in found.tries)
+    assert any(tried is found.chosen for tried in found.candidates)
 
 
 @pytest.mark.parametrize(
@@ -130,34 +131,34 @@ def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
     robot_of: Callable[[str], Any], name: str, share: float, damping: float
 ) -> None:
     """A dial turned far makes a vibration slow and no vibration by name: it still counts."""
-    bench = Bench(robot_of(name))
+    bench = Case(robot_of(name))
     with pytest.raises(InvalidInput, match="damping of the oscillations binds") as refused:
         bench.search(share, damping)
     best = float(re.search(r"at this bandwidth is ([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.1 < best < damping
     found = bench.search(share, 0.97 * best)
-    check(bench, found, bench.wanted(share, 0.97 * best))
+    check(bench, found, bench.target(share, 0.97 * best))
     advised = float(re.search(r"damping=([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.9 * best < advised < best
 
 
 @pytest.mark.parametrize("name", ["paper", "planar-two-link"])
 def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[str], Any], name: str) -> None:
-    bench = Bench(robot_of(name))
+    bench = Case(robot_of(name))
     with pytest.raises(InvalidInput, match="bandwidth binds") as refused:
         bench.search(12.0, 0.1)
     text = str(refused.value)
     best = float(re.search(r"stable within the tolerances is ([\d.]+) rad/s", text).group(1))  # type: ignore[union-attr]
     assert best < 12.0 * bench.scales.held
     share = 0.9 * best / bench.scales.held
-    check(bench, bench.search(share, 0.0), bench.wanted(share, 0.0))
+    check(bench, bench.search(share, 0.0), bench.target(share, 0.0))
 
 
 def test_a_family_that_is_more_uncertain_is_damped_more_by_the_dial(robot_of: Callable[[str], Any]) -> None:
     """The worst member counts: the nominal robot alone needs a smaller dial."""
     robot = robot_of("quanser-rotflex")
-    uncertain, certain = Bench(robot), Bench(robot)
+    uncertain, certain = Case(robot), Case(robot)
     certain.family = LinearFamily.of(robot, np.array(robot.home), members=0)
     both = [bench.search(0.3, 0.25).chosen for bench in (uncertain, certain)]
-    assert both[0].knob > 1.1 * both[1].knob
+    assert both[0].damping_weight > 1.1 * both[1].damping_weight
     assert behaviour_of(uncertain.family, both[1].design.gain).damping < 0.25

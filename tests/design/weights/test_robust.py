@@ -10,11 +10,11 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.robust import LEAST_SHARE, RobustGame, Scalings, find_scalings
-from flexhinf.design.presets.synthesis import Game, LinearDesign
-from flexhinf.design.presets.uncertainty import Channel, channels
-from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.robust import LEAST_FRACTION, RobustProblem, Scalings, find_scalings
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.uncertainty import Channel, channels
 from flexhinf.errors import NoFeasibleGamma
 
 pytest.importorskip("slycot", reason="the norm of python-control")
@@ -28,7 +28,7 @@ class Case:
     """A robust design, and the nominal one of the same penalty."""
 
     family: LinearFamily
-    game: RobustGame
+    game: RobustProblem
     scalings: Scalings
     gamma: float
     robust: LinearDesign
@@ -40,7 +40,7 @@ class Case:
 
     def loop(self, gain: np.ndarray, deltas: np.ndarray, share: float | None = None) -> np.ndarray:
         """A + B K + Σ Δ t (c + e K), of a share of the tolerances."""
-        g, share = self.game.nominal, self.scalings.share if share is None else share
+        g, share = self.game.nominal, self.scalings.fraction if share is None else share
         a = g.a + g.b2 @ gain
         for delta, channel in zip(deltas, self.channels):
             seen = np.append(channel.by_state, np.zeros(len(a) - len(channel.by_state)))
@@ -84,11 +84,11 @@ def _case(robot: Any, pace: float, dial: float, torques: bool = False) -> Case:
     goal = np.array(robot.home)
     family, scales = LinearFamily.of(robot, goal), JointScales.of(robot.plant(), robot.operating_point(goal))
     rows = scales.rows(np.full(len(goal), pace * scales.held), dial)
-    nominal = Game.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
-    game = RobustGame(nominal, family.torques, channels(robot, [goal]))
+    nominal = LinearProblem.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
+    game = RobustProblem(nominal, family.torques, channels(robot, [goal]))
     scalings = find_scalings(game, RATIO)
     star = game.gamma_star(scalings, 1e-6)
-    design = game.game(RATIO * star, scalings).design(RATIO * star, star)
+    design = game.scaled(RATIO * star, scalings).design(RATIO * star, star)
     lowest = nominal.gamma_star()
     return Case(family, game, scalings, RATIO * star, design, nominal.design(RATIO * lowest, lowest))
 
@@ -160,7 +160,7 @@ def test_the_gain_made_without_channels_exceeds_that_level_somewhere(
 def test_the_robots_corners_themselves_attain_the_level(case_of: Callable[[str], Case], name: str) -> None:
     """A(p), B(p) of the family, all parameters at their ends at once; the channels cover them but for products."""
     case = case_of(name)
-    assert case.scalings.share == 1.0
+    assert case.scalings.fraction == 1.0
     gain = case.robust.gain
     for a, b in zip(case.family.a, case.family.b):
         assert case.norm(gain, a + b @ gain) <= case.gamma * (1.0 + 1e-9)
@@ -171,12 +171,12 @@ def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
     case_of: Callable[[str], Case], name: str
 ) -> None:
     case = case_of(name)
-    share = case.scalings.share
-    assert LEAST_SHARE <= share < 1.0
+    share = case.scalings.fraction
+    assert LEAST_FRACTION <= share < 1.0
     highest = 1e4 * case.game.nominal.gamma_star()
     assert case.game.feasible(highest, case.scalings)
-    assert not case.game.feasible(highest, replace(case.scalings, share=1.0))
-    assert not case.game.feasible(highest, replace(case.scalings, share=share / 0.9 + 0.021))
+    assert not case.game.feasible(highest, replace(case.scalings, fraction=1.0))
+    assert not case.game.feasible(highest, replace(case.scalings, fraction=share / 0.9 + 0.021))
 
 
 @pytest.mark.parametrize("name", ["paper", "cart", "seven links"])
@@ -228,7 +228,7 @@ def test_the_scalings_cannot_be_bettered_by_a_factor_for_a_quantity(
 def test_tolerances_that_no_gain_bears_are_refused(case_of: Callable[[str], Case]) -> None:
     case = case_of("paper")
     huge = tuple(replace(c, torque=300.0 * c.torque) for c in case.channels)
-    game = RobustGame(case.game.nominal, case.game.torques, huge)
+    game = RobustProblem(case.game.nominal, case.game.torques, huge)
     with pytest.raises(NoFeasibleGamma, match="nor for a part of them"):
         find_scalings(game, RATIO)
     with pytest.raises(NoFeasibleGamma, match="whole tolerances"):

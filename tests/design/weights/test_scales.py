@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, solve_continuous_are
 
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.synthesis import Game
-from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.linear_problem import LinearProblem
+from flexhinf.design.weights.scales import JointScales
 
 pytestmark = pytest.mark.oracle
 
@@ -98,7 +98,7 @@ def test_the_motors_damping_counts_the_back_emf_and_the_gear() -> None:
 def _loop(robot: Any, pace: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Eigenvalues, gain and γ* of the linear design."""
     family, scales = LinearFamily.of(robot, np.array(robot.home), members=0), scales_of(robot)
-    game = Game.of(family, scales.rows(pace, damping), True)
+    game = LinearProblem.of(family, scales.rows(pace, damping), True)
     star = game.gamma_star()
     design = game.design(1.5 * star, star)
     a, b = family.nominal

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.presets.linear_family import LinearFamily
-from flexhinf.design.presets.synthesis import ROUGH, Game
-from flexhinf.design.presets.weights import JointScales
+from flexhinf.design.weights.linear_family import LinearFamily
+from flexhinf.design.weights.linear_problem import ROUGH, LinearProblem
+from flexhinf.design.weights.scales import JointScales
 
 pytest.importorskip("slycot", reason="the norm of python-control")
 pytestmark = pytest.mark.oracle
 
 
-def _game(robot: Any, pace: float, damping: float, torques: bool) -> tuple[Game, Any]:
+def _game(robot: Any, pace: float, damping: float, torques: bool) -> tuple[LinearProblem, Any]:
     goal = np.array(robot.home)
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     paces = np.full(len(goal), pace * scales.held)
     enter = np.eye(2 * len(goal)) if torques else None
-    game = Game.of(LinearFamily.of(robot, goal, 0), scales.rows(paces, damping), not torques, enter)
+    game = LinearProblem.of(LinearFamily.of(robot, goal, 0), scales.rows(paces, damping), not torques, enter)
     which = {"disturbances": ("link_torque", "motor_torque"), "command": None} if torques else {}
     return game, robot.problem(scales.penalty(paces, damping), pose=goal, **which)
 
@@ -61,8 +61,8 @@ def test_another_price_of_the_input_is_a_change_of_its_units(robot_of: Callable[
     game, _ = _game(robot_of("planar-two-link"), 0.5, 0.3, False)
     r = np.array([[200.0, 50.0], [50.0, 300.0]])
     root = np.linalg.cholesky(r).T  # |root u|² = uᵀ r u
-    priced = Game(game.a, game.b1, game.b2, game.c, r)
-    other = Game(game.a, game.b1, game.b2 @ np.linalg.inv(root), game.c, np.eye(2))
+    priced = LinearProblem(game.a, game.b1, game.b2, game.c, r)
+    other = LinearProblem(game.a, game.b1, game.b2 @ np.linalg.inv(root), game.c, np.eye(2))
     star = other.gamma_star()
     assert priced.gamma_star() == pytest.approx(star, rel=2 * ROUGH)
     gain = other.design(1.5 * star, star).gain
