@@ -287,4 +287,4 @@ class Tuner:
             estimator_noise=replace(noise, motor_velocities=motors, source="tuned"),
             linear_model=kind.name == "lqg",
         )
-        return LawEvaluation(kind.name, setup, self.own.scenario, dict(values))
+        return LawEvaluation(kind.name, setup, self.own.scenario, dict(values), other_noise=False)
