@@ -10,7 +10,7 @@ import pytest
 from flexhinf.design import Specification
 from flexhinf.design.draws import Draws
 from flexhinf.design.met import CLOSE, Met, all_hold, corners_met, linear_met, step_met, within_tolerances
-from flexhinf.design.presets.search import Wanted
+from flexhinf.design.weights.search import TargetBehaviour
 
 
 class Step:
@@ -80,7 +80,7 @@ def test_a_step_that_diverges_meets_nothing() -> None:
 
 
 def test_of_the_bandwidths_the_joint_that_lags_most_is_told() -> None:
-    wanted = Wanted(np.array([4.0, 2.0, 10.0]), 0.2)
+    wanted = TargetBehaviour(np.array([4.0, 2.0, 10.0]), 0.2)
     asked = Specification(bandwidth=[4.0, 2.0, 10.0], damping=0.2)
     band, damping = linear_met(asked, wanted, np.array([4.2, 1.9, 7.0]), 0.25)
     assert (band.asked, band.found, band.holds, band.asked_for) == (10.0, 7.0, False, True)

@@ -11,8 +11,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification, design
-from flexhinf.design.bench import Bench
-from flexhinf.design.presets.choose import choose
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.weights.choose import choose
 from flexhinf.design.within_peak import WIDTH, choose_within_peak
 from flexhinf.errors import InvalidInput
 
@@ -28,7 +28,7 @@ def peak_of(robot: Any, s: Specification, bandwidth: float) -> float:
     """Largest input of the step of the nominal robot, for a bandwidth."""
     game = choose(robot, GOAL, START, asked(bandwidth=bandwidth))
     law = fh.solve_hji(game.problem, game.gamma, 2)
-    run = Bench(robot, s, game.nominal.plant, law, GOAL, START).step(6.0).run
+    run = LoopSetup(robot, s, game.nominal.plant, law, GOAL, START).step(6.0).run
     return float(np.abs(run.signals["input"]).max())
 
 
@@ -36,9 +36,9 @@ def test_a_default_bandwidth_is_lowered_to_about_the_largest_that_keeps_the_limi
     robot, s = robot_of("paper"), asked(peak_effort=14.0)
     free = choose_within_peak(robot, GOAL, START, asked(peak_effort=60.0), lambda text: None)
     game = choose_within_peak(robot, GOAL, START, s, lambda text: None)
-    assert free.wanted is not None
-    assert game.wanted is not None
-    found, whole = game.wanted.bandwidth[0], free.wanted.bandwidth[0]
+    assert free.target is not None
+    assert game.target is not None
+    found, whole = game.target.bandwidth[0], free.target.bandwidth[0]
     assert 0.5 * whole < found < 0.95 * whole
     assert peak_of(robot, s, whole) > 14.0
     assert peak_of(robot, s, found) <= 14.0
@@ -52,9 +52,9 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
         choose_within_peak(robot, GOAL, START, asked(peak_effort=15.0, draws=n), lambda text: None)
         for n in (0, None)
     )
-    assert alone.wanted is not None
-    assert drawn.wanted is not None
-    assert drawn.wanted.bandwidth[0] < 0.98 * alone.wanted.bandwidth[0]
+    assert alone.target is not None
+    assert drawn.target is not None
+    assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
 
 
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:
@@ -71,8 +71,8 @@ def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named)
     again = choose_within_peak(
         robot, GOAL, START, asked(peak_effort=14.0, bandwidth=0.98 * best), lambda text: None
     )
-    assert again.wanted is not None
-    assert again.wanted.bandwidth[0] == pytest.approx(0.98 * best)
+    assert again.target is not None
+    assert again.target.bandwidth[0] == pytest.approx(0.98 * best)
 
 
 def test_a_limit_that_hardly_holds_the_arm_is_refused(robot_of: Named) -> None:

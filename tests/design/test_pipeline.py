@@ -116,7 +116,7 @@ def test_the_same_specification_gives_the_same_report() -> None:
 def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
     result = quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
-    assert result.response.diverged is None
+    assert result.response.diverged_at is None
     assert all(m["settling_time_s"] is not None for m in result.response.metrics)
     assert max(m["steady_state_error"] for m in result.response.metrics) < 2e-3
     assert result.rigid is not None

@@ -12,20 +12,20 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 import flexhinf as fh
-from flexhinf.design.bench import Bench
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.draws import Draws, drawn_steps
 
-Benches = Callable[..., Bench]
+Benches = Callable[..., LoopSetup]
 STEPS = 3
 
 
 @pytest.fixture(scope="module")
-def bench(bench_of: Benches) -> Bench:
-    return bench_of("planar-two-link", (0.4, 0.6), (0.2, 0.9), seed=3)
+def bench(setup_of: Benches) -> LoopSetup:
+    return setup_of("planar-two-link", (0.4, 0.6), (0.2, 0.9), seed=3)
 
 
 @pytest.fixture(scope="module")
-def drawn(bench: Bench) -> Draws:
+def drawn(bench: LoopSetup) -> Draws:
     return drawn_steps(bench, 8, 2.0, STEPS)
 
 
@@ -33,7 +33,7 @@ def _rows(draws: Draws) -> np.ndarray:
     return np.array([draws.overshoot, draws.settling, draws.peak])
 
 
-def test_the_same_seed_gives_the_same_and_another_seed_others(bench: Bench, drawn: Draws) -> None:
+def test_the_same_seed_gives_the_same_and_another_seed_others(bench: LoopSetup, drawn: Draws) -> None:
     again = drawn_steps(bench, 8, 2.0, STEPS)
     assert np.array_equal(_rows(again), _rows(drawn))
     fewer = drawn_steps(bench, 3, 2.0, STEPS)
@@ -44,14 +44,14 @@ def test_the_same_seed_gives_the_same_and_another_seed_others(bench: Bench, draw
 
 @pytest.mark.parametrize("threads", [1, 5])
 def test_threads_do_not_matter(
-    bench: Bench, drawn: Draws, threads: int, monkeypatch: pytest.MonkeyPatch
+    bench: LoopSetup, drawn: Draws, threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.import_module("flexhinf.design.draws"), "THREADS", threads)
     assert np.array_equal(_rows(drawn_steps(bench, 8, 2.0, STEPS)), _rows(drawn))
 
 
 @pytest.mark.parametrize("k", [0, 5])
-def test_each_is_the_robot_of_its_values_run_by_hand(bench: Bench, drawn: Draws, k: int) -> None:
+def test_each_is_the_robot_of_its_values_run_by_hand(bench: LoopSetup, drawn: Draws, k: int) -> None:
     """A controller and a loop of our own round the plant of these parameters, resting at the start by its own input."""
     values = drawn.values[k]
     x, u = bench.robot.operating_point(bench.start, parameters=values)
@@ -75,7 +75,7 @@ def test_each_is_the_robot_of_its_values_run_by_hand(bench: Bench, drawn: Draws,
     assert drawn.settling[k] == pytest.approx(max(settled))
 
 
-def test_values_are_drawn_uniformly_within_the_tolerances(bench: Bench, drawn: Draws) -> None:
+def test_values_are_drawn_uniformly_within_the_tolerances(bench: LoopSetup, drawn: Draws) -> None:
     low, high = bench.robot.corner([-1.0] * len(bench.robot.uncertain)), None
     high = bench.robot.corner([1.0] * len(bench.robot.uncertain))
     seen = np.array([values["stiffness"] for values in drawn.values])
@@ -84,10 +84,10 @@ def test_values_are_drawn_uniformly_within_the_tolerances(bench: Bench, drawn: D
 
 
 def test_what_diverges_or_does_not_settle_is_counted(
-    robot_of: Callable[[str], Any], bench_of: Benches
+    robot_of: Callable[[str], Any], setup_of: Benches
 ) -> None:
     """Sampled so slowly, and so uncertain, that some robots bear it and some do not."""
-    made = bench_of(
+    made = setup_of(
         "paper", (np.pi / 2,), (0.0,), degree=4, game={"bandwidth": 6.0, "damping": 0.1},
         period=0.08, estimator="none",
     )  # fmt: skip
@@ -103,7 +103,7 @@ def test_what_diverges_or_does_not_settle_is_counted(
     assert np.array_equal(ended, draws.overshoot == np.inf)
 
 
-def test_the_kept_positions_are_those_of_the_runs(bench: Bench) -> None:
+def test_the_kept_positions_are_those_of_the_runs(bench: LoopSetup) -> None:
     kept = drawn_steps(bench, 2, 2.0, STEPS)
     assert kept.positions.shape == (2, len(kept.time), 2)
     assert len(kept.time) <= 400
@@ -115,7 +115,7 @@ def test_the_kept_positions_are_those_of_the_runs(bench: Bench) -> None:
         assert 100.0 * over == pytest.approx(kept.overshoot[k], abs=0.05)
 
 
-def test_progress_is_told_ten_times(bench: Bench) -> None:
+def test_progress_is_told_ten_times(bench: LoopSetup) -> None:
     told: list[str] = []
     drawn_steps(bench, 20, 0.05, STEPS, tell=told.append)
     assert told == [f"robots within the tolerances: {k} of 20" for k in range(2, 21, 2)]

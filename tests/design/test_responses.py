@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.bench import Bench
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.response import LONGEST, SHORTEST, SLIDE, TURN, default_start, run_length
 
-Benches = Callable[..., Bench]
+Benches = Callable[..., LoopSetup]
 
 
 def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: float) -> dict[str, float]:
@@ -39,11 +39,11 @@ def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: f
     ("name", "goal", "start"), [("paper", (np.pi / 2,), (0.0,)), ("cart", (0.1, 0.3), (0.15, -0.1))]
 )
 def test_figures_of_merit_are_those_of_the_trajectory(
-    bench_of: Benches, name: str, goal: tuple[float, ...], start: tuple[float, ...]
+    setup_of: Benches, name: str, goal: tuple[float, ...], start: tuple[float, ...]
 ) -> None:
-    bench = bench_of(name, goal, start)
+    bench = setup_of(name, goal, start)
     response = bench.step(4.0)
-    assert response.diverged is None
+    assert response.diverged_at is None
     run = response.run
     for joint, metrics in enumerate(response.metrics):
         wanted = by_hand(
@@ -59,16 +59,16 @@ def test_figures_of_merit_are_those_of_the_trajectory(
     assert response.positions[-1] == pytest.approx(goal, abs=0.02)
 
 
-def test_the_step_begins_without_a_jump_of_the_input(bench_of: Benches) -> None:
+def test_the_step_begins_without_a_jump_of_the_input(setup_of: Benches) -> None:
     """The first input is what holds the robot at the start, whatever the estimator."""
     for estimator in ("ukf", "ekf", "none"):
-        bench = bench_of("paper", (np.pi / 2,), (0.4,), estimator=estimator)
+        bench = setup_of("paper", (np.pi / 2,), (0.4,), estimator=estimator)
         held = bench.robot.operating_point([0.4])[1]
         assert bench.step(0.5).run.signals["input"][0] == pytest.approx(held, rel=2e-3)
 
 
-def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(bench_of: Benches) -> None:
-    bench = bench_of(
+def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(setup_of: Benches) -> None:
+    bench = setup_of(
         "paper", (np.pi / 2,), (0.0,), degree=4, game={"bandwidth": 6.0, "damping": 0.1}, period=0.2
     )
     response = bench.step(20.0)
