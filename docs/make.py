@@ -244,8 +244,8 @@ def presets() -> str:
     return "\n".join(lines)
 
 
-def _finite(value: float, unit: str) -> str:
-    return f"{value:.1f} {unit}" if np.isfinite(value) else "diverges"
+def _finite(value: float, unit: str, digits: int = 1) -> str:
+    return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "none"
 
 
 def laws() -> str:

@@ -24,8 +24,9 @@ __all__ = [
     "GrowthRates", "ToleranceCorners", "destabilising_scale", "growth_rates", "tolerance_corners",
 ]  # fmt: skip
 
-#: All corners are computed of up to so many uncertain numbers (4096 corners).
-ALL_OF = 12
+#: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
+#: these (states cubed for each corner): with eleven numbers more than a hundred states, as with a delay of 100 samples.
+ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
 SAMPLED = (400, 60)
@@ -203,6 +204,8 @@ def tolerance_corners(
 ) -> ToleranceCorners:
     """Growth rates at all corners of up to 12 uncertain numbers, at seeded samples of the corners of more.
 
+    Loops of more than a hundred states, as with a delay of a hundred samples, are sampled too; the result says so.
+
     The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
     far as a q between two of these with which the loop grows fastest.
 
@@ -225,7 +228,7 @@ def tolerance_corners(
         If R^v is asked for and no Kalman filter is in the loop.
     """
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete, large = number <= ALL_OF, loop.states > LARGE
+    complete, large = _all(number, loop), loop.states > LARGE
     population = corner_population(at, number, 2**number if complete else SAMPLED[large], seed, singles=False)
     every = np.arange(len(population) - 1)
     designed = growth_rates(loop, population, (None,), every)[0]
@@ -236,6 +239,11 @@ def tolerance_corners(
     swept += growth_rates(loop, population, _between(loop, population, swept), every)
     variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
     return ToleranceCorners(population, complete, designed, swept, variance)
+
+
+def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
+    """Whether all corners are computed."""
+    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
 
 
 def _between(
@@ -294,7 +302,7 @@ def destabilising_scale(
         Number of the corner, as of `tolerance_corners`' population; −1 where there is none.
     """
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    count = 2**number if number <= ALL_OF else SAMPLED[loop.states > LARGE]
+    count = 2**number if _all(number, loop) else SAMPLED[loop.states > LARGE]
     population = corner_population(at, number, count, seed, singles=False)
     table = loop.plant.parameters
     *ends, middle = loop.vectors([table.known(values) for values in population.values])

@@ -6,8 +6,8 @@ In the coordinates of the link positions and their derivatives (`flexhinf.baseli
 
 makes each joint's error a linear chain, e^(r) + Σ k_i e^(i) + k_I ∫ e = 0, whatever the other joints do. The
 derivatives y^(i) are functions of the state, the reference's are those of its state x_d and, for the highest, its
-input u_d. So a reference (x_d, u_d) that the elastic inverse dynamics gives is followed without error, and at a rest
-u = u*.
+input u_d. So a reference (x_d, u_d) that the elastic inverse dynamics gives is followed without error, and at an
+equilibrium u = u*.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.baselines.gravity import digest
 from flexhinf.baselines.normal_form import NormalForm
-from flexhinf.baselines.rest_law import PlacedLaw, rest_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 
@@ -37,8 +37,9 @@ class FeedbackLinearisation(PlacedLaw):
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`; either no output is integrated or all are, in their order.
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; either no output is integrated or all are, in
+        their order.
     coefficients : sequence of (r_j + 1,) or (r_j,) arrays
         Of each output: k_I (with integrals only), then k_0 … k_{r−1}, of s^r + k_{r−1} s^{r−1} + … .
     outputs : sequence of str
@@ -47,8 +48,8 @@ class FeedbackLinearisation(PlacedLaw):
     Raises
     ------
     InvalidInput
-        If the numbers do not fit, A is singular at the rest, or the loop is unstable there (poles that are not in the
-        left half plane, or zero dynamics that are not).
+        If the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there (poles that are not
+        in the left half plane, or zero dynamics that are not).
     """
 
     coefficients: Sequence[Any]
@@ -76,10 +77,10 @@ class FeedbackLinearisation(PlacedLaw):
         self._check_rest()
 
     def _check_rest(self) -> None:
-        values = np.linalg.svd(self.form.decoupling_matrix(self.rest[0]), compute_uv=False)
+        values = np.linalg.svd(self.form.decoupling_matrix(self.equilibrium[0]), compute_uv=False)
         if not np.all(np.isfinite(values)) or values[-1] <= SINGULAR * values[0]:
             raise InvalidInput(
-                "The outputs cannot be decoupled: A(x) of y^(r) = b(x) + A(x) u is singular at the rest.",
+                "The outputs cannot be decoupled: A(x) of y^(r) = b(x) + A(x) u is singular at the equilibrium.",
                 f"expected singular values > 0, got {values.tolist()}",
                 "other outputs, or another pose",
             )
@@ -87,7 +88,7 @@ class FeedbackLinearisation(PlacedLaw):
         if modes.real.max() >= 0.0:
             hidden = len(self.state_names) - sum(len(chain) for chain in self.coefficients)
             raise InvalidInput(
-                "The linearised loop is unstable at the rest.",
+                "The linearised loop is unstable at the equilibrium.",
                 f"expected modes in the left half plane, got one at {modes[modes.real.argmax()]:.4g} 1/s; "
                 f"{hidden} of the {len(modes)} modes are zero dynamics, which the law does not reach",
                 "positive coefficients of a stable polynomial, and outputs with stable zero dynamics",
@@ -106,7 +107,7 @@ class FeedbackLinearisation(PlacedLaw):
         Parameters
         ----------
         problem : GeneralisedPlant
-            Plant and rest; its penalty does not matter.
+            Plant and equilibrium; its penalty does not matter.
         bandwidth : float
             rad/s.
         integral : bool
@@ -137,7 +138,7 @@ class FeedbackLinearisation(PlacedLaw):
         else:
             chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
         return FeedbackLinearisation(
-            plant=plant, rest=rest_of(problem), integrate=names if integral else (),
+            plant=plant, equilibrium=equilibrium_of(problem), integrate=names if integral else (),
             coefficients=chains, outputs=names,
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ from flexhinf.plant import GeneralisedPlant
 __all__ = ["DegreeChoice", "rays_of", "shrinking", "tried_degrees", "try_degrees"]
 
 #: Up to so many states, so many rays; no region is sampled beyond.
-RAYS = ((5, 4000), (10, 1000), (20, 200))
+RAYS = ((10, 500), (20, 200))
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,12 @@ class DegreeChoice:
         Of V; the law has one less.
     solution : HJISolution
     level : float
-        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled).
+        Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled); nan where
+        there is no region, or none was looked for.
     step_amplitude : float
-        Largest rest-to-rest step whose start lies in it, in the unit of the tracked states.
+        Largest step between equilibria whose start lies in it, in the unit of the tracked states; nan likewise.
     limit : str
-        What bounds the level set.
+        What bounds the level set, or why there is none.
     residual : float
         Largest relative residual of the homological equations, as measured.
     solve_seconds, check_seconds : float
@@ -57,7 +58,7 @@ def try_degrees(
     gamma_ratio: float = 1.5,
     checked_gamma_ratio: float = 1.6,
     checked_penalty: object = None,
-    rays: int = 4000,
+    rays: int = 500,
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
     gamma_star: float | None = None,
@@ -111,13 +112,18 @@ def try_degrees(
             rays=rays,
             seed=seed,
         )
-        amplitude = check.step_amplitude()
+        if check is None:
+            margin = solution.checked_margin(checked_gamma_ratio * gamma_star, checked_penalty)  # type: ignore[arg-type]
+            level = amplitude = float("nan")
+            limit = f"no region: {margin.reason()}"
+        else:
+            level, amplitude, limit = check.level, check.step_amplitude(), check.limit
         yield DegreeChoice(
             degree,
             solution,
-            check.level,
+            level,
             amplitude,
-            check.limit,
+            limit,
             residual,
             solved - start,
             time.perf_counter() - solved,

@@ -167,7 +167,7 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
 
 def _starts_inside(setup: LoopSetup, synthesis: Synthesis) -> bool | None:
     """Whether the start, with the integrals that the controller chooses, lies in the sampled region."""
-    if not synthesis.chosen.looked:
+    if not synthesis.chosen.looked or np.isnan(synthesis.chosen.level):
         return None
     law = synthesis.solution
     return bool(law.value(setup.departure(law)) <= synthesis.chosen.level)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import Requirement
@@ -75,6 +77,8 @@ def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -
     found = []
     if not synthesis.chosen.looked:
         found.append("no region was sampled")
+    elif np.isnan(synthesis.chosen.level):
+        found.append("the law has no sampled region")
     elif inside is False:
         found.append("the step starts outside the sampled region")
     else:

@@ -178,8 +178,10 @@ def _unstable(
 
 
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
-    """The degree with the largest step; where no region was sampled, the highest degree."""
-    return max(choices, key=lambda c: (c.step_amplitude, -c.degree) if c.looked else (0.0, c.degree))
+    """The degree with the largest step; where no degree has a region, the highest degree."""
+    return max(
+        choices, key=lambda c: (c.step_amplitude, -c.degree) if c.step_amplitude > 0.0 else (0.0, c.degree)
+    )
 
 
 def _law_of(

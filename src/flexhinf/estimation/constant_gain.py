@@ -1,4 +1,4 @@
-"""An estimator at rest: its gain no longer changes.
+"""An estimator with its stationary gain: the gain no longer changes.
 
 The gain is usually that of the Kalman filter for the estimator's own model F at one operating point
 (`flexhinf.estimation.stationary`). The extended filter's gain tends to it, and the unscented filter's does as far

@@ -244,9 +244,9 @@ def test_misfits_are_refused(made, linear, cubic):
             lambda: Schedule([law(states=names[:4], gain=gain[:, :4], point=[0, 0, 0, 0])]),
             "tell its laws apart",
         ),
-        (lambda: Schedule(linear, 1.0), "no share"),
-        (lambda: Schedule(linear, -0.1), "no share"),
-        (lambda: Schedule(linear, "some"), "no share"),
+        (lambda: Schedule(linear, 1.0), "no fraction"),
+        (lambda: Schedule(linear, -0.1), "no fraction"),
+        (lambda: Schedule(linear, "some"), "no fraction"),
         (lambda: Controller(Schedule(linear), made.ukf()), "same states"),
     ]
     for make, word in cases:

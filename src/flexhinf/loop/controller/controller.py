@@ -147,8 +147,8 @@ class Controller(Summarised):
 
     @property
     def judged(self) -> tuple[str, ...]:
-        """States that figures of merit are about: the tracked; where none is and the reference moves, the measured
-        ones, or the first."""
+        """States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
+        measured ones, or the first."""
         if self.tracked or not self.mode.moving:
             return self.tracked
         return tuple(name for name in self.measured if name in self.states) or self.states[:1]

@@ -153,8 +153,8 @@ class JerkLimited:
 
     @cached_property
     def _channels(self) -> tuple[RestToRest, ...]:
-        asked = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
-        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*asked))
+        arrays = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
+        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*arrays))
         phases = _phases([b - a for a, b in zip(start, goal)], limits)
         return tuple(RestToRest(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
 
@@ -185,13 +185,13 @@ class JerkLimited:
 
 def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
     """Lengths and jerks of each channel's seven phases."""
-    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is asked for
+    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is made
 
     k = len(ways)
-    asked, found = InputParameter(k), Trajectory(k)
-    asked.target_position = ways  # from rest at zero
-    asked.max_velocity, asked.max_acceleration, asked.max_jerk = limits
-    result = Ruckig(k).calculate(asked, found)
+    request, found = InputParameter(k), Trajectory(k)
+    request.target_position = ways  # from rest at zero
+    request.max_velocity, request.max_acceleration, request.max_jerk = limits
+    result = Ruckig(k).calculate(request, found)
     if result not in (Result.Working, Result.Finished):
         raise InvalidInput(
             "No motion was found within the limits.",

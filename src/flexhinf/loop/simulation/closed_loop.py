@@ -221,7 +221,7 @@ class Loop(Summarised):
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": seed,
-            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.words(),
+            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.settings(),
         }  # fmt: skip
         code, last = status
         end = samples if not code else last + 1

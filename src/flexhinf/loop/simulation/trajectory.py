@@ -1,4 +1,4 @@
-"""What a run leaves behind: labelled signals with units, figures of merit, and a plot."""
+"""What a run leaves behind: labelled signals with units, metrics, and a plot."""
 
 from __future__ import annotations
 

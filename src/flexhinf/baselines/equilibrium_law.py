@@ -1,4 +1,4 @@
-"""Base of the laws to compare with: a plant, the rest they are made for, and what they integrate."""
+"""Base of the laws to compare with: a plant, the equilibrium they are made for, and what they integrate."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import jacobian
 
-__all__ = ["LinearFeedback", "PlacedLaw", "RestLaw", "rest_of"]
+__all__ = ["EquilibriumLaw", "LinearFeedback", "PlacedLaw", "equilibrium_of"]
 
 
-def rest_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
+def equilibrium_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
     """(x*, u*) of a problem, (n,) and (m,) without integrals."""
     return problem.operating_point[: problem.plant.n], problem.operating_input
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class RestLaw(Law):
-    """A `flexhinf.plant.Law` about a rest of a plant.
+class EquilibriumLaw(Law):
+    """A `flexhinf.plant.Law` about an equilibrium of a plant.
 
     Parameters
     ----------
     plant : Plant
         The model that the law was made from.
-    rest : (x*, u*)
+    equilibrium : (x*, u*)
         State (n,) and input (m,) where the plant rests.
     integrate : sequence of str
         States whose tracking error is integrated, single names or groups; ``NAME_integral`` are the last states.
@@ -42,19 +42,19 @@ class RestLaw(Law):
     """
 
     plant: Plant
-    rest: tuple[Any, Any]
+    equilibrium: tuple[Any, Any]
     integrate: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        x, u = (np.array(part, dtype=float) for part in self.rest)
+        x, u = (np.array(part, dtype=float) for part in self.equilibrium)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if (x.shape, u.shape) != shapes or not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
             raise InvalidInput(
-                "The rest of the law does not fit its plant.",
+                "The equilibrium of the law does not fit its plant.",
                 f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
                 "robot.operating_point(pose)",
             )
-        object.__setattr__(self, "rest", (x, u))
+        object.__setattr__(self, "equilibrium", (x, u))
         object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))
         for name in self.integrate:
             self.plant.index(name)
@@ -72,22 +72,22 @@ class RestLaw(Law):
     @property
     def operating_point(self) -> np.ndarray:
         """x* with integrals (zero), (n,)."""
-        return np.concatenate([self.rest[0], np.zeros(len(self.integrate))])
+        return np.concatenate([self.equilibrium[0], np.zeros(len(self.integrate))])
 
     @property
     def operating_input(self) -> np.ndarray:
         """u*, (m,)."""
-        return self.rest[1]
+        return self.equilibrium[1]
 
     @cached_property
     def slope(self) -> np.ndarray:
-        """∂k/∂x at the rest, (m, n)."""
+        """∂k/∂x at the equilibrium, (m, n)."""
         n, data = len(self.state_names), self.law_data
         return jacobian(self.evaluate_law, n, data.size)(np.zeros(n), data)[1]
 
     def closed_loop(self, plant: Plant | None = None) -> np.ndarray:
-        """∂ẋ/∂x of a plant (its own by default) with this law at the rest, the state fed back, (n, n)."""
-        a, b, _, _ = (self.plant if plant is None else plant).linearise(*self.rest)
+        """∂ẋ/∂x of a plant (its own by default) with this law at the equilibrium, the state fed back, (n, n)."""
+        a, b, _, _ = (self.plant if plant is None else plant).linearise(*self.equilibrium)
         states = len(a)
         loop = np.zeros((len(self.state_names),) * 2)
         loop[:states, :states] = a
@@ -97,7 +97,7 @@ class RestLaw(Law):
         return loop
 
 
-class LinearFeedback(RestLaw):
+class LinearFeedback(EquilibriumLaw):
     """k(x) = K x. The gain is data, so all such laws of one size share their code."""
 
     @property
@@ -120,17 +120,17 @@ class LinearFeedback(RestLaw):
         return data.reshape(len(self.input_names), -1) @ x
 
 
-class PlacedLaw(RestLaw):
+class PlacedLaw(EquilibriumLaw):
     """A law that depends on where it acts, not only on the deviation.
 
-    `evaluate_about` says what it does about any reference; `evaluate_law` is that at the rest, which therefore is
-    part of the law's numbers.
+    `evaluate_about` says what it does about any reference; `evaluate_law` is that at the equilibrium,
+    which therefore is part of the law's numbers.
     """
 
     @property
     @abc.abstractmethod
     def numbers(self) -> np.ndarray:
-        """Numbers of the law without its rest, flat."""
+        """Numbers of the law without its equilibrium, flat."""
 
     @abc.abstractmethod
     def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
@@ -139,10 +139,10 @@ class PlacedLaw(RestLaw):
     @property
     def law_data(self) -> np.ndarray:
         """Numbers, then x* and u*, flat."""
-        return np.concatenate([self.numbers, *self.rest])
+        return np.concatenate([self.numbers, *self.equilibrium])
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,), about the rest."""
+        """k(x), (m,), about the equilibrium."""
         inputs = len(self.input_names)
         return self.evaluate_about(x, data[-self.plant.n - inputs : -inputs], data[-inputs:], data)
 
