@@ -11,10 +11,19 @@ ones with ``make slow``.
 from __future__ import annotations
 
 import ast
+import itertools
+import os
+import shlex
+import subprocess
 import sys
+import tempfile
+import textwrap
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "flexhinf"
@@ -168,13 +177,123 @@ def _implied(graph: dict[str, set[str]], room: str, other: str) -> bool:
     return False
 
 
+# Designs --------------------------------------------------------------------------------------------
+def refusal() -> str:
+    """What the command line prints of a peak input that cannot be kept."""
+    command = "flexhinf design paper --goal 90deg --from-pose 0 --bandwidth 4 --damping 0.3 --peak-voltage 15"
+    return f"```text\n$ {command}\n{_printed(command)}\n```"
+
+
+def _printed(command: str) -> str:
+    """Standard error of a command that is refused."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "160"}
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = subprocess.run(
+            [sys.executable, "-m", *shlex.split(command)],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert outcome.returncode == 2, outcome.stderr
+    lines = outcome.stderr[outcome.stderr.index("error:") :].strip().splitlines()
+    return "\n".join(textwrap.fill(line, 130, subsequent_indent=" " * 9) for line in lines)
+
+
+def presets() -> str:
+    """The designs of the paper's arm by each preset, at 90° and 180°."""
+    import flexhinf as fh
+    from flexhinf.design import Specification, design
+
+    head = (
+        "goal, preset", "smallest damping: law, running loop", "peak sensitivity, gain margin, delay margin",
+        "unstable corners: as designed, other R^v", "step: overshoot, settling, peak input",
+        "sampled robots: worst overshoot, not settled", "link under load", "requirements not met",
+    )  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    robot = fh.paper_arm()
+    for goal, preset in itertools.product((90, 180), ("paper", "damped", "robust")):
+        fields: dict[str, Any] = {
+            "pose": f"{goal}deg", "start": 0.0, "preset": preset, "extras": ("inductance",), "peak_effort": 60.0,
+            "rays": 0, "compare_rigid": False,
+        }  # fmt: skip
+        found = design(robot, Specification(**fields))
+        m, corners, samples = (
+            found.evaluation.metrics,
+            found.evaluation.corners,
+            found.evaluation.step_samples,
+        )
+        assert corners is not None
+        assert samples is not None
+        other = max(int(swept.unstable) for swept in corners.swept)
+        load = float(np.max(np.abs(found.evaluation.load_response.load)))
+        missed = [line.what for line in found.requirements if not line.met]
+        cells = (
+            f"{goal}°, {preset}",
+            f"{min(mode.damping for mode in found.law_modes if mode.damping < 1.0):.2f}, {m['damping']:.3f}",
+            f"{m['peak_sensitivity']:.2f}, {m['gain_margin']:.2f}, {1e3 * m['delay_margin_s']:.0f} ms",
+            f"{corners.unstable}, at most {other} of {corners.count}",
+            f"{m['step_overshoot_percent']:.1f} %, {m['step_settling_s']:.2f} s, {m['step_peak_input']:.1f} V",
+            f"{_finite(samples.overshoot.max(), '%')}, {samples.unsettled} of {len(samples)}",
+            f"{1e3 * m['load_deviation'] / load:.0f} mrad per N·m",
+            ", ".join(dict.fromkeys(missed)) or "none",
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def _finite(value: float, unit: str, digits: int = 1) -> str:
+    return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "none"
+
+
+def laws() -> str:
+    """The comparison of laws for the paper's arm at 90°: criterion, verdict, and a row for each law, the best first."""
+    import flexhinf as fh
+    from flexhinf.design import Specification, compare
+    from flexhinf.design.report import comparison_verdict
+
+    fields: dict[str, Any] = {
+        "pose": "90deg", "start": 0.0, "preset": "robust", "extras": ("inductance",), "peak_effort": 60.0, "draws": 50,
+    }  # fmt: skip
+    found = compare(fh.paper_arm(), Specification(**fields), progress=lambda text: print(text, flush=True))
+    head = (
+        "law: what it measures", "criterion", "load of {:.1f} N·m: largest, remaining deviation",
+        "jump: peak input, overshoot, settling", "move: largest error, worst of {} robots",
+        "peak sensitivity, gain margin, delay margin", "noise at the motor", "unstable corners, of {}",
+    )  # fmt: skip
+    corners = found.own.evaluation.corners
+    counts = iter((float(np.abs(found.scenario.load).max()), len(found.scenario.robots), corners.count))
+    titles = [title.format(next(counts)) if "{" in title else title for title in head]
+    lines = ["| " + " | ".join(titles) + " |", "|---" * len(head) + "|"]
+    for row in sorted(found.compared, key=lambda row: (not row.tuned.feasible, row.tuned.cost)):
+        m = row.evaluation.metrics
+        cells = (
+            f"`{row.name}`: {', '.join(row.tuned.sensors).replace('_', ' ')}",
+            f"{row.tuned.cost:.2f}{'' if row.tuned.feasible else ' (a limit is not kept)'}",
+            f"{1e3 * m['load_deviation']:.0f}, {1e3 * m['load_remaining']:.2g} mrad",
+            f"{m['jump_peak_input']:.0f} V, {m['jump_overshoot_percent']:.0f} %, {m['jump_settling_s']:.2f} s",
+            f"{1e3 * m['move_error']:.1f}, {1e3 * m['drawn_worst_move_error']:.0f} mrad",
+            f"{m['peak_sensitivity']:.1f}, {m['gain_margin']:.1f}, {1e3 * m['delay_margin_s']:.0f} ms",
+            f"{1e3 * m['input_noise']:.0f} mV",
+            f"{m['unstable_corners']:.0f}",
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n\n".join([found.criterion.text, f"**{comparison_verdict(found)}**", "\n".join(lines)])
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/design.md", options),
     "rooms": ("docs/architecture.md", rooms),
 }
-SLOW: dict[str, tuple[str, Callable[[], str]]] = {}
+SLOW: dict[str, tuple[str, Callable[[], str]]] = {
+    "refusal": ("docs/design.md", refusal),
+    "presets": ("docs/design.md", presets),
+    "laws": ("docs/design.md", laws),
+}
 
 
 def written(name: str) -> str:

@@ -158,6 +158,8 @@ def test_every_public_name_can_be_imported() -> None:
         "ExtendedKalmanFilter",
         "Controller",
         "Loop",
+        "Trajectory",
+        "load_controller",
         "Step",
         "Sine",
         "Quintic",

@@ -203,3 +203,19 @@ def test_misuse_is_refused(arm: Robot, torques: GeneralisedPlant, quartic: HJISo
         worst_disturbance(torques, made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0]), energy=1.0)
     with pytest.raises(InvalidInput, match="one period"):
         DisturbanceSearch(torques, quartic, made.filter(arm.plant(), np.zeros(4)), 1e-3, search_period=0.01)
+
+
+def test_no_command_leaves_the_joints_limits(two_link: Robot) -> None:
+    """The search asked its own loop for a command beyond the joint's limit, and a whole design failed."""
+    problem = two_link.problem(pose=[1.5, 0.0])
+    law = solve_hji(problem, gamma=1.5 * smallest_gamma(problem), degree=2)
+    limits = problem.plant.limits
+    found = worst_disturbance(problem, law, energy=200.0, horizon=4.0, turns=2, starts=1)
+    commands = problem.operating_point[:2] + found.disturbance
+    low, high = np.array([limits[name] for name in problem.plant.states[:2]]).T
+    assert np.all((commands >= low - 1e-12) & (commands <= high + 1e-12))
+    assert np.any(
+        (np.abs(commands - low) < 1e-9) | (np.abs(commands - high) < 1e-9)
+    )  # it would have gone beyond
+    assert 0.0 < found.energy < 200.0
+    assert found.energy == pytest.approx(1e-3 * (found.disturbance[:-1] ** 2).sum())

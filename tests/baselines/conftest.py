@@ -18,7 +18,7 @@ def continuous(plant, law, start, duration, reference=None, times=None, disturba
     places, data = [plant.index(name) for name in law.integrate], law.law_data
 
     def at(t):
-        return law.rest if reference is None else reference(t)
+        return law.equilibrium if reference is None else reference(t)
 
     def rate(t, z):
         x, e = z[: plant.n], z[plant.n :]

@@ -32,18 +32,18 @@ def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):
     plant, n = robot.plant(), len(robot.joint_names)
     law = FeedbackLinearisation.tuned(robot.problem(), 6.0)
     rng = np.random.default_rng(2)
-    q = law.rest[0][:n] + rng.uniform(-1.0, 1.0, n)
+    q = law.equilibrium[0][:n] + rng.uniform(-1.0, 1.0, n)
     lag = robot.operating_point(q)[0]
     start = lag + np.concatenate(
         [np.zeros(n), rng.normal(size=n), 0.05 * rng.normal(size=n), rng.normal(size=n)]
     )
     times, states = made.continuous(plant, law, start, 2.0)
-    xi = law.form.coordinates(start, law.rest[1], plant.parameters.vector())[0].reshape(n, 4).copy()
-    xi[:, 0] -= law.rest[0][:n]
+    xi = law.form.coordinates(start, law.equilibrium[1], plant.parameters.vector())[0].reshape(n, 4).copy()
+    xi[:, 0] -= law.equilibrium[0][:n]
     moved = np.array([expm(t * chain(law.coefficients[0])) for t in times])  # joints have equal poles
-    expected = law.rest[0][:n] + np.einsum("tij,nj->tin", moved, xi)[:, 0]
+    expected = law.equilibrium[0][:n] + np.einsum("tij,nj->tin", moved, xi)[:, 0]
     np.testing.assert_allclose(states[:, :n], expected, atol=1e-6)
-    assert np.abs(expected[0] - law.rest[0][:n]).max() > 0.1
+    assert np.abs(expected[0] - law.equilibrium[0][:n]).max() > 0.1
 
 
 @pytest.mark.oracle
@@ -56,9 +56,9 @@ def test_with_integrals_a_torque_at_the_motor_leaves_no_error_as_the_chain_says(
         sorted_modes(np.linalg.eigvals(law.closed_loop())), sorted_modes(expected), rtol=1e-5
     )
     push = np.array([0.0, 0.0, 0.2, -0.1])
-    _, states = made.continuous(plant, law, law.rest[0], 6.0, disturbance=push)
-    assert np.abs(states[:, :2] - law.rest[0][:2]).max() > 1e-3
-    np.testing.assert_allclose(states[-1, :2], law.rest[0][:2], atol=1e-6)
+    _, states = made.continuous(plant, law, law.equilibrium[0], 6.0, disturbance=push)
+    assert np.abs(states[:, :2] - law.equilibrium[0][:2]).max() > 1e-3
+    np.testing.assert_allclose(states[-1, :2], law.equilibrium[0][:2], atol=1e-6)
 
 
 @pytest.mark.oracle
@@ -105,12 +105,12 @@ def test_seven_links_are_evaluated(made):
     x, n = 0.02 * np.cos(np.arange(28.0)), 7
     k = law.evaluate_law(x, law.law_data)
     vector = law.plant.parameters.vector()
-    xi = law.form.coordinates(law.rest[0] + x, law.rest[1], vector)[0].reshape(n, 4)
-    error = -xi + np.pad(law.rest[0][:n, None], ((0, 0), (0, 3)))
+    xi = law.form.coordinates(law.equilibrium[0] + x, law.equilibrium[1], vector)[0].reshape(n, 4)
+    error = -xi + np.pad(law.equilibrium[0][:n, None], ((0, 0), (0, 3)))
     v = error @ law.coefficients[0]
     flow = InverseFlow(robot.links, robot.drive)
     _, u = flow(*xi.T, v, law.plant.parameters.named(vector))
-    np.testing.assert_allclose(law.rest[1] + k, np.asarray(u, dtype=float), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(law.equilibrium[1] + k, np.asarray(u, dtype=float), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.oracle
@@ -126,6 +126,17 @@ def test_the_poles_have_the_bandwidth_and_hardly_overshoot(order):
 
 
 @pytest.mark.oracle
+def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
+    problem = made.robots["paper"].problem()
+    plain = FeedbackLinearisation.tuned(problem, 6.0).coefficients[0]
+    slow = FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.2).coefficients[0]
+    expected = np.sort_complex([*np.roots([1.0, *plain[::-1]]), -1.2])
+    np.testing.assert_allclose(np.sort_complex(np.roots([1.0, *slow[::-1]])), expected, rtol=1e-9)
+    with pytest.raises(InvalidInput, match="rate of the integral"):
+        FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.0)
+
+
+@pytest.mark.oracle
 def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
     robot = made.robots["spatial-three-link"]
     law = FeedbackLinearisation.tuned(robot.problem(), 5.0)
@@ -135,7 +146,7 @@ def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
         loop = Loop(robot.plant(), Controller(law, None, period, moving=True))
         run = loop.run(np.concatenate([goal, held]), duration=2.0)
         decay = np.array([expm(t * chain(law.coefficients[0]))[0, 0] for t in run.time])
-        expected = goal[:3] + decay[:, None] * (law.rest[0][:3] - goal[:3])
+        expected = goal[:3] + decay[:, None] * (law.equilibrium[0][:3] - goal[:3])
         errors.append(np.abs(run.signals["state"][:, :3] - expected).max())
     assert errors[0] < 1e-2
     np.testing.assert_allclose(errors[0] / errors[1], 2.0, rtol=0.1)  # the input is held: half a period late
@@ -183,7 +194,7 @@ def unstable_zero():
     ("plant", "settings", "complaint"),
     [
         (unstable_zero(), {"coefficients": [[3.0]], "outputs": ("a",)}, "1 of the 2 modes are zero dynamics"),
-        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, "unstable at the rest"),
+        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, "unstable at the equilibrium"),
         (None, {"coefficients": [[1.0, 1.0]]}, "do not fit the relative degrees"),
         (None, {"coefficients": [[1.0] * 4], "integrate": ("motor_position",)}, "errors of its outputs"),
     ],
@@ -191,7 +202,7 @@ def unstable_zero():
 def test_what_does_not_fit_is_refused(made, plant, settings, complaint):
     plant = made.robots["paper"].plant() if plant is None else plant
     with pytest.raises(InvalidInput, match=complaint):
-        FeedbackLinearisation(plant=plant, rest=(np.zeros(plant.n), np.zeros(1)), **settings)
+        FeedbackLinearisation(plant=plant, equilibrium=(np.zeros(plant.n), np.zeros(1)), **settings)
 
 
 def test_a_singular_decoupling_matrix_is_refused():
@@ -199,9 +210,12 @@ def test_a_singular_decoupling_matrix_is_refused():
         return np.array([u[0] + u[1], u[0] + u[1] * (1.0 + x[0])])
 
     plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u", "v"))
-    with pytest.raises(InvalidInput, match="singular at the rest"):
+    with pytest.raises(InvalidInput, match="singular at the equilibrium"):
         FeedbackLinearisation(
-            plant=plant, rest=(np.zeros(2), np.zeros(2)), coefficients=[[1.0], [1.0]], outputs=("a", "b")
+            plant=plant,
+            equilibrium=(np.zeros(2), np.zeros(2)),
+            coefficients=[[1.0], [1.0]],
+            outputs=("a", "b"),
         )
 
 

@@ -63,10 +63,10 @@ def test_the_weight_is_exact_at_every_pose(made, name):
     rng = np.random.default_rng(4)
     for q in rng.uniform(-1.5, 1.5, (3, n)):
         x, u = robot.operating_point(q)
-        k = law.evaluate_law(np.concatenate([x - law.rest[0], np.zeros(n)]), law.law_data)
-        moved = q - law.rest[0][:n]
+        k = law.evaluate_law(np.concatenate([x - law.equilibrium[0], np.zeros(n)]), law.law_data)
+        moved = q - law.equilibrium[0][:n]
         expected = u + law.gains[:, :n] @ moved + law.gains[:, 2 * n : 3 * n] @ moved
-        np.testing.assert_allclose(law.rest[1] + k, expected, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(law.equilibrium[1] + k, expected, rtol=1e-8, atol=1e-8)
         np.testing.assert_array_equal(law.evaluate_about(np.zeros(5 * n), x, u, law.law_data), 0.0)
 
 
@@ -86,4 +86,6 @@ def test_what_does_not_fit_is_refused(made):
     with pytest.raises(FlexhinfError, match="not a robot with elastic joints"):
         GravityCompensatedLQR.design(robot.problem(extras="inductance"))
     with pytest.raises(FlexhinfError, match="gain does not fit"):
-        GravityCompensatedLQR(plant=robot.plant(), rest=robot.operating_point(), gains=np.zeros((1, 3)))
+        GravityCompensatedLQR(
+            plant=robot.plant(), equilibrium=robot.operating_point(), gains=np.zeros((1, 3))
+        )

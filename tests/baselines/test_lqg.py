@@ -65,7 +65,7 @@ def test_the_sampled_loop_is_a_forced_response_of_python_control(made, name, pos
     law = lqr(problem)
     control_ = Controller(law, ConstantGainFilter(ekf, gain), H)
     n, m, k = linear.n, len(linear.inputs), len(law.integrate)
-    x0, u0 = law.rest
+    x0, u0 = law.equilibrium
     places = [linear.index(tracked) for tracked in law.integrate]
     push = np.zeros(len(linear.disturbances))
     push[0] = 0.5

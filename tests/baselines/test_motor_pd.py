@@ -63,7 +63,7 @@ def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached(made):
     robot = made.robots["spatial-three-link"]
     plant, p = robot.plant(), robot.plant_parameters()
     law = MotorPD.tuned(robot.problem(pose=[0.4, 0.3, 0.9]), 6.0, 0.7)
-    x_d, _ = law.rest
+    x_d, _ = law.equilibrium
     start = x_d + np.array([1.2, -0.9, 0.7, 0.5, -0.4, 0.3, 1.1, -0.8, 0.9, 0.2, 0.1, -0.3])
     times, states = made.continuous(plant, law, start, 12.0, times=np.linspace(0.0, 12.0, 4001))
     q_d, theta_d = x_d[:3], x_d[6:9]
@@ -109,7 +109,7 @@ def test_gains_put_the_poles_of_a_stiff_joint_where_asked(made, integral):
 def test_a_motor_that_damps_itself_by_more_than_was_asked_keeps_doing_so(made):
     problem = made.robots["quanser"].problem()
     law = MotorPD.tuned(problem, 1.0, 0.1)
-    assert elastic_joints(problem.plant, *law.rest).motor_damping[0] > 0.01
+    assert elastic_joints(problem.plant, *law.equilibrium).motor_damping[0] > 0.01
     assert law.derivative[0] == 0.0
 
 
@@ -157,12 +157,12 @@ def test_other_gains_compile_nothing(made, monkeypatch):
         ({"integral": 1.0}, "integral gain and what is integrated"),
         ({"integrate": ("link_position",)}, "integral gain and what is integrated"),
         ({"integrate": ("elbow",), "integral": 1.0}, "no state 'elbow'"),
-        ({"rest": (np.zeros(3), np.zeros(1))}, "rest of the law does not fit"),
+        ({"equilibrium": (np.zeros(3), np.zeros(1))}, "equilibrium of the law does not fit"),
     ],
 )
 def test_what_does_not_fit_is_refused(made, changes, complaint):
     robot = made.robots["paper"]
-    settings = {"rest": robot.operating_point([np.pi]), "proportional": 50.0, "derivative": 1.0}
+    settings = {"equilibrium": robot.operating_point([np.pi]), "proportional": 50.0, "derivative": 1.0}
     MotorPD(plant=robot.plant(), **settings)
     with pytest.raises(InvalidInput, match=complaint):
         MotorPD(plant=robot.plant(), **{**settings, **changes})

@@ -26,15 +26,15 @@ def test_it_is_a_pd_on_lighter_rotors(made):
     )
     light = plant.with_parameters(motor_inertia=0.3 * p["motor_inertia"], friction=0.3 * p["friction"])
     same = MotorPD(
-        plant=light, rest=law.rest, integrate=("link_position",),
+        plant=light, equilibrium=law.equilibrium, integrate=("link_position",),
         proportional=law.proportional, derivative=law.derivative, integral=law.integral,
     )  # fmt: skip
-    start = law.rest[0] + np.linspace(-0.4, 0.5, 12)
+    start = law.equilibrium[0] + np.linspace(-0.4, 0.5, 12)
     _, felt = made.continuous(plant, law, start, 1.5)
     _, expected = made.continuous(light, same, start, 1.5)
     np.testing.assert_allclose(felt, expected, atol=1e-8)
     unchanged = made.continuous(plant, MotorPD(
-        plant=plant, rest=law.rest, integrate=("link_position",),
+        plant=plant, equilibrium=law.equilibrium, integrate=("link_position",),
         proportional=law.proportional, derivative=law.derivative, integral=law.integral,
     ), start, 1.5)[1]  # fmt: skip
     assert np.abs(unchanged - expected).max() > 0.05
@@ -51,7 +51,9 @@ def test_with_voltages_and_damped_springs_the_loops_matrix_is_that_of_lighter_ro
         motor_inertia=0.2 * p["motor_inertia"], friction=0.2 * p["friction"],
         back_emf_constant=0.2 * p["back_emf_constant"],
     )  # fmt: skip
-    same = MotorPD(plant=scaled, rest=law.rest, proportional=law.proportional, derivative=law.derivative)
+    same = MotorPD(
+        plant=scaled, equilibrium=law.equilibrium, proportional=law.proportional, derivative=law.derivative
+    )
     np.testing.assert_allclose(law.closed_loop(), same.closed_loop(), rtol=1e-9, atol=1e-8)
 
 
@@ -87,13 +89,14 @@ def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     np.testing.assert_allclose(states[-1], goal, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_weight_is_compensated_away_from_the_goal(made):
     """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""
     robot = made.robots["planar-two-link"]
     plant, law = robot.plant(), TorqueFeedback.tuned(robot.problem(pose=[1.2, 0.3]), 30.0, 0.8)
     push = np.array([8.0, -3.0])
-    x_d, _ = law.rest
+    x_d, _ = law.equilibrium
     _, torque = made.links_at(robot, x_d[:2])
     stiffness, ratio = robot.plant_parameters()["stiffness"], 4.0
 
@@ -163,6 +166,8 @@ def test_a_joint_too_soft_for_its_weight_is_refused(made):
 def test_what_does_not_fit_is_refused(made, changes, complaint):
     robot = made.robots["paper"]
     settings = {"rotor_inertia": 0.5, "proportional": 20.0, "derivative": 3.0}
-    TorqueFeedback(plant=robot.plant(), rest=robot.operating_point([np.pi]), **settings)
+    TorqueFeedback(plant=robot.plant(), equilibrium=robot.operating_point([np.pi]), **settings)
     with pytest.raises(InvalidInput, match=complaint):
-        TorqueFeedback(plant=robot.plant(), rest=robot.operating_point([np.pi]), **{**settings, **changes})
+        TorqueFeedback(
+            plant=robot.plant(), equilibrium=robot.operating_point([np.pi]), **{**settings, **changes}
+        )

@@ -16,6 +16,7 @@ def text_of(folder: Path, file: str = "index.html") -> str:
     return (folder / "flexhinf-design" / file).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--degrees", "2,4", "--goal", "180deg", "--rays", "200", "--no-compare-rigid", "--draws", "0"]
     assert main(["design", "paper", *words]) in (0, 1)

@@ -18,6 +18,9 @@ ACCURACY, TURNS = 1e-9, 60
 #: An eigenvalue below this is gone after one sample.
 GONE = 1e-12
 
+#: With more states a response is found by the Schur form.
+TRIANGULAR = 48
+
 #: Eigenvalues this close to the imaginary axis (relative to the largest) lie on it.
 ON_AXIS = 1e-8
 
@@ -67,8 +70,29 @@ class DiscreteSystem:
     def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
         """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs."""
         z = np.exp(1j * np.atleast_1d(frequency) * self.period)
+        if len(self.a) > TRIANGULAR and len(z) > 2:
+            return self._triangular_response(z, inputs)
         shifted = z[:, None, None] * np.eye(len(self.a)) - self.a
         return self.c @ np.linalg.solve(shifted, self.b[:, inputs].astype(complex)) + self.d[:, inputs]
+
+    def _triangular_response(self, z: np.ndarray, inputs: Any) -> np.ndarray:
+        """The same by the Schur form of a: n² operations a frequency instead of n³."""
+        from scipy.linalg import solve_triangular
+
+        t, q = self._schur
+        b, c, unit = q.conj().T @ self.b[:, inputs], self.c @ q, np.eye(len(t))
+        return (
+            np.array([c @ solve_triangular(at * unit - t, b, check_finite=False) for at in z])
+            + self.d[:, inputs]
+        )
+
+    @cached_property
+    def _schur(self) -> tuple[np.ndarray, np.ndarray]:
+        """(t, q) with a = q t qᴴ, t triangular."""
+        from scipy.linalg import schur
+
+        t, q = schur(self.a, output="complex")[:2]
+        return np.asarray(t), np.asarray(q)
 
     def frequencies(self, count: int = 300) -> np.ndarray:
         """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""

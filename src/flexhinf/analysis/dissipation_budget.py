@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import GeneralisedPlant, Law, Plant
 
 __all__ = ["BudgetTerm", "DissipationBudget", "budget_terms", "dissipation_budget"]
 
@@ -129,9 +130,9 @@ def _running(parts: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 
-def _checked(loop: Loop) -> Any:
-    law: Any = loop.controller.law
-    if not all(hasattr(law, name) for name in ("value", "law", "expansion")):
+def _checked(loop: Loop) -> HJISolution:
+    law = loop.controller.law
+    if not isinstance(law, HJISolution):
         raise InvalidInput(
             "The law has no value function to keep below a level.",
             f"got {type(law).__name__}",
@@ -172,7 +173,7 @@ def _own_integrals(run: Trajectory, controller: Controller, before: np.ndarray) 
 def _disturbances(run: Trajectory, loop: Loop, law: Any) -> np.ndarray:
     """d of the problem at each sample (N, md), as the run was given it."""
     problem, controller = law.problem, loop.controller
-    names: tuple[str, ...] = tuple(getattr(problem, "disturbance_names", ()))
+    names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
     commands = [name for name in controller.tracked if f"{name}_command" in names]
     reference = run.signals["reference"] - controller.operating_reference
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}

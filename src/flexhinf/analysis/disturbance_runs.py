@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.analysis.batch import Rows
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.scalars import trace
@@ -32,7 +33,7 @@ class Held(Samples):
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """One disturbance and what it attained, from rest at the operating point.
+    """One disturbance and the gain it attained from rest at the operating point: a lower bound of the loop's gain.
 
     Attributes
     ----------
@@ -94,6 +95,15 @@ class DisturbanceRuns:
         """Number of disturbances."""
         return len(self.problem.disturbance_names)
 
+    def within(self, d: np.ndarray) -> np.ndarray:
+        """Samples (N, k) with commands that the joints' limits allow: what lies beyond is cut off."""
+        controller, limits, found = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
+        for i, name in enumerate(controller.tracked[: self.commands]):
+            if name in limits:
+                low, high = np.asarray(limits[name]) - controller.operating_reference[i]
+                found[:, i] = np.clip(found[:, i], low, high)
+        return found
+
     def run(self, d: np.ndarray) -> tuple[Trajectory, bool]:
         """The run with d (N, k) held between samples, and whether it came to its end."""
         controller, channels = self.loop.controller, self.problem.disturbances or ()
@@ -149,7 +159,8 @@ class DisturbanceRuns:
             return h[:, 0] + (u * priced).sum(axis=1), by_x[:, 0], 2.0 * priced
 
     def attained(self, d: np.ndarray) -> Attained:
-        """Of samples d (N, k)."""
+        """Of samples d (N, k), commands cut off at the joints' limits."""
+        d = self.within(d)
         run, whole = self.run(d)
         x, u = self.deviations(run, d)
         z = self.cost(x, u)[0]
@@ -159,8 +170,7 @@ class DisturbanceRuns:
         outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
         begun = outer > BEGUN * outer[-1]
         ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
-        value = getattr(self.law, "value", None)
-        largest = float("nan") if value is None else float(np.max(value(x)))
+        largest = float(np.max(self.law.value(x))) if isinstance(self.law, HJISolution) else float("nan")
         return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
 
     # Small motions -------------------------------------------------------------------------------------

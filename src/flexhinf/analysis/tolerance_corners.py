@@ -24,8 +24,9 @@ __all__ = [
     "GrowthRates", "ToleranceCorners", "destabilising_scale", "growth_rates", "tolerance_corners",
 ]  # fmt: skip
 
-#: All corners are computed of up to so many uncertain numbers (4096 corners).
-ALL_OF = 12
+#: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
+#: these (states cubed for each corner): with eleven numbers more than a hundred states, as with a delay of 100 samples.
+ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
 SAMPLED = (400, 60)
@@ -38,6 +39,9 @@ PER_DECADE, FEW, PEAKS = 4, 4, 2
 
 #: A peak stands out from both of its neighbours on the grid by so much of its growth rate; less is rounding.
 PROMINENT = 1e-4
+
+#: Stands for an infinite growth rate where rates are compared, 1/s.
+LARGEST = 1e300
 
 #: Doublings of the tolerances until a corner is unstable, and bisections afterwards.
 DOUBLINGS, BISECTIONS = 4, 12
@@ -203,6 +207,8 @@ def tolerance_corners(
 ) -> ToleranceCorners:
     """Growth rates at all corners of up to 12 uncertain numbers, at seeded samples of the corners of more.
 
+    Loops of more than a hundred states, as with a delay of a hundred samples, are sampled too; the result says so.
+
     The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
     far as a q between two of these with which the loop grows fastest.
 
@@ -225,7 +231,7 @@ def tolerance_corners(
         If R^v is asked for and no Kalman filter is in the loop.
     """
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete, large = number <= ALL_OF, loop.states > LARGE
+    complete, large = _all(number, loop), loop.states > LARGE
     population = corner_population(at, number, 2**number if complete else SAMPLED[large], seed, singles=False)
     every = np.arange(len(population) - 1)
     designed = growth_rates(loop, population, (None,), every)[0]
@@ -236,6 +242,11 @@ def tolerance_corners(
     swept += growth_rates(loop, population, _between(loop, population, swept), every)
     variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
     return ToleranceCorners(population, complete, designed, swept, variance)
+
+
+def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
+    """Whether all corners are computed."""
+    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
 
 
 def _between(
@@ -256,6 +267,7 @@ def _between(
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
         rates = np.array([each.fastest for each in growth_rates(loop, population, tried, few)])
+        rates = np.clip(rates, -LARGEST, LARGEST)  # infinite where no finite linear loop exists: a peak as well
         higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
@@ -294,7 +306,7 @@ def destabilising_scale(
         Number of the corner, as of `tolerance_corners`' population; −1 where there is none.
     """
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    count = 2**number if number <= ALL_OF else SAMPLED[loop.states > LARGE]
+    count = 2**number if _all(number, loop) else SAMPLED[loop.states > LARGE]
     population = corner_population(at, number, count, seed, singles=False)
     table = loop.plant.parameters
     *ends, middle = loop.vectors([table.known(values) for values in population.values])

@@ -25,6 +25,7 @@ from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.disturbance_runs import Attained, DisturbanceRuns
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
 from flexhinf.loop import Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 
@@ -224,6 +225,10 @@ class DisturbanceSearch:
         """d with ∫|d|² = energy."""
         return d * np.sqrt(energy / (self.search_runs.period * float((d**2).sum())))
 
+    def _allowed(self, d: np.ndarray, energy: float) -> np.ndarray:
+        """d with at most this energy: commands beyond the joints' limits are cut off, and no command goes there."""
+        return self.search_runs.within(self.scaled(d, energy))
+
     def small(self) -> tuple[float, np.ndarray]:
         """(gain of small motions of the sampled loop, the sinusoid that attains it, under a window)."""
         system = small_motions(self.search_runs)
@@ -244,7 +249,7 @@ class DisturbanceSearch:
 
     def ascend(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
         """The disturbance (N, k) of this energy found from `start`; None if the loop diverges on the way."""
-        d, best = self.scaled(start, energy), (-np.inf, start)
+        d, best = self._allowed(start, energy), (-np.inf, start)
         for _ in range(turns):
             found = gradient(self.search_runs, d)
             if found is None or not np.all(np.isfinite(found[0])):
@@ -253,7 +258,7 @@ class DisturbanceSearch:
             best = max(best, (value, d), key=lambda pair: pair[0])
             if not slope.any():
                 break
-            d = self.scaled(slope, energy)
+            d = self._allowed(slope, energy)
         return best[1]
 
 
@@ -304,7 +309,7 @@ def worst_disturbance(
             f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
             "level=solution.sampled_region().level",
         )
-    if level is not None and not (hasattr(law, "value") and np.isfinite(getattr(law, "gamma", np.inf))):
+    if level is not None and not (isinstance(law, HJISolution) and np.isfinite(law.gamma)):
         raise InvalidInput(
             "The law has no level sets.", f"got level={level!r} and {type(law).__name__}", "energy=…"
         )

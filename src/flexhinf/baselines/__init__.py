@@ -1,4 +1,4 @@
-"""The laws a sceptic would use, each behind `flexhinf.plant.Law`, and one way to tune them alike.
+"""The laws a sceptic would use, each behind `flexhinf.plant.Law`, and one way to tune them alike: `tune`.
 
 ============================  ==================================================================================
 law                           when to choose it
@@ -11,46 +11,6 @@ law                           when to choose it
 ============================  ==================================================================================
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-_HOME = {
-    "FeedbackLinearisation": "feedback_linearisation",
-    "GravityCompensatedLQR": "gravity_compensated_lqr",
-    "GravityTorque": "gravity",
-    "LinearQuadratic": "linear_quadratic",
-    "MotorPD": "motor_pd",
-    "NormalForm": "normal_form",
-    "TorqueFeedback": "torque_feedback",
-    "Tuning": "tuning",
-    "elastic_joints": "joints",
-    "lqr": "linear_quadratic",
-    "lqr_gain": "linear_quadratic",
-    "tune": "tuning",
-}
-
-__all__ = [
-    "FeedbackLinearisation", "GravityCompensatedLQR", "GravityTorque", "LinearQuadratic", "MotorPD", "NormalForm",
-    "TorqueFeedback", "Tuning", "elastic_joints", "lqr", "lqr_gain", "tune",
-]  # fmt: skip
-
-if TYPE_CHECKING:
-    from flexhinf.baselines.feedback_linearisation import FeedbackLinearisation
-    from flexhinf.baselines.gravity import GravityTorque
-    from flexhinf.baselines.gravity_compensated_lqr import GravityCompensatedLQR
-    from flexhinf.baselines.joints import elastic_joints
-    from flexhinf.baselines.linear_quadratic import LinearQuadratic, lqr, lqr_gain
-    from flexhinf.baselines.motor_pd import MotorPD
-    from flexhinf.baselines.normal_form import NormalForm
-    from flexhinf.baselines.torque_feedback import TorqueFeedback
-    from flexhinf.baselines.tuning import Tuning, tune
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'flexhinf.baselines' has no attribute {name!r}")
-    value = getattr(import_module(f"flexhinf.baselines.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,8 +6,8 @@ In the coordinates of the link positions and their derivatives (`flexhinf.baseli
 
 makes each joint's error a linear chain, e^(r) + Σ k_i e^(i) + k_I ∫ e = 0, whatever the other joints do. The
 derivatives y^(i) are functions of the state, the reference's are those of its state x_d and, for the highest, its
-input u_d. So a reference (x_d, u_d) that the elastic inverse dynamics gives is followed without error, and at a rest
-u = u*.
+input u_d. So a reference (x_d, u_d) that the elastic inverse dynamics gives is followed without error, and at an
+equilibrium u = u*.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.baselines.gravity import digest
 from flexhinf.baselines.normal_form import NormalForm
-from flexhinf.baselines.rest_law import PlacedLaw, rest_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 
@@ -31,14 +31,15 @@ __all__ = ["FeedbackLinearisation", "bessel_coefficients"]
 SINGULAR = 1e-12
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FeedbackLinearisation(PlacedLaw):
     """The law above, for any plant whose outputs have a vector relative degree.
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`; either no output is integrated or all are, in their order.
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; either no output is integrated or all are, in
+        their order.
     coefficients : sequence of (r_j + 1,) or (r_j,) arrays
         Of each output: k_I (with integrals only), then k_0 … k_{r−1}, of s^r + k_{r−1} s^{r−1} + … .
     outputs : sequence of str
@@ -47,8 +48,8 @@ class FeedbackLinearisation(PlacedLaw):
     Raises
     ------
     InvalidInput
-        If the numbers do not fit, A is singular at the rest, or the loop is unstable there (poles that are not in the
-        left half plane, or zero dynamics that are not).
+        If the numbers do not fit, A is singular at the equilibrium, or the loop is unstable there (poles that are not
+        in the left half plane, or zero dynamics that are not).
     """
 
     coefficients: Sequence[Any]
@@ -76,10 +77,10 @@ class FeedbackLinearisation(PlacedLaw):
         self._check_rest()
 
     def _check_rest(self) -> None:
-        values = np.linalg.svd(self.form.decoupling_matrix(self.rest[0]), compute_uv=False)
+        values = np.linalg.svd(self.form.decoupling_matrix(self.equilibrium[0]), compute_uv=False)
         if not np.all(np.isfinite(values)) or values[-1] <= SINGULAR * values[0]:
             raise InvalidInput(
-                "The outputs cannot be decoupled: A(x) of y^(r) = b(x) + A(x) u is singular at the rest.",
+                "The outputs cannot be decoupled: A(x) of y^(r) = b(x) + A(x) u is singular at the equilibrium.",
                 f"expected singular values > 0, got {values.tolist()}",
                 "other outputs, or another pose",
             )
@@ -87,7 +88,7 @@ class FeedbackLinearisation(PlacedLaw):
         if modes.real.max() >= 0.0:
             hidden = len(self.state_names) - sum(len(chain) for chain in self.coefficients)
             raise InvalidInput(
-                "The linearised loop is unstable at the rest.",
+                "The linearised loop is unstable at the equilibrium.",
                 f"expected modes in the left half plane, got one at {modes[modes.real.argmax()]:.4g} 1/s; "
                 f"{hidden} of the {len(modes)} modes are zero dynamics, which the law does not reach",
                 "positive coefficients of a stable polynomial, and outputs with stable zero dynamics",
@@ -99,26 +100,45 @@ class FeedbackLinearisation(PlacedLaw):
         bandwidth: float,
         integral: bool = False,
         outputs: str | Sequence[str] = ("link_position",),
+        integral_rate: float | None = None,
     ) -> FeedbackLinearisation:
         """Poles of a Bessel filter of this bandwidth for every output, see `bessel_coefficients`.
 
         Parameters
         ----------
         problem : GeneralisedPlant
-            Plant and rest; its penalty does not matter.
+            Plant and equilibrium; its penalty does not matter.
         bandwidth : float
             rad/s.
         integral : bool
             Whether the outputs' errors are integrated: one more pole each.
         outputs : sequence of str
             See the class.
+        integral_rate : float, optional
+            σ/ω of the integral's own pole at −σ beside the filter's poles; by default it is one of a filter of one
+            order more.
+
+        Raises
+        ------
+        InvalidInput
+            If the bandwidth or the rate is not positive.
         """
         plant = problem.plant
         names = plant.expanded(outputs)
         degrees = NormalForm(plant, names).degrees
-        chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
+        if integral and integral_rate is not None:
+            pole = integral_rate * bandwidth
+            if not (np.isfinite(pole) and pole > 0.0):
+                raise InvalidInput(
+                    "The rate of the integral is not positive.",
+                    f"expected a share of the bandwidth > 0, got {integral_rate!r}",
+                    "integral_rate=0.2",
+                )
+            chains = [_with_pole(bessel_coefficients(degree, bandwidth), pole) for degree in degrees]
+        else:
+            chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
         return FeedbackLinearisation(
-            plant=plant, rest=rest_of(problem), integrate=names if integral else (),
+            plant=plant, equilibrium=equilibrium_of(problem), integrate=names if integral else (),
             coefficients=chains, outputs=names,
         )  # fmt: skip
 
@@ -154,6 +174,11 @@ class FeedbackLinearisation(PlacedLaw):
             wanted.append(total)
             row, place = row + degree, place + degree
         return self.form.input(now, np.array(wanted), p) - input
+
+
+def _with_pole(coefficients: np.ndarray, pole: float) -> np.ndarray:
+    """Coefficients (r + 1,) of (s^r + … + k_0)(s + pole), for those of s^r + … + k_0, (r,), lowest first."""
+    return np.concatenate([pole * coefficients, [pole]]) + np.concatenate([[0.0], coefficients])
 
 
 def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:

@@ -9,27 +9,27 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.baselines.gravity import GravityTorque
 from flexhinf.baselines.joints import ElasticJoints, check_joints, elastic_joints
 from flexhinf.baselines.linear_quadratic import checked_gain, lqr_gain
-from flexhinf.baselines.rest_law import PlacedLaw, rest_of
 from flexhinf.plant import GeneralisedPlant
 
 __all__ = ["GravityCompensatedLQR"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GravityCompensatedLQR(PlacedLaw):
     """κ(x) = k_u⁻¹ G(q) + K (q, q̇, θ − K_s⁻¹ G(q), θ̇ − K_s⁻¹ Ġ(q), e): the LQR of the weightless robot, and its weight.
 
     At link positions q the weight G(q) is held by the springs, wound up by K_s⁻¹ G(q), and by the inputs; the gain
     acts on the motors relative to that wind-up, which itself moves at the rate K_s⁻¹ ∂G/∂q q̇. About a reference,
-    k = κ(x_d + δ) − κ(x_d), so every rest is an equilibrium.
+    k = κ(x_d + δ) − κ(x_d), so every pose held is an equilibrium.
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`; the plant has elastic joints.
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; the plant has elastic joints.
     gains : (n, states) array
         K, of the weightless robot.
     gravity : callable, optional
@@ -68,14 +68,14 @@ class GravityCompensatedLQR(PlacedLaw):
         NumericalFailure
             If the weightless robot has no LQR.
         """
-        plant, (x, u) = problem.plant, rest_of(problem)
+        plant, (x, u) = problem.plant, equilibrium_of(problem)
         n = check_joints(plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
         relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
         light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
         return GravityCompensatedLQR(
             plant=plant,
-            rest=(x, u),
+            equilibrium=(x, u),
             integrate=problem.integrate,
             gains=lqr_gain(light, effort),
             gravity=gravity,
@@ -83,8 +83,8 @@ class GravityCompensatedLQR(PlacedLaw):
 
     @cached_property
     def joints(self) -> ElasticJoints:
-        """The joints' numbers at the rest."""
-        return elastic_joints(self.plant, *self.rest)
+        """The joints' numbers at the equilibrium."""
+        return elastic_joints(self.plant, *self.equilibrium)
 
     @cached_property
     def _weight(self) -> GravityTorque:

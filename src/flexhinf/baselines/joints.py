@@ -1,4 +1,4 @@
-"""The numbers of a plant's elastic joints at a rest, from its exact Jacobians.
+"""The numbers of a plant's elastic joints at an equilibrium, from its exact Jacobians.
 
 At rest M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + D(q̇2 − q̇1) + d_link and J q̈2 + B q̇2 + K(q2 − q1) + D(q̇2 − q̇1) =
 k_u u + d_motor, Eq. (2), are read off ẋ = A x + B u + G d: what the motors feel of d_motor is J⁻¹, what the links
@@ -34,7 +34,7 @@ class ElasticJoints:
     gravity_slope : ndarray, (n, n)
         ∂G/∂q at q*.
     stiffness, spring_damping : ndarray, (n,)
-        K and D of the springs as they are at this rest.
+        K and D of the springs as they are at this equilibrium.
     motor_inertia, motor_damping : ndarray, (n,)
         J and B, the back-EMF's k_t k_b / R included.
     torque_per_input : ndarray, (n,)
@@ -81,7 +81,7 @@ def check_joints(plant: Plant) -> int:
 
 
 def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray) -> ElasticJoints:
-    """The joints' numbers at the rest (x, u), (4n,) and (n,).
+    """The joints' numbers at the equilibrium (x, u), (4n,) and (n,).
 
     Raises
     ------

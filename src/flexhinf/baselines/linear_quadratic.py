@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.baselines.rest_law import LinearFeedback, rest_of
+from flexhinf.baselines.equilibrium_law import LinearFeedback, equilibrium_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
 
@@ -62,14 +62,14 @@ def _unsolved(problem: GeneralisedPlant, got: str) -> NumericalFailure:
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LinearQuadratic(LinearFeedback):
     """u = u* + K (x − x*).
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`.
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`.
     gains : (m, n) array
         K, integrals included.
     """
@@ -92,7 +92,7 @@ def lqr(problem: GeneralisedPlant, effort: float = 1.0) -> LinearQuadratic:
     """The LQR of a problem, of any plant; see `lqr_gain`."""
     return LinearQuadratic(
         plant=problem.plant,
-        rest=rest_of(problem),
+        equilibrium=equilibrium_of(problem),
         integrate=problem.integrate,
         gains=lqr_gain(problem, effort),
     )

@@ -21,23 +21,23 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.baselines.equilibrium_law import LinearFeedback, equilibrium_of
 from flexhinf.baselines.gains import INTEGRAL_RATE, check_goal, check_integral, per_joint, rigid_gains
 from flexhinf.baselines.joints import ElasticJoints, elastic_joints
-from flexhinf.baselines.rest_law import LinearFeedback, rest_of
 from flexhinf.plant import GeneralisedPlant
 
 __all__ = ["MotorPD"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MotorPD(LinearFeedback):
     """k(x) = −(K_p δθ + K_d δθ̇ + K_i e) in units of the input; about a moving reference its θ̇_d counts too.
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`. The integral is that of what is named in `integrate`, one
-        signal per joint: link_position or motor_position.
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`. The integral is that of what is named in
+        `integrate`, one signal per joint: link_position or motor_position.
     proportional, derivative, integral : float or (n,) array
         K_p (N·m/rad), K_d (N·m·s/rad) and K_i (N·m/(rad·s)) of each joint, as torques.
 
@@ -77,7 +77,7 @@ class MotorPD(LinearFeedback):
         Parameters
         ----------
         problem : GeneralisedPlant
-            Plant and rest; its penalty does not matter.
+            Plant and equilibrium; its penalty does not matter.
         bandwidth : float
             ω, rad/s.
         damping : float
@@ -87,19 +87,19 @@ class MotorPD(LinearFeedback):
         integral_rate : float
             σ/ω.
         """
-        rest = rest_of(problem)
-        joints = elastic_joints(problem.plant, *rest)
+        equilibrium = equilibrium_of(problem)
+        joints = elastic_joints(problem.plant, *equilibrium)
         rate = integral_rate if integral else 0.0
         gains = rigid_gains(joints.joint_inertia, joints.motor_damping, bandwidth, damping, rate)
         return MotorPD(
-            plant=problem.plant, rest=rest, integrate=(integral,) if integral else (),
+            plant=problem.plant, equilibrium=equilibrium, integrate=(integral,) if integral else (),
             proportional=gains[0], derivative=gains[1], integral=gains[2],
         )  # fmt: skip
 
     @cached_property
     def joints(self) -> ElasticJoints:
-        """The joints' numbers at the rest."""
-        return elastic_joints(self.plant, *self.rest)
+        """The joints' numbers at the equilibrium."""
+        return elastic_joints(self.plant, *self.equilibrium)
 
     @cached_property
     def gain(self) -> np.ndarray:

@@ -5,7 +5,7 @@
 
 Feeding back the torque τ_J of the spring scales the rotor's inertia from J to J_θ: put into J θ̈ + B θ̇ + τ_J = τ it
 gives J_θ θ̈ + (J_θ J⁻¹ B) θ̇ + τ_J = u'. The friction is scaled with it; nothing else changes, so the loop stays
-passive. The torque is K (θ − q) + D (θ̇ − q̇) of the estimate, with the spring's numbers at the rest.
+passive. The torque is K (θ − q) + D (θ̇ − q̇) of the estimate, with the spring's numbers at the equilibrium.
 
 The weight is compensated from the motor position alone, which passivity needs: ḡ(θ) = G(q̄(θ)), where q̄ is the link
 position that would rest at θ, K (θ − q̄) = G(q̄). It is the fixed point of q̄ ← θ − K⁻¹ G(q̄), begun at θ; a fixed
@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.baselines.gains import INTEGRAL_RATE, check_goal, check_integral, per_joint, rigid_gains
 from flexhinf.baselines.gravity import GravityTorque
 from flexhinf.baselines.joints import ElasticJoints, elastic_joints
-from flexhinf.baselines.rest_law import PlacedLaw, rest_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 
@@ -37,14 +37,14 @@ MOST_TURNS = 30
 POSES, SEED = 200, 0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TorqueFeedback(PlacedLaw):
     """Torque feedback and PD on the motor side; about a moving reference all in deviations from it.
 
     Parameters
     ----------
-    plant, rest, integrate
-        See `flexhinf.baselines.rest_law.RestLaw`; integrals are of link_position or motor_position, as in
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; integrals are of link_position or motor_position, as in
         `flexhinf.baselines.MotorPD`.
     rotor_inertia : float or (n,) array
         J_θ, kg·m², as the motors shall feel; J as it is leaves the torque out.
@@ -102,7 +102,7 @@ class TorqueFeedback(PlacedLaw):
         Parameters
         ----------
         problem : GeneralisedPlant
-            Plant and rest; its penalty does not matter.
+            Plant and equilibrium; its penalty does not matter.
         bandwidth, damping, integral, integral_rate
             As for `MotorPD.tuned`, with I = M_jj(q*) + J_θj.
         inertia_ratio : float
@@ -110,22 +110,23 @@ class TorqueFeedback(PlacedLaw):
         compensation, gravity
             See the class.
         """
-        rest = rest_of(problem)
-        joints = elastic_joints(problem.plant, *rest)
+        equilibrium = equilibrium_of(problem)
+        joints = elastic_joints(problem.plant, *equilibrium)
         rotor = inertia_ratio * joints.motor_inertia
         inertia = np.diag(joints.link_inertia) + rotor
         rate = integral_rate if integral else 0.0
         gains = rigid_gains(inertia, inertia_ratio * joints.motor_damping, bandwidth, damping, rate)
         return TorqueFeedback(
-            plant=problem.plant, rest=rest, integrate=(integral,) if integral else (), rotor_inertia=rotor,
+            plant=problem.plant, equilibrium=equilibrium, integrate=(integral,) if integral else (),
+            rotor_inertia=rotor,
             proportional=gains[0], derivative=gains[1], integral=gains[2],
             compensation=compensation, gravity=gravity,
         )  # fmt: skip
 
     @cached_property
     def joints(self) -> ElasticJoints:
-        """The joints' numbers at the rest."""
-        return elastic_joints(self.plant, *self.rest)
+        """The joints' numbers at the equilibrium."""
+        return elastic_joints(self.plant, *self.equilibrium)
 
     # The weight from the motor position -------------------------------------------------------------
     @cached_property
@@ -134,12 +135,12 @@ class TorqueFeedback(PlacedLaw):
 
     @cached_property
     def contraction(self) -> float:
-        """Largest factor ‖K^-½ ∂G/∂q K^-½‖ by which a turn of q̄ contracts, at the rest and the sampled poses."""
+        """Largest factor ‖K^-½ ∂G/∂q K^-½‖ by which a turn of q̄ contracts, at the equilibrium and the sampled poses."""
         n, p = len(self.joints.stiffness), self.plant.parameters.vector()
         poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
         root = np.sqrt(self.joints.stiffness)
         largest = 0.0
-        for q in (self.rest[0][:n], *poses):
+        for q in (self.equilibrium[0][:n], *poses):
             slope = np.column_stack([self._weight.torque_and_rate(q, unit, p)[1] for unit in np.eye(n)])
             largest = max(largest, float(np.linalg.norm(slope / np.outer(root, root), 2)))
         return largest

@@ -1,4 +1,4 @@
-"""An estimator at rest: its gain no longer changes.
+"""An estimator with its stationary gain: the gain no longer changes.
 
 The gain is usually that of the Kalman filter for the estimator's own model F at one operating point
 (`flexhinf.estimation.stationary`). The extended filter's gain tends to it, and the unscented filter's does as far
@@ -51,6 +51,10 @@ class ConstantGainFilter(Estimator):
                 "stationary_gain(linear_model(filter, x, u), process_noise, measurement_noise)",
             )
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        return {"filter": self.filter, "gain": self.initial.gain}
 
     @property
     def estimator_key(self) -> str:

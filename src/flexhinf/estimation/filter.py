@@ -131,6 +131,14 @@ class RecursiveFilter(Estimator):
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
         return Gaussian(start, self._start)
 
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        return {
+            "plant": self.plant, "period": self.period, "process_noise": self.process_noise,
+            "measurement_noise": self.measurement_noise, "mean": np.array(self.initial.mean),
+            "covariance": self._start,
+        }  # fmt: skip
+
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:

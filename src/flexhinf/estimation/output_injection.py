@@ -20,7 +20,7 @@ exactly: two observers of the same plant differ by ((1 − L H) Φ)^k times thei
 started at the true state an observer is off by a term of order T². (Noise of the measurement adds L n and, through
 φ, Γ ∂φ/∂y n: small where φ is flat, see `about`.)
 
-A controller measures before it predicts, so the line is drawn in two steps: the time update goes along φ(y_k, u_k),
+A controller measures before it predicts, so the line is followed in two steps: the time update goes along φ(y_k, u_k),
 and the next measurement update first adds Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)), then corrects. A sample without a
 measurement is bridged with H x̂ for y; only then does φ depend on the estimate.
 """
@@ -98,8 +98,8 @@ class OutputInjectionObserver(RecursiveFilter):
         Wanted poles s of the error, 1/s: (1 − L H) Φ then has the eigenvalues exp(s T). By default L is the
         stationary Kalman gain of (Φ, H) for R^v and R^n.
     about : (n,) array, optional
-        State at which φ(·, 0) has no slope: the default gain is that of an extended Kalman filter at rest there. The
-        origin by default. On a linear plant it makes no difference.
+        State at which φ(·, 0) has no slope: the default gain is that of an extended Kalman filter in equilibrium there.
+        The origin by default. On a linear plant it makes no difference.
 
     Raises
     ------
@@ -133,6 +133,7 @@ class OutputInjectionObserver(RecursiveFilter):
         start = 0.0 if covariance is None else covariance
         super().__init__(plant, period, process_noise, measurement_noise, mean, start)
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
+        self._poles, self._about = poles, point
         form = output_form(plant, point)
         self._drift, self._sensors = form.drift, form.measured
         self._held = first_order_hold(self._drift, self.period)
@@ -151,6 +152,11 @@ class OutputInjectionObserver(RecursiveFilter):
         model = (self._drift, self._sensors, self._held.transition)
         return placed_gain(*model, self.period, poles, self.plant.states)
 
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        poles = None if self._poles is None else np.array(self._poles)
+        return {**super().settings(), "poles": poles, "about": self._about}
+
     # What it is ------------------------------------------------------------------------------------
     @property
     def gain(self) -> np.ndarray:
@@ -158,14 +164,14 @@ class OutputInjectionObserver(RecursiveFilter):
         return self._gain.copy()
 
     @property
-    def _rest(self) -> np.ndarray:
+    def _correction(self) -> np.ndarray:
         """1 − L H: what a correction leaves of an error."""
         return np.eye(self.plant.n) - self._gain @ self._sensors
 
     @property
     def error_matrix(self) -> np.ndarray:
         """(1 − L H) Φ, (n, n): takes the error of x̂(k|k) to that of x̂(k+1|k+1)."""
-        return self._rest @ self._held.transition
+        return self._correction @ self._held.transition
 
     @property
     def error_poles(self) -> np.ndarray:
@@ -198,8 +204,8 @@ class OutputInjectionObserver(RecursiveFilter):
 
     def _stationary_covariance(self) -> np.ndarray:
         """P⁻ of a prediction after very many samples."""
-        rest, gain, noise = self._rest, self._gain, self.process_noise
-        added = rest @ noise @ rest.T + gain @ self.measurement_noise @ gain.T
+        correction, gain, noise = self._correction, self._gain, self.process_noise
+        added = correction @ noise @ correction.T + gain @ self.measurement_noise @ gain.T
         corrected, transition = _stein(self.error_matrix, (added + added.T) / 2.0), self._held.transition
         predicted = transition @ corrected @ transition.T + noise
         return (predicted + predicted.T) / 2.0
@@ -294,7 +300,7 @@ def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
 
 
 def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
-    """The rest of the straight line: Γ₁ (φ(T) − φ(0)) after a time update."""
+    """The second part of the straight line: Γ₁ (φ(T) − φ(0)) after a time update."""
     return mean + moved * (ramp @ (after - before))
 
 

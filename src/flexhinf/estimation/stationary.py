@@ -1,4 +1,4 @@
-"""Where a Kalman filter comes to rest: the gain that no longer changes."""
+"""The stationary Kalman filter: the gain and covariance that no longer change."""
 
 from __future__ import annotations
 

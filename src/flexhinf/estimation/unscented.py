@@ -71,6 +71,12 @@ class UnscentedKalmanFilter(RecursiveFilter):
         self.bounds = self._checked_bounds(bounds or {})
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        sigma = self.sigma
+        own = {"alpha": sigma.alpha, "beta": sigma.beta, "kappa": sigma.kappa}
+        return {**super().settings(), **own, "redraw": self.redraw, "bounds": dict(self.bounds)}
+
     @property
     def estimator_key(self) -> str:
         """Method, period, sub-steps, scaling and bounds: constants of the traced code."""

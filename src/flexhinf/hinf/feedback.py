@@ -14,11 +14,15 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial.law import PolynomialLaw
 
-__all__ = ["GradientLaw", "input_matrix_of"]
+__all__ = ["EXACT_INPUT_MATRIX", "GradientLaw", "input_matrix_of"]
+
+#: Problems that evaluate g2 itself on any element; of others the expansion does.
+EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
 
 _numbers: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
 _next = itertools.count()
@@ -58,6 +62,6 @@ class GradientLaw:
 
 def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> tuple[Callable[[Any], Any], str]:
     """g2 on any element, and a name for it: the exact one where the problem offers it, else its expansion."""
-    source = problem if hasattr(problem, "input_matrix") else expansion
+    source = problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion
     number = _numbers.setdefault(source, next(_next))
-    return source.input_matrix, f"{type(source).__name__} {number}"  # type: ignore[union-attr]
+    return source.input_matrix, f"{type(source).__name__} {number}"

@@ -7,7 +7,7 @@ and the exact fields there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,7 @@ from flexhinf.hinf.value_function import ValueFunction
 
 __all__ = ["Inequality", "Rays", "Stops"]
 
-_BISECTIONS = 20
+_BISECTIONS = 40
 _ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
 _SLACK = (
     2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
@@ -43,14 +43,14 @@ class Stops:
     broken: np.ndarray
     direction: np.ndarray
 
-    def chosen(self, places: np.ndarray) -> Stops:
+    def chosen(self, places: Sequence[int] | np.ndarray) -> Stops:
         """Some of the rays."""
         return Stops(*(getattr(self, name)[places] for name in Stops.__dataclass_fields__))
 
-    def joined(self, other: Stops) -> Stops:
-        """These rays and others."""
-        pairs = ((getattr(self, name), getattr(other, name)) for name in Stops.__dataclass_fields__)
-        return Stops(*(np.concatenate(pair) for pair in pairs))
+    @classmethod
+    def none(cls, n: int) -> Stops:
+        """No rays in `n` states."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros((0, n)), np.zeros(0, bool), np.zeros((0, n)))
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,11 @@ class Inequality:
         sizes = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
         object.__setattr__(self, "_root", (vectors * sizes, vectors / sizes))
 
+    @property
+    def root(self) -> np.ndarray:
+        """P^(−½) up to a rotation, (n, n): V_2 = ½ |y|² for x = root y."""
+        return self._root[1]
+
     def directions(self, sphere: np.ndarray) -> np.ndarray:
         """Rays of equal V_2: unit vectors times P^(−½)."""
         return sphere / np.linalg.norm(sphere, axis=1, keepdims=True) @ self._root[1].T
@@ -124,10 +129,23 @@ class Inequality:
         sphere = points @ self._root[0]
         return sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
 
+    def checked_fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Exact f, g1 and g2, and the checked h, at deviations (N, n)."""
+        f, g1, g2, h = self.solution.exact_fields(x)
+        return f, g1, g2, self.output(x, h)
+
     def terms(self, x: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """The four terms of r at deviations (N, n) with gradients (N, n), shape (4, N)."""
-        f, g1, g2, h = self.solution.exact_fields(x)
-        return self.solution.hamiltonian_terms(slope, (f, g1, g2, self.output(x, h)), self.gamma)
+        return self.solution.hamiltonian_terms(slope, self.checked_fields(x), self.gamma)
+
+    def worst_rate(
+        self, slope: np.ndarray, fields: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """ẋ (N, n) under the law and the worst disturbance of the checked level: ∂r/∂(V_x)."""
+        f, g1, g2, _ = fields
+        disturbance = np.einsum("ai,aij->aj", slope, g1) / self.gamma**2
+        priced = np.linalg.solve(self.solution.expansion.r2, np.einsum("ai,aij->ja", slope, g2)).T
+        return f + np.einsum("aij,aj->ai", g1, disturbance) - np.einsum("aij,aj->ai", g2, priced)
 
     def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """V, whether r > 0, and whether V has stopped increasing, at one radius per ray, each (N,)."""

@@ -4,36 +4,41 @@ With the exact fields, u = −R2⁻¹ g2ᵀ V_xᵀ satisfies V̇ ≤ ½ γ²|d|�
 
     r(x) = V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ ≤ 0.
 
-For the designed γ and h, r is a remainder of either sign. So a weaker pair is checked, a larger γ and a
-smaller penalty: the difference is the margin that makes r strictly negative near the operating point. Rays
-are followed outwards while V increases along them and r ≤ 0; the lowest level at which one of them stops is
-then lowered further by ascent over directions.
+A weaker pair than the designed one is checked, see `flexhinf.hinf.margin`. The level is the smallest V at which r
+becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts then
+looks for violations inside the level set, and each lowers it (`violations.py`), until two rounds find none. What is
+found does not depend on the rays that came first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf.margin import Penalty, checked_margin, checked_pair
 from flexhinf.hinf.rays import Inequality, Stops
 from flexhinf.hinf.step_amplitude import step_amplitude
 from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.hinf.violations import Landscape, ascend, touching_point
 from flexhinf.notebook import Summarised, number_text
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 
-__all__ = ["GAMMA_MARGIN", "PENALTY_MARGIN", "SampledCheck", "sample_region"]
-
-GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
-PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty
+__all__ = ["SampledCheck", "sample_region"]
 
 _SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation looked at, and its growth from point to point along a ray
-_STARTS, _APART = 16, 0.95  # starts of the ascent, and the cosine of the angle they must keep from each other
-_OFFSPRING, _ROUNDS = 16, 30  # variations of each start, rounds
-
-Penalty = Callable[[np.ndarray], np.ndarray] | Mapping[str, float] | Sequence[float] | np.ndarray
+_FINE = 1.02  # the same for the single rays that are looked at again
+_STARTS, _PER_STATE = 64, 8  # starts of an ascent: so many, or so many per state
+_ASCENT = 150  # evaluations of one ascent
+_ROUNDS, _QUIET = 20, 2  # rounds of the search at most, and rounds without a violation after which it ends
+_TOUCHES, _APART = (
+    4,
+    0.98,
+)  # violations followed per round, and the cosine of the angle they keep from each other
+_LOWER = 1e-9  # relative lowering of the level that counts
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +76,7 @@ class SampledCheck(Summarised):
     def step_amplitude(
         self, moved: str | Mapping[str, float] | None = None, integrals: Sequence[str] | None = None
     ) -> float:
-        """Largest rest-to-rest step whose start lies in the level set; see `flexhinf.hinf.step_amplitude`."""
+        """Largest step between equilibria whose start lies in the level set; see `flexhinf.hinf.step_amplitude`."""
         return step_amplitude(self.solution, self.level, moved, integrals)
 
     def summary(self) -> dict[str, str]:
@@ -105,114 +110,129 @@ def sample_region(
     gamma: float | None = None,
     penalty: Penalty | None = None,
     *,
-    rays: int = 4000,
+    rays: int = 500,
     seed: int = 0,
     largest: float = 1e3,
-) -> SampledCheck:
-    """Follow rays, then lower the worst level by ascent: what `HJISolution.sampled_region` does."""
-    checked_gamma = GAMMA_MARGIN * solution.gamma if gamma is None else gamma
+) -> SampledCheck | None:
+    """What `HJISolution.sampled_region` does."""
     whole = all(isinstance(count, Integral) for count in (rays, seed))
-    real = all(isinstance(number, Real) for number in (checked_gamma, largest))
-    if not (whole and real and checked_gamma >= solution.gamma and rays > 0 <= seed and largest > _SMALLEST):
+    if not (whole and isinstance(largest, Real) and rays > 0 <= seed and largest > _SMALLEST):
         raise InvalidInput(
             "The check cannot be made with these numbers.",
-            f"expected gamma ≥ the designed {solution.gamma:.6g}, whole rays ≥ 1 and seed ≥ 0, "
-            f"largest > {_SMALLEST}, got {checked_gamma!r}, {rays!r}, {seed!r} and {largest!r}",
-            "a weaker level than the designed one, for example 1.1 times it",
+            f"expected whole rays ≥ 1 and seed ≥ 0, and largest > {_SMALLEST}, got {rays!r}, {seed!r}, {largest!r}",
+            "the defaults",
         )
-    output, words = _checked_penalty(solution, penalty)
-    infinite = not np.isfinite(solution.gamma)
-    level = "gamma = inf" if infinite else f"{checked_gamma / solution.gamma:.4g} times the designed gamma"
-    margin = f"{level}, {words}"
-    game = Inequality(solution, checked_gamma, output)
-    rng = np.random.default_rng(seed)
-    directions = game.directions(rng.standard_normal((rays, len(solution.P))))
-    start = _SMALLEST / np.median(np.abs(directions).max(axis=1))
-    radii = np.full(rays, start)
-    found = game.march(directions, radii, _GROWTH, largest, np.inf)
-    found = _lowered(game, found, largest, rng)
-    worst = int(np.argmin(found.level))
-    if not np.isfinite(found.level[worst]):
-        return SampledCheck(
-            solution,
-            float(checked_gamma),
-            margin,
-            np.inf,
-            np.zeros(len(solution.P)),
-            "nothing found",
-            rays,
-            seed,
-            largest,
-        )
-    reason = "inequality" if found.broken[worst] else "V stops increasing"
-    level = float(found.level[worst]) if found.radius[worst] > start else 0.0
-    return SampledCheck(
-        solution, float(checked_gamma), margin, level, found.point[worst], reason, rays, seed, largest
-    )
+    margin, pair = checked_margin(solution, gamma, penalty), checked_pair(solution, gamma, penalty)
+    if not margin.definite and not (_is_linear(solution) and margin.semidefinite):
+        return None
+    search = _Search(Inequality(solution, pair.gamma, pair.output), np.random.default_rng(seed), largest)
+    with np.errstate(all="ignore"):
+        contact = search.lowest(rays)
+    level = float(contact.level[0])
+    if not np.isfinite(level):
+        limit, point = "nothing found", np.zeros(len(solution.P))
+    else:
+        limit, point = ("inequality" if contact.broken[0] else "V stops increasing"), contact.point[0]
+        level = level if contact.radius[0] > search.first else 0.0
+    return SampledCheck(solution, pair.gamma, pair.text, level, point, limit, rays, seed, float(largest))
 
 
-def _checked_penalty(
-    solution: ValueFunction, penalty: Penalty | None
-) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], str]:
-    """A function (x, designed h) → checked h, and its description."""
-    n = len(solution.P)
-    if penalty is None:
-        return lambda x, h: PENALTY_MARGIN * h, f"{PENALTY_MARGIN} times the designed penalty"
-    if callable(penalty):
-        return lambda x, h: penalty(x), "a given penalty function"
-    if isinstance(penalty, Mapping):
-        unknown = sorted(set(penalty) - set(solution.state_names))
-        if unknown:
-            raise InvalidInput(
-                "The penalty names a state that does not exist.",
-                f"expected names among {', '.join(solution.state_names)}, got {', '.join(unknown)}",
-                "the names of the problem's states",
+def _is_linear(solution: ValueFunction) -> bool:
+    """Whether r is its quadratic part everywhere: a linear plant and penalty, and a quadratic V."""
+    plant = solution.problem
+    if not isinstance(plant, PolynomialPlant) or set(solution.value_parts) != {2}:
+        return False
+    highest = max(plant.f_parts), max(plant.h_parts), max(plant.g1_parts), max(plant.g2_parts)
+    return highest == (1, 1, 0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The lowest level at which a ray from 0 stops, over all directions."""
+
+    inequality: Inequality
+    rng: np.random.Generator
+    largest: float
+
+    @property
+    def states(self) -> int:
+        """Number of states."""
+        return len(self.inequality.solution.P)
+
+    @property
+    def first(self) -> float:
+        """Radius at which rays start, for directions with V_2 = ½."""
+        return _SMALLEST / float(np.abs(self.inequality.root).max())
+
+    def lowest(self, rays: int) -> Stops:
+        """The stop (one ray) of lowest level; its level is infinite if none was found."""
+        sphere = self.rng.standard_normal((rays, self.states))
+        found = self.march(self.inequality.directions(sphere), np.inf)
+        best = found.chosen([int(np.argmin(found.level))])
+        quiet = 0
+        for _ in range(_ROUNDS):
+            best = self.touched(found, best)
+            found = self.violations(float(best.level[0]))
+            quiet = 0 if len(found.level) else quiet + 1
+            if quiet == _QUIET:
+                break
+        return best
+
+    def march(
+        self, directions: np.ndarray, cap: float, growth: float = _GROWTH, start: float | None = None
+    ) -> Stops:
+        """Follow rays outwards to where they stop."""
+        radii = np.full(len(directions), self.first if start is None else start)
+        return self.inequality.march(directions, radii, growth, self.largest, cap)
+
+    def touched(self, found: Stops, best: Stops) -> Stops:
+        """The lowest contact of a level set with the violations at which rays stopped."""
+        for place in self._apart(found):
+            stop = found.chosen([place])
+            landscape = self.landscape(float(stop.level[0]), not stop.broken[0])
+            y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
+            x = landscape.scale @ y
+            direction = self.inequality.directions(self.inequality.on_sphere(x[None]))
+            again = self.march(
+                direction, np.inf, _FINE, 0.3 * float(np.linalg.norm(x) / np.linalg.norm(direction))
             )
-        penalty = [penalty.get(name, 0.0) for name in solution.state_names]
-    try:
-        weights = np.asarray(penalty, dtype=float)
-    except (TypeError, ValueError):
-        weights = np.full(n, np.nan)
-    matrix: np.ndarray = np.diag(weights) if weights.ndim == 1 else weights
-    if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
-        raise InvalidInput(
-            "The penalty does not fit the states.",
-            f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}: {penalty!r}",
-            "one weight per state, or {name: weight}",
-        )
-    return lambda x, h: x @ matrix.T, f"penalty weights {np.array2string(weights, precision=6)}"
+            for candidate in (stop, again):
+                if candidate.level[0] < float(best.level[0]):
+                    best = candidate
+        return best
 
+    def violations(self, level: float) -> Stops:
+        """Rays towards the violations that ascent finds inside {V ≤ level}, as far as they stop below that level."""
+        count = max(_STARTS, _PER_STATE * self.states)
+        rays = [np.zeros((0, self.states))]
+        for growth in (False, True) if max(self.inequality.solution.value_parts) > 2 else (False,):
+            landscape = self.landscape(level, growth)
+            sphere = self.rng.standard_normal((count, self.states))
+            sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+            least = 0.05 if np.isfinite(level) else 1e-4
+            radius = least ** self.rng.uniform(0.0, 1.0, (count, 1))
+            points = ascend(landscape, sphere * radius, _ASCENT) @ landscape.scale.T
+            points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
+            rays.append(self.inequality.directions(self.inequality.on_sphere(points)))
+        directions = np.concatenate(rays)
+        if not len(directions):
+            return Stops.none(self.states)
+        found = self.march(directions, level, growth=1.04)
+        return found.chosen(np.flatnonzero(found.level < level * (1 - _LOWER)))
 
-def _diverse(game: Inequality, found: Stops) -> np.ndarray:
-    """The rays that stopped lowest, no two of them close to each other."""
-    chosen: list[int] = []
-    sphere = game.on_sphere(found.direction)
-    for index in np.argsort(found.level):
-        if not np.isfinite(found.level[index]) or len(chosen) == _STARTS:
-            break
-        if all(sphere[index] @ sphere[other] < _APART for other in chosen):
-            chosen.append(int(index))
-    return np.array(chosen, dtype=int)
+    def landscape(self, level: float, growth: bool) -> Landscape:
+        """q in coordinates y with V_2 = `level` |y|²; for an infinite level, with |x| ≤ `largest` where |y| ≤ 1."""
+        root = self.inequality.root
+        size = np.sqrt(2 * level) if np.isfinite(level) else self.largest / float(np.abs(root).max())
+        return Landscape(self.inequality, root * size, level, self.largest, growth)
 
-
-def _lowered(game: Inequality, found: Stops, largest: float, rng: np.random.Generator) -> Stops:
-    """Vary the directions of the worst rays, keep for each what stops at a lower level, narrow down."""
-    starts = _diverse(game, found)
-    if len(starts) == 0:
-        return found
-    elite = found.chosen(starts)
-    spread = 0.3
-    for _ in range(_ROUNDS):
-        sphere = np.repeat(game.on_sphere(elite.direction), _OFFSPRING, axis=0)
-        varied = sphere + spread * rng.standard_normal(sphere.shape) / np.sqrt(sphere.shape[1])
-        inside = 0.7 * np.repeat(elite.radius, _OFFSPRING)
-        tried = game.march(game.directions(varied), inside, 1.03, largest, float(elite.level.max()))
-        levels = np.hstack([elite.level[:, None], tried.level.reshape(len(starts), _OFFSPRING)])
-        best = np.argmin(levels, axis=1)
-        places = np.where(
-            best == 0, np.arange(len(starts)), len(starts) + np.arange(len(starts)) * _OFFSPRING + best - 1
-        )
-        improved = levels.min() < elite.level.min() * (1 - 1e-3)
-        elite = elite.joined(tried).chosen(places)
-        spread *= 1.0 if improved else 0.75
-    return found.joined(elite)
+    def _apart(self, found: Stops) -> list[int]:
+        """The rays that stopped lowest, no two of them in nearly the same direction."""
+        sphere = self.inequality.on_sphere(found.direction)
+        chosen: list[int] = []
+        for place in np.argsort(found.level):
+            if not np.isfinite(found.level[place]) or len(chosen) == _TOUCHES:
+                break
+            if all(sphere[place] @ sphere[other] < _APART for other in chosen):
+                chosen.append(int(place))
+        return chosen

@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.hinf.feedback import GradientLaw, input_matrix_of
+from flexhinf.hinf.feedback import EXACT_INPUT_MATRIX, GradientLaw, input_matrix_of
+from flexhinf.hinf.margin import CheckedMargin, Penalty, checked_margin
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.report import solution_report
-from flexhinf.hinf.sampled import Penalty, SampledCheck, sample_region
+from flexhinf.hinf.sampled import SampledCheck, sample_region
 from flexhinf.hinf.storage import read_solution, write_solution
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.problem import Problem
 from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import add_part, product
@@ -24,7 +25,7 @@ __all__ = ["HJISolution", "load_solution"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HJISolution(ValueFunction, Summarised, Law):
+class HJISolution(ValueFunction, Law):
     """V = V_2 + … + V_degree with V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = O(|x|^(degree+1)).
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
@@ -55,10 +56,10 @@ class HJISolution(ValueFunction, Summarised, Law):
         gamma: float | None = None,
         penalty: Penalty | None = None,
         *,
-        rays: int = 4000,
+        rays: int = 500,
         seed: int = 0,
         largest: float = 1e3,
-    ) -> SampledCheck:
+    ) -> SampledCheck | None:
         """Largest level set on which the dissipation inequality held at the points looked at; not a proof.
 
         Parameters
@@ -69,17 +70,29 @@ class HJISolution(ValueFunction, Summarised, Law):
             The penalty to check, smaller than the designed one: h(x) from (N, n) to (N, s), {state: weight},
             one weight per state, or a matrix (s, n). Default: 0.9 times the designed h.
         rays : int
-            Directions followed outwards, drawn on the ellipsoid xᵀPx = 1 with the given `seed`.
+            Directions that are followed outwards first. The level does not depend on them: violations are then
+            looked for by ascent from many starts.
         seed : int
+            Of the directions and of the starts.
         largest : float
             Largest deviation in any state that is looked at.
 
         Returns
         -------
-        SampledCheck
-            See `flexhinf.hinf.sampled` for what is checked and why the checked pair must be the weaker one.
+        SampledCheck or None
+            None where the checked pair has no margin in some direction; `checked_margin` says in which. See
+            `flexhinf.hinf.margin` for what is checked, and `flexhinf.hinf.sampled` for how.
+
+        Raises
+        ------
+        InvalidInput
+            A γ below the designed one, a penalty that does not fit the states, or no rays.
         """
         return sample_region(self, gamma, penalty, rays=rays, seed=seed, largest=largest)
+
+    def checked_margin(self, gamma: float | None = None, penalty: Penalty | None = None) -> CheckedMargin:
+        """How much weaker the checked pair of `sampled_region` is than the designed one, near 0; same arguments."""
+        return checked_margin(self, gamma, penalty)
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.
@@ -101,8 +114,8 @@ class HJISolution(ValueFunction, Summarised, Law):
     @property
     def law_is_polynomial(self) -> bool:
         """Whether `law_polynomial` is the law itself: g2 is constant, and not only its expansion."""
-        source = self.problem if hasattr(self.problem, "input_matrix_is_constant") else self.expansion
-        return source.input_matrix_is_constant  # type: ignore[union-attr]
+        source = self.problem if isinstance(self.problem, EXACT_INPUT_MATRIX) else self.expansion
+        return source.input_matrix_is_constant
 
     @property
     def law_table(self) -> PolynomialLaw | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import write_arrays
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.polynomial_plant import PolynomialPlant
@@ -41,7 +41,6 @@ def write_solution(
     InvalidInput
         The place cannot be written.
     """
-    path = Path(path)
     plant = solution.expansion
     header = {
         "format": _FORMAT,
@@ -61,30 +60,7 @@ def write_solution(
     exact = solution.problem if isinstance(solution.problem, PolynomialPlant) else plant
     for name in _FIELDS:
         arrays |= {f"{name}_{k}": part for k, part in getattr(exact, f"{name}_parts").items()}
-    try:
-        _write_atomically(path, {"header": np.array(json.dumps(header)), **arrays})
-    except OSError as error:
-        raise InvalidInput(
-            "The solution cannot be written.",
-            f"{path}: {error.strerror or error}",
-            "a writable folder that exists",
-        ) from error
-
-
-def _write_atomically(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
+    write_arrays(path, "solution", {"header": np.array(json.dumps(header)), **arrays})
 
 
 def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict[str, Any]:

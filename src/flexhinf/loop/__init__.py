@@ -1,6 +1,10 @@
-"""Closed loops: commands and disturbances, sampling, controller, trajectory, figures of merit."""
+"""Closed loops in simulation: enter at `Loop`, which runs a `Controller` on a true plant and returns a `Trajectory`.
 
-from flexhinf.loop.controller.controller import Controller
+`controller/` is what a real-time system would run: law, estimator, integrals, limits, one compiled step.
+`signals/` are commands, disturbances and noise. `simulation/` integrates the true plant and has the metrics.
+"""
+
+from flexhinf.loop.controller.controller import Controller, load_controller
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.moving import Moving
@@ -27,6 +31,7 @@ __all__ = [
     "Step",
     "StepShape",
     "Trajectory",
+    "load_controller",
     "load_metrics",
     "step_metrics",
     "step_shape",

@@ -1,4 +1,4 @@
-"""Code that many loops share: traced and compiled once for each text, whatever the numbers are.
+"""Traced and compiled code that many loops share: made once for each model and law, whatever their numbers are.
 
 Parameters, noise covariances and law coefficients are data, so plants of a campaign and laws of a sweep
 differ in nothing that is compiled.

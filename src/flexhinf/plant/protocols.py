@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
+from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.polynomial.law import PolynomialLaw
 
@@ -34,7 +36,7 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
         setattr(cls, form, vars(base)[form])
 
 
-class Law(abc.ABC):
+class Law(Summarised):
     """A state feedback u = u* + k(x − x*), evaluated on any element.
 
     A subclass has four attributes (or properties) and writes `law_data` and `evaluate_law`; everything else has a
@@ -61,6 +63,15 @@ class Law(abc.ABC):
         super().__init_subclass__(**arguments)
         for form in ("law_table", "evaluate_about"):
             use_default_form(cls, Law, "evaluate_law", form)
+
+    def summary(self) -> dict[str, str]:
+        """States, inputs, what is tracked, and how many numbers there are."""
+        return {
+            "states": names_text(self.plant_states),
+            "inputs": names_text(tuple(self.input_names)),
+            "tracked": names_text(self.tracked),
+            "numbers": str(np.size(self.law_data)),
+        }
 
     # To be written --------------------------------------------------------------------------------
     @property
@@ -169,7 +180,7 @@ class Gaussian(NamedTuple):
     covariance: Any
 
 
-class Estimator(abc.ABC):
+class Estimator(Summarised):
     """A recursive estimator as pure functions of frozen beliefs.
 
     A subclass has five attributes and writes `initial_at`, `time_update` and `measurement_update`.
@@ -197,6 +208,17 @@ class Estimator(abc.ABC):
         for written in ("time_update", "measurement_update"):
             use_default_form(cls, Estimator, written, f"{written}_on")
 
+    def summary(self) -> dict[str, str]:
+        """Model, period and noises."""
+        q, r = (np.sqrt(np.diag(noise)) for noise in (self.process_noise, self.measurement_noise))
+        return {
+            "states": names_text(tuple(self.plant.states)),
+            "measured": names_text(tuple(self.plant.outputs)),
+            "period": number_text(self.period, "s"),
+            "process noise": f"standard deviations {', '.join(f'{value:.3g}' for value in q)} per sample",
+            "measurement noise": f"standard deviations {', '.join(f'{value:.3g}' for value in r)}",
+        }
+
     # To be written --------------------------------------------------------------------------------
     @abc.abstractmethod
     def initial_at(self, mean: Any) -> Any:
@@ -219,6 +241,20 @@ class Estimator(abc.ABC):
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
         return f"estimator {self._number}"
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
+
+        Raises
+        ------
+        InvalidInput
+            By default: an estimator that does not say them cannot be saved.
+        """
+        raise InvalidInput(
+            f"{type(self).__name__} cannot be saved.",
+            "expected an estimator that returns its arguments from settings()",
+            "an estimator of flexhinf.estimation",
+        )
 
     @property
     def operations(self) -> int:

@@ -4,6 +4,7 @@ from flexhinf.scalars.jet import Jet, coefficients, jets
 from flexhinf.scalars.linear_algebra import cholesky, gram, solve_lower, solve_lower_transposed
 from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, where
 from flexhinf.scalars.series import Series, derivative, series
+from flexhinf.scalars.stored import function_arrays, function_from_arrays
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.scalars.trace import apply, drop_empty, jacobian, pack, symbols, trace, unpack
 
@@ -18,6 +19,8 @@ __all__ = [
     "coefficients",
     "derivative",
     "drop_empty",
+    "function_arrays",
+    "function_from_arrays",
     "gram",
     "jacobian",
     "jets",

@@ -257,6 +257,7 @@ def test_the_law_of_seven_links_is_the_solutions(seven):
         np.testing.assert_allclose(composed.step(x) - rest, solution.law(deviation), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_seven_links_from_the_cache_are_the_same(seven, tmp_path, monkeypatch):
     """Five sub-steps, interpreted, compiled afresh and taken from the cache."""

@@ -173,6 +173,7 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
     np.testing.assert_allclose(composed._memory, one._memory, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_seven_links_at_two_poses(seven):
     """Composed, tables of monomials, a filter: equal to the text on floats, and without a jump."""
@@ -243,9 +244,9 @@ def test_misfits_are_refused(made, linear, cubic):
             lambda: Schedule([law(states=names[:4], gain=gain[:, :4], point=[0, 0, 0, 0])]),
             "tell its laws apart",
         ),
-        (lambda: Schedule(linear, 1.0), "no share"),
-        (lambda: Schedule(linear, -0.1), "no share"),
-        (lambda: Schedule(linear, "some"), "no share"),
+        (lambda: Schedule(linear, 1.0), "no fraction"),
+        (lambda: Schedule(linear, -0.1), "no fraction"),
+        (lambda: Schedule(linear, "some"), "no fraction"),
         (lambda: Controller(Schedule(linear), made.ukf()), "same states"),
     ]
     for make, word in cases:

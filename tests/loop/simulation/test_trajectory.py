@@ -4,6 +4,7 @@ from matplotlib.figure import Figure
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Step
+from flexhinf.plant import Plant
 from flexhinf.robot import paper_arm
 
 
@@ -91,3 +92,75 @@ def test_the_plot_of_a_run_that_tracks_nothing(made):
     above, below = run.plot().axes
     assert len(above.lines) == 8
     assert len(below.lines) == 2
+
+
+# Files and notebooks --------------------------------------------------------------------------------
+def test_a_table_of_all_signals(run, tmp_path):
+    path = tmp_path / "run.csv"
+    run.save(path)
+    header, *_ = path.read_text(encoding="utf-8").splitlines()
+    columns = header.split(",")
+    assert columns[:2] == ["time [s]", "state.link_position [rad]"]
+    assert "disturbance.link_torque [N·m]" in columns
+    values = np.loadtxt(path, delimiter=",", skiprows=1, encoding="utf-8")
+    assert values.shape == (len(run.time), len(columns))
+    np.testing.assert_array_equal(values[:, 0], run.time)
+    np.testing.assert_array_equal(
+        values[:, columns.index("input.motor_voltage [V]")], run.signals["input"][:, 0]
+    )
+    assert [file.name for file in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_netcdf_is_what_xarray_reads(run, tmp_path):
+    import xarray as xr
+
+    run.save(tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc") as data:
+        np.testing.assert_array_equal(data.state.values, run.signals["state"])
+        assert data.state_name.values.tolist() == list(run.names["state"])
+        assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
+        assert data.attrs["status"] == "completed"
+
+
+def test_a_run_without_disturbances_is_saved_too(made, tmp_path):
+    plant = Plant(lambda x, u, d, p: u, lambda x, u, p: x, ("x",), ("u",), outputs=("x",))
+    law = made.LinearLaw(("x", "x_integral"), ("u",), [[-2.0, -1.0]])
+    run = Loop(plant, Controller(law, None, 1e-2)).run(1.0, duration=0.1)
+    run.save(tmp_path / "run.nc")
+    run.save(tmp_path / "run.csv")
+
+
+def test_another_format_and_a_missing_folder_are_refused(run, tmp_path):
+    with pytest.raises(InvalidInput, match=r"\.csv or \.nc"):
+        run.save(tmp_path / "run.mat")
+    for name in ("run.csv", "run.nc"):
+        with pytest.raises(InvalidInput, match="cannot be written"):
+            run.save(tmp_path / "missing" / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_notebook_shows(run, made):
+    figure = run.plot()
+    assert figure._repr_svg_().startswith("<?xml")
+    assert figure._repr_html_().startswith("<svg")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["states in °", "inputs in V"]
+    html = run._repr_html_()
+    assert "<table" in html
+    assert "<svg" in html
+    assert "settling time" in html
+    assert len(repr(run)) < 400
+    assert "status: completed" in repr(run)
+    controller = Controller(made.law, made.ukf(), saturation=14.0)
+    loop = Loop(paper_arm().plant(), controller, delay=2e-3)
+    for shown in (controller, loop, controller.estimator, controller.law):
+        assert len(repr(shown)) < 600
+        assert "<table" in shown._repr_html_()
+    assert "saturation: -14 to 14" in repr(controller)
+    assert "2 samples" in repr(loop)
+
+
+def test_a_diverged_run_is_shown_with_its_message(made):
+    law = made.LinearLaw(made.law.state_names, made.law.input_names, -40.0 * made.law.gain)
+    run = Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
+    assert "diverged" in repr(run)
+    assert "smaller command" in run._repr_html_()

@@ -1,4 +1,4 @@
-"""Every claim at the default settings and at others: criterion, verdict, what shows it, and the same for another seed."""
+"""Every claim at the default settings and at others: criterion, verdict, and what shows it."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def test_any_settings_are_judged(module: ModuleType, options: dict) -> None:
     assert to_json(judged.numbers)
 
 
+@pytest.mark.slow
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
     judged = attained_gain.judge(setup)
     rows: list[Any] = list(next(block for block in judged.blocks if isinstance(block, Table)).rows)

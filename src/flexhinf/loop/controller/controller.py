@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -23,12 +24,14 @@ from flexhinf.loop.controller.options import (
 )
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.loop.controller.step import controller_step
+from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.controller.transfer import STEPS, fade_time
 from flexhinf.loop.shared import share
+from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 
-__all__ = ["ONE_TRACE", "Controller"]
+__all__ = ["ONE_TRACE", "Controller", "load_controller"]
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
@@ -38,7 +41,7 @@ READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
 
-class Controller:
+class Controller(Summarised):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -86,7 +89,7 @@ class Controller:
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.mode = Mode(moving, start, len(self.laws))
-        self._fade, self.fade = fade, fade_time(fade, self.mode)
+        self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         self.states, self.tracked = solution.plant_states, solution.tracked
         check_names(solution, estimator, self.period, self.states, self.tracked)
         self.limits = Limits.of(saturation, len(solution.input_names))
@@ -101,8 +104,41 @@ class Controller:
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
         limits = (self.limits.lower, self.limits.upper)
-        ways: Any = {"moving": self.mode.moving, "start": self.mode.start, "fade": self._fade}
+        ways: Any = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
         return Controller(self.law, self.estimator, self.period, limits, **ways)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
+
+        Law, estimator with its model and settings, period, saturation and options are saved; what was remembered of
+        samples is not. A loaded controller's steps are the same, bit by bit.
+
+        Raises
+        ------
+        InvalidInput
+            If the law or the estimator cannot be saved (it is named), or the place cannot be written.
+        """
+        options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
+        write_controller(path, self.law, self.estimator, self.period, self.limits, options)
+
+    def summary(self) -> dict[str, str]:
+        """Law, estimator, period, limits, and what is measured and commanded."""
+        kinds = dict.fromkeys(type(law).__name__ for law in self.laws)
+        law = ", ".join(kinds) if len(self.laws) == 1 else f"{len(self.laws)} laws ({', '.join(kinds)})"
+        facts = {
+            "law": law,
+            "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
+            "period": number_text(self.period, "s"),
+            "measured": names_text(self.measured),
+            "tracked": names_text(self.tracked),
+            "inputs": names_text(tuple(self.law.input_names)),
+        }
+        if np.any(np.isfinite([self.limits.lower, self.limits.upper])):
+            pairs = zip(self.limits.lower.tolist(), self.limits.upper.tolist())
+            facts["saturation"] = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in pairs)
+        if self.mode.moving:
+            facts["reference"] = "moving"
+        return facts
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -111,8 +147,8 @@ class Controller:
 
     @property
     def judged(self) -> tuple[str, ...]:
-        """States that figures of merit are about: the tracked; where none is and the reference moves, the measured
-        ones, or the first."""
+        """States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
+        measured ones, or the first."""
         if self.tracked or not self.mode.moving:
             return self.tracked
         return tuple(name for name in self.measured if name in self.states) or self.states[:1]
@@ -349,6 +385,17 @@ class Controller:
             f"got y={y!r}, reference={reference!r}",
             "hold the last input for this sample",
         )
+
+
+def load_controller(path: str | os.PathLike[str]) -> Controller:
+    """A controller from a file of `Controller.save`, at its start: its steps are the same, bit by bit.
+
+    Raises
+    ------
+    InvalidInput
+        If the file is not there, is no such file, is damaged, or is of another version.
+    """
+    return Controller(**read_controller(path))
 
 
 def _filler(buffer: np.ndarray) -> Callable[[Any], None]:

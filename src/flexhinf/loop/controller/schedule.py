@@ -22,11 +22,11 @@ class Schedule(Law):
     """Laws at several poses, of which one is active at a time.
 
     Active is the law whose operating point's tracked positions are nearest (Euclidean distance) to the command.
-    It changes only when another law is nearer by the share `hysteresis`: distance < (1 − hysteresis) · distance of
+    It changes only when another law is nearer by the fraction `hysteresis`: distance < (1 − hysteresis) · distance of
     the active law's. At a change the integrals are chosen so that the input continues from the last one, see
     `flexhinf.loop.controller.transfer`. About a moving reference x_d and u_d are the command's, and only k changes.
 
-    Where one law is asked for (names, operating point and input, numbers), it is the first.
+    Where one law is needed (names, operating point and input, numbers), it is the first.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Schedule(Law):
 
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
         self.laws = _checked(laws)
-        self.hysteresis = _share(hysteresis)
+        self.hysteresis = _fraction(hysteresis)
         first = self.laws[0]
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
@@ -109,7 +109,7 @@ def _chosen(
     for law, distance in enumerate(distances[1:], 1):
         index = where(distance < nearest, float(law), index)
         nearest = where(distance < nearest, distance, nearest)
-    # Squared distances, so squared shares; the first sample chooses without hysteresis.
+    # Squared distances, so squared fractions; the first sample chooses without hysteresis.
     changes = where(started[0] > 0.5, nearest < closer[0] * closer[0] * (active @ distances), True)
     now = np.array([where(changes, where(index == law, 1.0, 0.0), was) for law, was in enumerate(active)])
     taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.bumpless else 0.0)
@@ -158,18 +158,18 @@ def _check_poses(laws: Sequence[Law]) -> None:
         )
 
 
-def _share(hysteresis: Any) -> float:
+def _fraction(hysteresis: Any) -> float:
     try:
-        share = float(hysteresis)
+        fraction = float(hysteresis)
     except (TypeError, ValueError):
-        share = np.nan
-    if not 0.0 <= share < 1.0:
+        fraction = np.nan
+    if not 0.0 <= fraction < 1.0:
         raise InvalidInput(
-            "The hysteresis of a schedule is no share.",
+            "The hysteresis of a schedule is no fraction.",
             f"expected 0 <= number < 1, got {hysteresis!r}",
             "hysteresis=0.1: another law must be nearer by 10 %",
         )
-    return share
+    return fraction
 
 
 class PaddedLaw(Law):

@@ -28,10 +28,10 @@ FADE = 0.5
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
 STEPS = 10
 
-#: Directions of the integrals with less than this share of the largest slope are left alone.
+#: Directions of the integrals whose slope is below this fraction of the largest one are not used.
 FLAT = 1e-9
 
-#: Below this share of what it is made of, the divisor of Broyden's update is rounding.
+#: Below this fraction of the size of its terms, the divisor of Broyden's update is rounding.
 ROUNDING = 1e-14
 
 
@@ -90,7 +90,7 @@ def continued(
     bias : (m,)
         Of the last sample.
     point, decay : (n + k,), (1,)
-        x*, and the share of the bias that is left after a period.
+        x*, and the fraction of the bias that is left after a period.
 
     Returns
     -------

@@ -2,91 +2,74 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order
 
-__all__ = ["JerkLimited", "Pieces", "moved"]
+__all__ = ["JerkLimited", "RestToRest"]
 
-#: Powers of a piece: position, velocity, acceleration, jerk, snap.
-POWERS = 5
-
-
-class Pieces(NamedTuple):
-    """Polynomials of degree four, one after the other.
-
-    Attributes
-    ----------
-    times : ndarray, (K,)
-        Where each begins, s; the last one is held for ever, before the first one its value.
-    states : ndarray, (K, 5)
-        Position and four derivatives at the beginning of each; the snap is constant.
-    """
-
-    times: np.ndarray
-    states: np.ndarray
-
-    def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
-        """The derivative of an order at times (N,), from the right where it jumps."""
-        if order >= POWERS:
-            return np.zeros(np.shape(t))
-        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
-        since = np.maximum(t - self.times[index], 0.0)
-        value = np.zeros(np.shape(t))
-        for k in reversed(range(order, POWERS)):
-            value = value * since + self.states[index, k] / math.factorial(k - order)
-        return np.where(t < self.times[0], self.states[0, 0] if order == 0 else 0.0, value)
+LIMITS = ("velocity", "acceleration", "jerk")
 
 
-def moved(start: float, goal: float, lengths: np.ndarray, jerks: np.ndarray, average: float) -> Pieces:
-    """The motion from rest at `start` with phases of constant jerk, averaged over the last `average` seconds.
-
-    The jerk of a moving average rises by (j(t) − j(t − T))/T, which is constant between the corners of both.
+@dataclass(frozen=True, eq=False)
+class RestToRest:
+    """A motion between two positions at rest, whose jerk is piecewise constant, or a moving average of such a motion.
 
     Parameters
     ----------
     start, goal : float
         What rounding leaves of the way to the goal is made up for by a scale.
     lengths, jerks : ndarray, (K,)
-        Of the phases, s.
+        Of the phases of constant jerk, s and unit/s³.
     average : float
-        T, s; none for zero.
+        T of the moving average over the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which
+        is constant between the corners of both.
     """
-    corners = np.concatenate([[0.0], np.cumsum(lengths)])
 
-    def jerk(t: float) -> float:
-        phase = int(np.searchsorted(corners, t, side="right")) - 1
-        return float(jerks[phase]) if 0 <= phase < len(jerks) else 0.0
+    start: float
+    goal: float
+    lengths: np.ndarray
+    jerks: np.ndarray
+    average: float
 
-    times = np.unique(np.concatenate([corners, corners + average]))
-    states = np.zeros((len(times), POWERS))
-    for k, (begin, end) in enumerate(pairwise(times)):
-        middle, h = 0.5 * (begin + end), end - begin
-        if average:
-            states[k, 4] = (jerk(middle) - jerk(middle - average)) / average
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Corners of the piecewise constant highest derivative, s from the start."""
+        corners = np.concatenate([[0.0], np.cumsum(self.lengths)])
+        return np.unique(np.concatenate([corners, corners + self.average]))
+
+    @cached_property
+    def _curve(self) -> Any:
+        """The position as SciPy's piecewise polynomial: the highest derivative, integrated from rest."""
+        from scipy.interpolate import PPoly
+
+        middle = (self.times[1:] + self.times[:-1]) / 2.0
+        if self.average:
+            rate, order = (self._jerk(middle) - self._jerk(middle - self.average)) / self.average, 4
         else:
-            states[k, 3] = jerk(middle)
-        for order in range(4):
-            terms = [
-                states[k, m] * h ** (m - order) / math.factorial(m - order) for m in range(order, POWERS)
-            ]
-            states[k + 1, order] = sum(terms)
-    way = states[-1, 0]
-    states[-1] = 0.0
-    states *= (goal - start) / way if way else 0.0
-    states[:, 0] += start
-    states[-1, 0] = goal
-    return Pieces(times, states)
+            rate, order = self._jerk(middle), 3
+        curve = PPoly(rate[None, :], self.times).antiderivative(order)
+        curve.c *= (self.goal - self.start) / float(curve(self.times[-1]))
+        curve.c[-1] += self.start
+        return curve
 
+    def _jerk(self, t: np.ndarray) -> np.ndarray:
+        """Of the phases, zero before and after them."""
+        phase = np.searchsorted(np.cumsum(self.lengths), t, side="right")
+        return np.where(t < 0.0, 0.0, np.append(self.jerks, 0.0)[phase])
 
-LIMITS = ("velocity", "acceleration", "jerk")
+    def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
+        """The derivative of an order at times (N,), from the right where it jumps; at rest before and after."""
+        inside = (t >= self.times[0]) & (t < self.times[-1])
+        outside = np.where(t < self.times[0], self.start, self.goal) if order == 0 else np.zeros(np.shape(t))
+        if self.goal == self.start:
+            return outside
+        return np.where(inside, self._curve(np.clip(t, *self.times[[0, -1]]), nu=order), outside)
 
 
 @dataclass(frozen=True)
@@ -169,11 +152,11 @@ class JerkLimited:
         return any(isinstance(getattr(self, name), tuple) for name in ("start", "goal", *LIMITS))
 
     @cached_property
-    def _channels(self) -> tuple[Pieces, ...]:
-        asked = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
-        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*asked))
+    def _channels(self) -> tuple[RestToRest, ...]:
+        arrays = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
+        start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*arrays))
         phases = _phases([b - a for a, b in zip(start, goal)], limits)
-        return tuple(moved(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
+        return tuple(RestToRest(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
 
     def __call__(self, t: Any) -> Any:
         """The position."""
@@ -202,13 +185,13 @@ class JerkLimited:
 
 def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
     """Lengths and jerks of each channel's seven phases."""
-    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is asked for
+    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is made
 
     k = len(ways)
-    asked, found = InputParameter(k), Trajectory(k)
-    asked.target_position = ways  # from rest at zero
-    asked.max_velocity, asked.max_acceleration, asked.max_jerk = limits
-    result = Ruckig(k).calculate(asked, found)
+    request, found = InputParameter(k), Trajectory(k)
+    request.target_position = ways  # from rest at zero
+    request.max_velocity, request.max_acceleration, request.max_jerk = limits
+    result = Ruckig(k).calculate(request, found)
     if result not in (Result.Working, Result.Finished):
         raise InvalidInput(
             "No motion was found within the limits.",

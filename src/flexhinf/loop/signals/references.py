@@ -63,7 +63,7 @@ def signal_name(signal: Any) -> str:
 
 
 def checked_order(order: Any, what: str, highest: int | None = None, why: str = "", advice: str = "") -> int:
-    """The highest derivative that is asked for; `why` says what is wrong with one above `highest`.
+    """The highest derivative that is wanted; `why` says what is wrong with one above `highest`.
 
     Raises
     ------
@@ -248,7 +248,7 @@ class Quintic:
         return f"quintic from {self.start:.6g} to {self.goal:.6g} in {self.duration:g} s"
 
     def __call__(self, t: Any) -> Any:
-        """s³ (10 − 15 s + 6 s²) of the way, s the share of the time."""
+        """s³ (10 − 15 s + 6 s²) of the way, s the fraction of the time that has passed."""
         s = clip((t - self.at) / self.duration, 0.0, 1.0)
         return self.start + (self.goal - self.start) * s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 

@@ -93,7 +93,7 @@ class Channel:
         waiting = np.concatenate([queue, u])
         return waiting[: len(u)], waiting[len(u) :]
 
-    def words(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """For the record of a run."""
         return {"quantisation": list(self.quanta) or "none", "input_delay_samples": self.delay}
 

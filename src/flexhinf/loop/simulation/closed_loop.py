@@ -24,12 +24,13 @@ from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
 from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
+from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, sub_steps
 
 __all__ = ["Loop"]
 
 
-class Loop:
+class Loop(Summarised):
     """A closed loop.
 
     Parameters
@@ -104,6 +105,19 @@ class Loop:
                 f"expected {list(controller.law.input_names)}, got {list(plant.inputs)}",
                 "the same actuators",
             )
+
+    def summary(self) -> dict[str, str]:
+        """True plant and channel, then the controller."""
+        facts = {
+            "true plant": type(self.true_plant).__name__,
+            "states": names_text(tuple(self.true_plant.states)),
+            "disturbances": names_text(tuple(self.true_plant.disturbances)),
+        }
+        if self.channel.delay:
+            facts["input delay"] = f"{self.channel.delay} samples"
+        if self.channel.quanta:
+            facts["quantisation"] = ", ".join(f"{step:.4g}" for step in self.channel.quanta)
+        return {**facts, **self.controller.summary()}
 
     # What is run ----------------------------------------------------------------------------------
     @cached_property
@@ -207,7 +221,7 @@ class Loop:
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": seed,
-            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.words(),
+            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.settings(),
         }  # fmt: skip
         code, last = status
         end = samples if not code else last + 1

@@ -104,7 +104,7 @@ def _by_name(given: Any, states: Sequence[str], designed: Sequence[str]) -> dict
     )
 
 
-#: A command may pass a limit by this share of the range: rounding.
+#: A command may exceed a limit by this fraction of the range, for rounding.
 ROUNDING = 1e-9
 
 

@@ -1,24 +1,30 @@
-"""What a run leaves behind: labelled signals with units, figures of merit, and a plot."""
+"""What a run leaves behind: labelled signals with units, metrics, and a plot."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, step_shape
+from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+
+    from flexhinf.loop.simulation.figure import NotebookFigure
 
 
-__all__ = ["Trajectory", "plot_trajectory"]
+__all__ = ["Trajectory"]
 
 #: Keys of `Trajectory.metrics`.
 METRICS = (
@@ -32,8 +38,8 @@ METRICS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Summarised):
     """Signals of one run.
 
     Attributes
@@ -172,23 +178,95 @@ class Trajectory:
             )
         return self.judged[0] if name is None else name
 
-    def plot(self) -> Figure:
-        """Tracked positions with command and estimate above, inputs below."""
+    def plot(self) -> NotebookFigure:
+        """Tracked states (or all) with command and estimate above, inputs below; angles in degrees.
 
-        return plot_trajectory(self)
+        Returns
+        -------
+        matplotlib.figure.Figure
+            It shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it.
+        """
+        return _plot(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all signals to one file, whole or not at all; the suffix says the format.
+
+        Parameters
+        ----------
+        path : path
+            ``.csv``: one row per sample, the first row names each column, ``state.link_position [rad]``, numbers with
+            all their digits. ``.nc``: `data` as NetCDF, with names, units and settings, as xarray reads it.
+
+        Raises
+        ------
+        InvalidInput
+            For another suffix, or if the place cannot be written.
+        """
+        suffix = Path(path).suffix
+        if suffix == ".csv":
+            write_file(path, "run", self._write_csv)
+        elif suffix == ".nc":
+            kept = self.data[[kind for kind, names in self.names.items() if names]]
+            write_file(path, "run", lambda name: kept.to_netcdf(name, engine="scipy"))
+        else:
+            raise InvalidInput(
+                "The format of the file is not known.",
+                f"expected a name that ends with .csv or .nc, got {str(path)!r}",
+                "run.csv, or run.nc for NetCDF",
+            )
+
+    def _write_csv(self, path: str) -> None:
+        labels, columns = ["time [s]"], [self.time]
+        for kind, values in self.signals.items():
+            for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
+                labels.append(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}")
+                columns.append(column)
+        np.savetxt(
+            path,
+            np.column_stack(columns),
+            "%.17g",
+            ",",
+            header=",".join(labels),
+            comments="",
+            encoding="utf-8",
+        )
+
+    def summary(self) -> dict[str, str]:
+        """Status, length, and the metrics of the first tracked state."""
+        facts = {"status": self.message or self.status}
+        facts["time"] = f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples"
+        if not self.judged or self.diverged_at is not None:
+            return facts
+        name, metrics = self.judged[0], self.metrics()
+        unit = dict(zip(self.names["estimate"], self.units["estimate"])).get(name, "")
+        inputs = set(self.units["input"])
+        units = {
+            "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": unit,
+            "peak_input": inputs.pop() if len(inputs) == 1 else "",
+        }  # fmt: skip
+        facts["tracked state"] = name
+        for key, of in units.items():
+            value, words = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
+            facts[words] = "none" if value is None else number_text(value, of)
+        return facts
+
+    def _repr_html_(self) -> str:
+        return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()
 
 
-def plot_trajectory(run: Trajectory) -> Figure:
-    """Tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
-    from matplotlib.figure import Figure
+def _plot(run: Trajectory) -> NotebookFigure:
+    from flexhinf.loop.simulation.figure import NotebookFigure
 
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for k, name in enumerate(run.judged or run.names["estimate"]):
+    shown = run.judged or run.names["estimate"]
+    for k, name in enumerate(shown):
         _plot_state(above, run, name, f"C{k}")
     for k, name in enumerate(run.names["input"]):
         below.plot(run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k]))
     below.set_xlabel("time in s")
+    _label_axis(above, [_shown_unit(run, name)[1] for name in shown], "states")
+    _label_axis(below, run.units["input"], "inputs")
     for axes in (above, below):
         axes.legend(frameon=False)
         axes.grid(alpha=0.3)
@@ -196,13 +274,23 @@ def plot_trajectory(run: Trajectory) -> Figure:
 
 
 def _plot_state(axes: Axes, run: Trajectory, name: str, colour: str) -> None:
-    unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
-    scale, unit = (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
+    scale, unit = _shown_unit(run, name)
     axes.plot(run.time, scale * run.tracked(name), colour, label=_label(name, unit))
     axes.plot(run.time, scale * run.signal("estimate", name), color="0.1", ls="--", lw=0.8, label="estimated")
     if name in run.names["reference"]:
         command = scale * run.signal("reference", name)
         axes.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
+
+
+def _shown_unit(run: Trajectory, name: str) -> tuple[float, str]:
+    """Factor and unit of a state in the figure: degrees for angles."""
+    unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
+    return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
+
+
+def _label_axis(axes: Axes, units: Sequence[str], what: str) -> None:
+    several = list(dict.fromkeys(unit for unit in units if unit))
+    axes.set_ylabel(_label(what, ", ".join(several)))
 
 
 def _label(name: str, unit: str) -> str:

@@ -1,0 +1,298 @@
+"""A controller in one file: a compressed NumPy archive with a version and without pickles.
+
+What is saved is all that a step is made of: the laws (names, operating point, coefficients, and the formula as the
+instructions of its traced function where it is no polynomial), the estimator with its settings and the model that it
+believes in (the instructions of flow and output, and parameters), period, saturation and options. A loaded law is a
+`StoredLaw`: it computes the same numbers, and knows nothing of how it was designed. docs/controller_file.md has the
+format.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import write_arrays
+from flexhinf.loop.controller.options import Limits
+from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.plant import Estimator, Law, ParameterTable, Plant
+from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
+
+__all__ = ["StoredLaw", "read_controller", "write_controller"]
+
+FORMAT, VERSION = "flexhinf controller", 1
+
+#: Estimators are made again by their classes, of this package only: a file cannot name other code.
+PACKAGE = "flexhinf."
+
+NAMES = ("states", "inputs", "disturbances", "outputs")
+
+
+class StoredLaw(Law):
+    """A law from a file: a polynomial, or a traced function.
+
+    Parameters
+    ----------
+    header : mapping
+        ``name`` of the class it was, ``states``, ``inputs``, ``degrees`` of a polynomial or None.
+    arrays : mapping of str to ndarray
+        ``data``, ``point``, ``input``, and the functions' instructions.
+    """
+
+    def __init__(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        self.name, self.degree = str(header["name"]), header["degree"]
+        self.state_names, self.input_names = tuple(header["states"]), tuple(header["inputs"])
+        self.operating_point, self.operating_input = arrays["point"], arrays["input"]
+        self._data, self._degrees, self._arrays = arrays["data"], header["degrees"], arrays
+
+    @property
+    def law_data(self) -> np.ndarray:
+        """Coefficients, flat."""
+        return self._data
+
+    @cached_property
+    def _key(self) -> str:
+        if self._degrees is not None:
+            return f"polynomial {len(self.state_names)} {tuple(self._degrees)}"
+        digest = hashlib.sha256()
+        for name in sorted(self._arrays):
+            if name.startswith("law."):
+                digest.update(name.encode() + self._arrays[name].tobytes())
+        return f"stored {digest.hexdigest()}"
+
+    @property
+    def law_key(self) -> str:
+        """The monomials, or a digest of the instructions."""
+        return self._key
+
+    @cached_property
+    def _polynomial(self) -> PolynomialLaw | None:
+        if self._degrees is None:
+            return None
+        coefficients = self._data.reshape(len(self.input_names), -1)
+        return PolynomialLaw(len(self.state_names), tuple(self._degrees), coefficients)
+
+    @property
+    def law_table(self) -> PolynomialLaw | None:
+        """The polynomial, if it is one."""
+        return self._polynomial
+
+    @property
+    def law_degree(self) -> int | None:
+        """As of the law that was saved."""
+        return self.degree
+
+    @cached_property
+    def _law(self) -> Any:
+        return function_from_arrays(_below("law.", self._arrays), "law")
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        """k(x), (m,)."""
+        if self._polynomial is not None:
+            return self._polynomial.evaluate(x, np.asarray(data).reshape(len(self.input_names), -1))
+        return apply(self._law, x, data)[0]
+
+
+class StoredPlacedLaw(StoredLaw):
+    """A law from a file that depends on the reference that it acts about."""
+
+    @cached_property
+    def _about(self) -> Any:
+        return function_from_arrays(_below("about.", self._arrays), "law_about")
+
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k(x), (m,), about a reference (state, input)."""
+        return apply(self._about, x, state, input, data)[0]
+
+
+def write_controller(
+    path: str | os.PathLike[str],
+    law: Law,
+    estimator: Estimator | None,
+    period: float,
+    limits: Limits,
+    options: dict[str, Any],
+) -> None:
+    """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`.
+
+    Raises
+    ------
+    InvalidInput
+        If a law or the estimator cannot be saved (named), or the place cannot be written.
+    """
+    several = isinstance(law, Schedule)
+    arrays: dict[str, np.ndarray] = {"lower": limits.lower, "upper": limits.upper}
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "period": period,
+        "options": options,
+        "hysteresis": law.hysteresis if several else None,
+        "laws": [
+            _store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(law.laws if several else (law,))
+        ],
+        "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
+    }
+    write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
+
+
+def read_controller(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The arguments of `Controller` by name, from a file; see `load_controller`.
+
+    Raises
+    ------
+    InvalidInput
+        If the file is not there, is no such file, is damaged, or is of another version.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays: dict[str, Any] = {name: archive[name] for name in archive.files}
+        return _assembled(json.loads(str(arrays.pop("header"))), arrays)
+    except FlexhinfError as error:
+        raise _unreadable(path, f"{error.what} {error.found or ''}".strip()) from error
+    except FileNotFoundError as error:
+        raise _unreadable(path, "no such file") from error
+    except (
+        OSError, EOFError, zipfile.BadZipFile, zlib.error, KeyError, IndexError, ValueError, TypeError, AttributeError,
+        RuntimeError,
+    ) as error:  # fmt: skip
+        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__}: {error})") from error
+
+
+def _unreadable(path: Path, found: str) -> InvalidInput:
+    return InvalidInput(
+        "The controller cannot be read.",
+        f"expected a {FORMAT} file, version {VERSION}, got {path}: {found}",
+        "save it again; files are written by Controller.save",
+    )
+
+
+def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
+    if header["format"] != FORMAT or header["version"] != VERSION:
+        raise InvalidInput("Another format.", f"{header['format']!r}, version {header['version']!r}")
+    laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
+    law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
+    estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
+    saturation = (arrays["lower"], arrays["upper"])
+    whole = {"solution": law, "estimator": estimator, "period": header["period"], "saturation": saturation}
+    return {**whole, **header["options"]}
+
+
+def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    return {name[len(prefix) :]: array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+# Laws ---------------------------------------------------------------------------------------------
+def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    n, m, data = len(law.state_names), len(law.input_names), np.ravel(np.asarray(law.law_data, dtype=float))
+    parts = {"data": data, "point": law.operating_point, "input": law.operating_input}
+    table = law.law_table
+    try:
+        if table is None:
+            parts |= _prefixed("law.", function_arrays(trace(law.evaluate_law, n, data.size, name="law")))
+        if law.depends_on_reference:
+            about = trace(law.evaluate_about, n, len(law.plant_states), m, data.size, name="law_about")
+            parts |= _prefixed("about.", function_arrays(about))
+    except Exception as error:  # a law's code may be anybody's
+        raise InvalidInput(
+            f"{type(law).__name__} cannot be saved.",
+            f"expected a law whose formula runs on symbols, got {type(error).__name__}: {error}",
+            "NumPy code with the pieces of flexhinf.scalars",
+        ) from error
+    arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
+    return {
+        "name": law.name if isinstance(law, StoredLaw) else type(law).__name__,
+        "degree": law.law_degree,
+        "states": list(law.state_names),
+        "inputs": list(law.input_names),
+        "degrees": None if table is None else list(table.degrees),
+        "placed": law.depends_on_reference,
+    }
+
+
+def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> StoredLaw:
+    return (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
+
+
+def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {f"{prefix}{name}": array for name, array in arrays.items()}
+
+
+# Estimators and their models ----------------------------------------------------------------------
+def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
+    """What stands for a setting in the header; arrays go to `arrays`."""
+    if isinstance(value, Estimator):
+        kind = type(value)
+        if not kind.__module__.startswith(PACKAGE) or "." in kind.__qualname__:
+            raise InvalidInput(
+                f"{kind.__name__} cannot be saved.",
+                "expected an estimator of flexhinf.estimation: a file names no other code",
+                "a controller without it, or with one of these",
+            )
+        settings = {k: _store(part, f"{prefix}{k}.", arrays) for k, part in value.settings().items()}
+        return {"estimator": [kind.__module__, kind.__qualname__], "settings": settings}
+    if isinstance(value, Plant):
+        return {"plant": _store_plant(value, prefix, arrays)}
+    if isinstance(value, np.ndarray):
+        arrays[f"{prefix}array"] = value
+        return {"array": True}
+    return {"value": value}
+
+
+def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]) -> Any:
+    if "estimator" in part:
+        module, name = part["estimator"]
+        if not module.startswith(PACKAGE):
+            raise InvalidInput("An estimator of other code.", f"{module}.{name}")
+        kind = getattr(import_module(module), name)
+        if not (isinstance(kind, type) and issubclass(kind, Estimator)):
+            raise InvalidInput("No estimator.", f"{module}.{name}")
+        return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
+    if "plant" in part:
+        return _restored_plant(part["plant"], _below(prefix, arrays))
+    return arrays[f"{prefix}array"] if "array" in part else part["value"]
+
+
+def _store_plant(plant: Plant, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    parts = _prefixed("flow.", function_arrays(plant.traced_flow))
+    parts |= _prefixed("output.", function_arrays(plant.traced_output))
+    parts |= {f"parameters.{name}": value for name, value in plant.parameters.values.items()}
+    arrays |= _prefixed(prefix, parts)
+    return {
+        **{kind: list(getattr(plant, kind)) for kind in NAMES},
+        "parameters": list(plant.parameters.names),
+        "units": dict(plant.units),
+        "groups": {name: list(members) for name, members in plant.groups.items()},
+        "limits": {name: list(ends) for name, ends in plant.limits.items()},
+    }
+
+
+def _restored_plant(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Plant:
+    """A plant whose flow and output are the stored functions."""
+    table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})
+    stored_flow = function_from_arrays(_below("flow.", arrays), "flow")
+    stored_output = function_from_arrays(_below("output.", arrays), "output")
+
+    def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+        return apply(stored_flow, x, u, d, table.flat(p))[0]
+
+    def output(x: Any, u: Any, p: Any) -> Any:
+        return apply(stored_output, x, u, table.flat(p))[0]
+
+    return Plant(
+        flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
+        header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},
+    )  # fmt: skip

@@ -1,0 +1,18 @@
+"""The room's public names and the files that they come from; read when a name is first used."""
+
+from .assembly import assembled as assembled
+from .assembly import single_link_robot as single_link_robot
+from .dynamics import Joint as Joint
+from .dynamics import Placement as Placement
+from .file_errors import RobotFileWarning as RobotFileWarning
+from .limits import check_holding as check_holding
+from .limits import check_reference as check_reference
+from .mujoco_plant import MuJoCoPlant as MuJoCoPlant
+from .paper import paper_arm as paper_arm
+from .parameter import Parameter as Parameter
+from .parts import ElasticJoint as ElasticJoint
+from .parts import Link as Link
+from .parts import SingleLink as SingleLink
+from .robot import Robot as Robot
+from .robot_file import load_robot as load_robot
+from .shipped import catalogue as catalogue

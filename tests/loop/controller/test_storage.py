@@ -1,0 +1,166 @@
+"""A controller from a file makes the same steps, bit by bit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.baselines import (
+    FeedbackLinearisation,
+    GravityCompensatedLQR,
+    MotorPD,
+    TorqueFeedback,
+    lqr,
+)
+from flexhinf.errors import InvalidInput
+from flexhinf.estimation import ConstantGainFilter
+from flexhinf.loop import load_controller
+from flexhinf.loop.controller import controller as controller_module
+from flexhinf.loop.controller import law_code
+from flexhinf.loop.controller.storage import StoredLaw
+from flexhinf.plant import Law
+
+ARM = fh.paper_arm()
+NOISES = (1e-7, 1e-4, np.zeros(4), 1e-4)
+
+LAWS: dict[str, Callable[[], Any]] = {
+    "hji": lambda: fh.solve_hji(ARM.problem(), gamma=math.inf, degree=4),
+    "linear": lambda: fh.linear_law(ARM.problem(), gamma=math.inf),
+    "lqr": lambda: lqr(ARM.problem()),
+    "pd": lambda: MotorPD.tuned(ARM.problem(), 5.0, 0.7),
+    "flatness": lambda: FeedbackLinearisation.tuned(ARM.problem(), 3.0),
+    "torque": lambda: TorqueFeedback.tuned(ARM.problem(), 3.0, 0.7),
+    "gravity": lambda: GravityCompensatedLQR.design(ARM.problem()),
+}
+
+ESTIMATORS: dict[str, Callable[[], Any]] = {
+    "none": lambda: None,
+    "ukf": lambda: fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, *NOISES, alpha=0.9, redraw=False),
+    "bounded": lambda: fh.UnscentedKalmanFilter(
+        ARM.plant(), 1e-3, *NOISES, bounds={"link_position": (-3.0, 3.0)}
+    ),
+    "ekf": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES),
+    "observer": lambda: fh.OutputInjectionObserver(ARM.plant(), 1e-3, *NOISES[:3]),
+    "placed": lambda: fh.OutputInjectionObserver(
+        ARM.plant(), 1e-3, *NOISES, poles=[-60.0, -70.0, -80.0 + 5j, -80.0 - 5j]
+    ),
+    "constant gain": lambda: ConstantGainFilter(
+        fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES), np.full((4, 1), 0.1)
+    ),
+}
+
+
+def through_a_file(controller: fh.Controller, folder: Path) -> fh.Controller:
+    path = folder / "controller.npz"
+    controller.save(path)
+    assert [file.name for file in folder.iterdir()] == ["controller.npz"]
+    return load_controller(path)
+
+
+def assert_same_steps(one: fh.Controller, other: fh.Controller, count: int = 40) -> None:
+    rng, moving = np.random.default_rng(0), one.mode.moving
+    for k in range(count):
+        y = 0.2 * rng.normal(size=len(one.measured))
+        r = 0.1 * rng.normal(size=len(one.commanded)) if moving or k % 3 else None
+        np.testing.assert_array_equal(other.step(y, r), one.step(y, r))
+        np.testing.assert_array_equal(other.estimate, one.estimate)
+        np.testing.assert_array_equal(other._memory, one._memory)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_of_the_house_returns_with_the_same_bits(name: str, tmp_path: Path) -> None:
+    law = LAWS[name]()
+    for moving in (False, True):
+        controller = fh.Controller(law, None, 1e-3, 48.0, moving=moving)
+        loaded = through_a_file(controller, tmp_path)
+        assert isinstance(loaded.law, StoredLaw)
+        assert loaded.law.name == type(law).__name__
+        assert loaded.law.depends_on_reference == law.depends_on_reference
+        assert_same_steps(controller, loaded)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize("one_trace", [controller_module.ONE_TRACE, 0], ids=["one trace", "composed"])
+def test_every_estimator_returns_with_the_same_bits(
+    name: str, one_trace: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(controller_module, "ONE_TRACE", one_trace)
+    monkeypatch.setattr(law_code, "TABLE", 0)
+    controller = fh.Controller(LAWS["hji"](), ESTIMATORS[name](), 1e-3, ([-20.0], [30.0]))
+    loaded = through_a_file(controller, tmp_path)
+    assert type(loaded.estimator) is type(controller.estimator)
+    assert_same_steps(controller, loaded)
+
+
+@pytest.mark.oracle
+def test_a_schedule_options_and_a_run_return(tmp_path: Path) -> None:
+    laws = [fh.solve_hji(ARM.problem(pose=[a]), gamma=math.inf, degree=3) for a in (0.0, 1.0)]
+    controller = fh.Controller(
+        fh.Schedule(laws, hysteresis=0.2), ESTIMATORS["ukf"](), 1e-3, 48.0, start="bumpless", fade=0.3
+    )
+    loaded = through_a_file(controller, tmp_path)
+    assert (loaded.mode, loaded.fade, loaded.law.hysteresis) == (controller.mode, 0.3, 0.2)
+    assert_same_steps(controller, loaded)
+    again = through_a_file(loaded, tmp_path)  # what was loaded can be saved
+    runs = [
+        fh.Loop(ARM.plant(), c).run(fh.Step(0.8, at=0.2), duration=0.6, noise=1e-3)
+        for c in (controller, loaded, again)
+    ]
+    for run in runs[1:]:
+        for kind, values in runs[0].signals.items():
+            np.testing.assert_array_equal(run.signals[kind], values)
+    names, other = loaded.estimator.plant, controller.estimator.plant
+    assert (names.outputs, names.units, names.limits) == (other.outputs, other.units, other.limits)
+
+
+def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Path) -> None:
+    class Branching(Law):
+        state_names, input_names = ARM.plant().states, ARM.plant().inputs
+        operating_point, operating_input, law_data = np.zeros(4), np.zeros(1), np.ones(1)
+
+        def evaluate_law(self, x: Any, data: Any) -> Any:
+            return np.array([-1.0 if x[0] > 0.0 else 1.0])
+
+    class Mine(fh.ExtendedKalmanFilter):
+        pass
+
+    law = LAWS["linear"]()
+    with pytest.raises(InvalidInput, match="Branching cannot be saved"):
+        fh.Controller(Branching(), None).save(tmp_path / "c.npz")
+    with pytest.raises(InvalidInput, match="Mine cannot be saved"):
+        fh.Controller(law, Mine(ARM.plant(), 1e-3, *NOISES)).save(tmp_path / "c.npz")
+    with pytest.raises(InvalidInput, match="cannot be written"):
+        fh.Controller(law, None).save(tmp_path / "missing" / "c.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.npz"
+    with pytest.raises(InvalidInput, match="no such file"):
+        load_controller(path)
+    fh.Controller(LAWS["linear"](), ESTIMATORS["ekf"](), 1e-3).save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InvalidInput, match="damaged"):
+        load_controller(path)
+    path.write_bytes(whole)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = json.loads(str(arrays["header"]))
+    for change in ({"version": 2}, {"format": "a solution"}):
+        np.savez(path, **{**arrays, "header": np.array(json.dumps({**header, **change}))})
+        with pytest.raises(InvalidInput, match="Another format"):
+            load_controller(path)
+    header["estimator"]["estimator"] = ["subprocess", "Popen"]
+    np.savez(path, **{**arrays, "header": np.array(json.dumps(header))})
+    with pytest.raises(InvalidInput, match="other code"):
+        load_controller(path)
