@@ -314,7 +314,9 @@ def _regions(design: Design) -> Iterator[Remark]:
         text = asked if s.rays is None else "The regions were not looked at, as asked."
         yield Remark("region", "regions not looked at", text)
     elif np.isnan(design.chosen.level):
-        yield Remark("region", "no region", f"No region is claimed for the law that runs: {design.chosen.limit}.")
+        yield Remark(
+            "region", "no region", f"No region is claimed for the law that runs: {design.chosen.limit}."
+        )
 
 
 def _rigid(design: Design) -> Iterator[Remark]:
