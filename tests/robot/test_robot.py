@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter, Robot, paper_arm
 
 
@@ -61,5 +62,15 @@ def test_the_problem_passes_its_choices_on():
     problem = arm.problem(penalty=[1.0] * 5, pose=[0.5], measured=("motor_position", "joint_torque"))
     assert problem.plant.outputs == ("motor_position", "joint_torque")
     assert problem.operating_point[0] == 0.5
-    np.testing.assert_array_equal(problem.r2, [[1.0]])
+    np.testing.assert_array_equal(problem.r2, arm.problem().r2)
     np.testing.assert_array_equal(arm.problem().r2, [[10.0]])
+
+
+def test_weights_without_effort_keep_the_robots_own_r2() -> None:
+    robot = paper_arm()
+    own = robot.problem().r2
+    assert own.tolist() == [[10.0]]
+    for weights in ([60, 0, 0, 0, 300], {"link_position": 60, "link_position_integral": 300}):
+        assert np.array_equal(robot.problem(penalty=weights).r2, own)
+    assert robot.problem(penalty=Penalty([60, 0, 0, 0, 300])).r2.tolist() == [[1.0]]
+    assert replace(robot, penalty=None).problem(penalty=[60, 0, 0, 0, 300]).r2.tolist() == [[1.0]]

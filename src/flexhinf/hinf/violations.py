@@ -191,7 +191,7 @@ def touching_point(landscape: Landscape, start: np.ndarray) -> np.ndarray:
                 },
                 bounds=[(value - _BOX, value + _BOX) for value in point],
                 method="SLSQP",
-                options={"maxiter": 60, "ftol": 1e-14},
+                options={"maxiter": 60, "ftol": 1e-11},
             )
         if not np.isfinite(outcome.x).all():
             break

@@ -302,6 +302,25 @@ class GeneralisedPlant(Summarised):
         return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
 
     @cached_property
+    def _varying_fields(self) -> tuple[Any, tuple[np.ndarray | None, ...]]:
+        """Those of the traced fields that depend on x as one function, and the values of the others (None elsewhere).
+
+        Constant matrices of many points are most of what would otherwise be copied out of CasADi.
+        """
+        import casadi as ca
+
+        x = ca.SX.sym("x", len(self.state_names))
+        outputs = self._traced_fields.call([x])
+        depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
+        at_origin = self._traced_fields.call([np.zeros(len(self.state_names))])
+        constant = tuple(
+            None if varies else np.asarray(value, dtype=float).ravel()
+            for varies, value in zip(depends, at_origin, strict=True)
+        )
+        varying = [output for varies, output in zip(depends, outputs, strict=True) if varies]
+        return ca.Function("varying_fields", [x], varying, {"cse": True}), constant
+
+    @cached_property
     def _input_matrix_is_constant(self) -> bool:
         import casadi as ca
 
@@ -330,5 +349,12 @@ class GeneralisedPlant(Summarised):
         if not count:  # to CasADi, a matrix without columns is a zero
             f, g1, g2, h = self.fields(np.zeros((1, n)))
             return f[:0], g1[:0], g2[:0], h[:0]
-        f, g1, g2, h = (np.asarray(r, dtype=float).T for r in self._traced_fields(points.T))
+        traced, constant = self._varying_fields
+        varying = iter(traced.call([points.T]))
+        f, g1, g2, h = (
+            np.broadcast_to(value, (count, len(value)))
+            if value is not None
+            else np.asarray(next(varying), dtype=float).T
+            for value in constant
+        )
         return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h

@@ -274,7 +274,8 @@ class Robot(Summarised):
         Parameters
         ----------
         penalty : Penalty or weights, optional
-            Instead of the robot's own; weights alone come with R2 = 1, see `Penalty`. Weights by name are those
+            Instead of the robot's own; weights alone, without an effort, keep the robot's own R2 (1 where it states
+            no penalty), see `Penalty`. Weights by name are those
             of states, of ``link_position_integral``, of ``joint_torque`` (deviation of the spring's torque) and of
             ``joint_torque_rate`` (its rate: the vibration); a plain name stands for all joints, with one weight for
             all or one each. The input's weight is the
@@ -298,6 +299,8 @@ class Robot(Summarised):
             If there is no penalty, something does not fit, or the pose leaves the limits.
         """
         chosen = self.penalty if penalty is None else penalty
+        if self.penalty is not None and not isinstance(chosen, Penalty):
+            chosen = replace(self.penalty, states=chosen)
         if chosen is None:
             raise InvalidInput(
                 f"The robot {self.name!r} states no penalty of its own.",
