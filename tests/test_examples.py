@@ -44,9 +44,9 @@ def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_example_specified_design(repository: Path) -> None:
     design = runpy.run_path(str(repository / "examples" / "specified_design.py"))["main"](20)
-    assert all(line.holds for line in design.met)
-    assert design.tolerances.unstable_anywhere == 0
-    assert design.game.robustness.share == 1.0
+    assert design.met
+    assert design.evaluation.corners.unstable == 0
+    assert design.design_problem.robustness.fraction == 1.0
 
 
 def test_example_moving_reference(repository: Path) -> None:
