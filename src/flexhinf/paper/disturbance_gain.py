@@ -25,8 +25,8 @@ HORIZON = 20.0
 #: Inside this |x1|, rad, gains are judged: the paper's largest command. Eq. (5) is a local statement.
 RANGE = math.pi
 
-#: Turns of the search for the smallest energy and for the others.
-FIRST_TURNS, TURNS = 60, 12
+#: Turns of the search for each energy.
+TURNS = 12
 
 Signal = Callable[[np.ndarray], np.ndarray]
 
@@ -95,9 +95,9 @@ class GainRuns:
         """The worst disturbance found for each energy, each search begun from the last; up to where the loop "
         "diverges."""
         found: list[Attained] = []
-        d: Any = decaying_sine(1.0, 0.3, 5.0)(self.times)
+        d: Any = self.search.small()[1][:, 0]  # the worst sinusoid of small motions
         for energy in energies:
-            d = self.worst(d, energy, TURNS if found else FIRST_TURNS)
+            d = self.worst(d, energy, TURNS)
             if d is None:
                 return [*found, Attained(math.inf, energy, math.inf)]
             found.append(self.attained(self.held(d)))

@@ -99,8 +99,9 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
         off = None if estimate is None else estimate[late] - goal
         time_response(error, run.time[late], measured[late] - goal, off, colour=colour)
         largest = max(largest, float(np.abs(measured[late] - goal).max(initial=0.0)))
-        given = run.signals["disturbance"].sum(axis=1)  # all but one are zero
-        torque.plot(run.time, given, color=colour, linewidth=1.7 if colour == SERIES[0] else 1.0)
+    torque.plot(
+        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
+    )  # the same at both places
     reach = 1.1 * min(max(largest, 1.0), 180.0)
     error.set_ylim(-reach, reach)
     label(position, "link position", "°")
@@ -143,7 +144,8 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
     values = np.array([getattr(run, kind) for run in whole])
     apart = ((worst_overshoot(whole), INK, "largest overshoot"), (slowest(whole), SERIES[1], "settles last"))
     for axes, part in ((above, time <= FIRST_PART), (below, time >= FIRST_PART)):
-        settling_band(axes, command, command)
+        if axes is above:
+            settling_band(axes, command, command)
         quantile_band(axes, time[part], values[:, part])
         for k, colour, name in apart:
             axes.plot(time[part], values[k, part], color=colour, linewidth=1.1, dashes=(5.0, 1.5), label=name)

@@ -54,7 +54,7 @@ def paper_page(
         "Nonlinear H∞ control of a flexible joint, reproduced",
         "Elsa & Akbari (2014): the single-link arm of Sec. 6, its Figures 3–12 and its claims, computed again from its "
         "equations and tables. No printed curve was compared with a computed one: the text was read from a scan "
-        f"without the pictures, so a claim is judged by what it says. Here {setup.feedback} is fed back to the law.",
+        f"without the pictures, so a claim is judged by what it says. The law acts on {_fed_back(experiments)}.",
         summary(claims),
         (
             Section("Verdict per claim", (Paragraph(_reading()), Claims(claims)), "claims"),
@@ -68,6 +68,11 @@ def paper_page(
         Provenance(tuple(command), setup.settings.seed),
         _numbers(experiments),
     )
+
+
+def _fed_back(experiments: Experiments) -> str:
+    kind = experiments.setup.settings.estimator
+    return "the true state" if kind == "none" else f"the estimate of the {kind.upper()}"
 
 
 def _reading() -> str:

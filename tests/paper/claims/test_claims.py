@@ -17,11 +17,6 @@ pytestmark = pytest.mark.paper
 MODULES = (electrical_pole, attained_gain, tolerances, bounded, ukf_against_ekf)
 
 
-@pytest.fixture(scope="module")
-def setup() -> PaperSetup:
-    return PaperSetup(PaperSettings())
-
-
 @pytest.mark.parametrize("module", MODULES)
 @pytest.mark.parametrize(
     "options",

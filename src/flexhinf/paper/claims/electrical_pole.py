@@ -18,7 +18,7 @@ from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
 from flexhinf.paper.claims.judgement import Judged, damped_law, repair_by_damping
 from flexhinf.paper.loop_setup import GOALS, PaperSetup, name_goal
-from flexhinf.report import Claim, Column, Table
+from flexhinf.report import Claim, Column, Table, number
 
 __all__ = ["judge"]
 
@@ -133,7 +133,7 @@ def _growth_text(found: list[Compared]) -> str:
     growth = max(c.growth for c in found)
     if not math.isfinite(growth):
         return "with it some loop has no equilibrium."
-    return f"with it the slowest mode of any loop has a rate of {growth:+.3f}/s."
+    return f"with it the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s."
 
 
 def _mode(exponents: np.ndarray) -> str:

@@ -42,7 +42,7 @@ def judge_sine(experiments: Experiments) -> Judged:
     repair, numbers_of_repair = ("", {}) if holds else _repair(experiments)
     claim = Claim(
         "tracks-sine",
-        "NL-H∞ tracks x_d = π + sin(πt/10).",
+        "NL-H∞ tracks the command π + sin(πt/10).",
         "holds" if holds else "fails",
         _evidence(largest, linear),
         repair,

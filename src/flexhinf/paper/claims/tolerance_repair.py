@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import ALL_STATES, FORMS, VELOCITIES, GrowthRates, ProcessNoise
+from flexhinf.analysis import (
+    ALL_STATES,
+    LINK_VELOCITIES,
+    MOTOR_VELOCITIES,
+    VELOCITIES,
+    GrowthRates,
+    ProcessNoise,
+)
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step
@@ -36,7 +43,7 @@ from flexhinf.paper.tolerance_study import (
 )
 from flexhinf.report import Column, Table
 
-__all__ = ["Repair", "cost_table", "find_repairs", "smallest_repair"]
+__all__ = ["Repair", "cost_table", "find_repairs", "left_unstable", "smallest_repair"]
 
 #: Of the worst R^v at each goal, how many are bisected on, with how many plants. All are checked after.
 WORST_NOISES, WORST_PLANTS = 3, 16
@@ -66,8 +73,6 @@ class Repair:
     law : HJISolution
     slowest : float
         Largest growth rate over all plants, goals and R^v asked for, 1/s; negative.
-    others : dict of str to int
-        By form of R^v that was not asked for: the largest number of unstable corners at any q and goal.
     """
 
     name: str
@@ -75,7 +80,6 @@ class Repair:
     weights: dict[str, float]
     law: HJISolution
     slowest: float
-    others: dict[str, int]
 
 
 def find_repairs(setup: PaperSetup, study: ToleranceStudy) -> list[Repair]:
@@ -110,8 +114,7 @@ def smallest_repair(
         rates = [(goal, each) for goal in GOALS for each in found[goal]]
         slowest = max(each.fastest for _, each in rates)
         if slowest < 0.0:
-            others = _others(setup, law, forms) if study.estimated else {}
-            return Repair(name, scale, scaled_weights(setup, scale), law, slowest, others)
+            return Repair(name, scale, scaled_weights(setup, scale), law, slowest)
         for goal, each in rates:
             if each.unstable:
                 plants = each.plants[np.argsort(-each.rates)[:WORST_PLANTS]]
@@ -144,9 +147,9 @@ def _withstands(setup: PaperSetup, study: ToleranceStudy, scale: float, watched:
     return True
 
 
-def _others(setup: PaperSetup, law: HJISolution, forms: Sequence[str]) -> dict[str, int]:
-    """Unstable corners with the forms of R^v that the repair was not made for."""
-    others = [form for form in FORMS if form not in forms]
+def left_unstable(setup: PaperSetup, law: HJISolution) -> dict[str, int]:
+    """Corners that a repair leaves unstable, at the worst q and goal, with the two forms of R^v it is not made for."""
+    others = (LINK_VELOCITIES, MOTOR_VELOCITIES)
     corners = np.flatnonzero(setup.population.kinds == "corner")
     found = growth_with(setup, law, swept_noises(others), corners)
     rates = [each for goal in GOALS for each in found[goal]]
@@ -158,13 +161,9 @@ def _others(setup: PaperSetup, law: HJISolution, forms: Sequence[str]) -> dict[s
 
 # What it costs -------------------------------------------------------------------------------------------
 def cost_table(setup: PaperSetup, repairs: Sequence[Repair]) -> Table:
-    """What the repairs cost the nominal arm, and which forms of R^v they do not cover."""
-    others = tuple(dict.fromkeys(form for repair in repairs for form in repair.others))
-    rows = [[*_cost(setup, "the paper's", 0.0, setup.nonlinear), *(None for _ in others)]]
-    rows += [
-        [*_cost(setup, f"repaired for {r.name}", r.scale, r.law), *(r.others.get(form) for form in others)]
-        for r in repairs
-    ]
+    """What the repairs cost the nominal arm."""
+    rows = [_cost(setup, "the paper's", 0.0, setup.nonlinear)]
+    rows += [_cost(setup, f"repaired for {r.name}", r.scale, r.law) for r in repairs]
     columns: list[Column | str] = ["penalty", Column("s", "", 2), Column("γ* of its problem", "", 1)]
     for goal in GOALS:
         columns += [
@@ -173,10 +172,8 @@ def cost_table(setup: PaperSetup, repairs: Sequence[Repair]) -> Table:
             Column(f"{name_goal(goal)} peak", "V", 1),
         ]
     columns.append(Column(f"deviation under {TORQUE:g} N·m at the link", "°", 2))
-    columns += [Column(f"still unstable with R^v on {form}", "corners") for form in others]
     caption = (
-        "What the repair costs the nominal arm: weights s (9, 30, 9) on x2, x3, x4, the others the paper's; and how "
-        f"many of the {2 ** len(setup.arm.uncertain)} corners remain unstable with forms of R^v it was not made for."
+        "What the repair costs the nominal arm: weights s (9, 30, 9) on x2, x3, x4, the others the paper's."
     )
     return Table(columns, rows, caption, "table-repair")
 

@@ -19,10 +19,11 @@ from flexhinf.analysis import GrowthRates
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Step, Trajectory
 from flexhinf.paper.claims.judgement import Judged
-from flexhinf.paper.claims.tolerance_repair import Repair, cost_table, find_repairs
+from flexhinf.paper.claims.tolerance_repair import Repair, cost_table, find_repairs, left_unstable
 from flexhinf.paper.experiments import STEP_DURATION
 from flexhinf.paper.loop_setup import GOALS, LONG, PaperSetup, affordable, in_two_threads, name_goal
 from flexhinf.paper.tolerance_study import (
+    OTHER_MEASUREMENT,
     OTHER_NOISE,
     OTHER_RATIO,
     SWEPT,
@@ -43,6 +44,7 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
+    number,
     settling_band,
 )
 
@@ -131,14 +133,16 @@ def _evidence(study: ToleranceStudy) -> str:
         pace = (
             "some plant has no equilibrium"
             if math.isinf(rates.fastest)
-            else f"slowest mode {rates.fastest:+.3f}/s"
+            else f"slowest mode {number(rates.fastest, decimals=3)}/s"
         )
         parts.append(
             f"at {name_goal(goal)} {unstable_of(rates, 'corner')} of {study.count('corner')} corners and "
             f"{unstable_of(rates, 'draw')} of {study.count('draw')} sampled plants ({pace})"
         )
     which = (
-        f"R^v = {study.setup.settings.process_noise:g} I" if study.estimated else "the true state fed back"
+        f"R^v = {number(study.setup.settings.process_noise)} I"
+        if study.estimated
+        else "the true state fed back"
     )
     text = f"Unstable with {which}: {'; '.join(parts)}."
     growth = max(rates.fastest for rates in study.chosen.values())
@@ -158,25 +162,26 @@ def _table(study: ToleranceStudy) -> Table:
         rows.append((name, "true state fed back", *_cells(study, [study.true_state[goal]])))
         if study.estimated:
             q = study.setup.settings.process_noise
-            rows.append((name, f"R^v = {q:g} I (settings)", *_cells(study, [study.chosen[goal]])))
+            rows.append((name, f"R^v = {number(q)} I (settings)", *_cells(study, [study.chosen[goal]])))
         rows += [(name, f"q on {form}", *_cells(study, study.of_form(form, goal))) for form in forms]
     other = other_design(study.setup)
-    which = f"law about 90°, γ = {OTHER_RATIO:g} γ* of its own problem, q = {OTHER_NOISE:g} on velocities, R^n = 1e-8"
+    noises = f"q = {number(OTHER_NOISE)} on velocities, R^n = {number(OTHER_MEASUREMENT)}"
+    which = f"law about 90°, γ = {OTHER_RATIO:g} γ* of its own problem, {noises}"
     rows.append((name_goal(math.pi / 2), which, *_cells(study, [other])))
     columns = (
         "goal",
         "R^v",
-        Column("corners unstable, fewest q"),
-        Column("corners unstable, worst q"),
-        Column("sampled plants unstable, worst q"),
+        Column("corners unstable, fewest over q"),
+        Column("corners unstable, most over q"),
+        Column("sampled plants unstable, most over q"),
         Column("fastest growth", "1/s", 3),
         "one tolerance alone suffices",
     )
     caption = (
         f"Plants with which the loop is unstable, of {study.count('corner')} corners and {study.count('draw')} sampled "
-        f"ones, with the paper's penalty and the coil; each form of R^v with q from {SWEPT[0]:g} to {SWEPT[-1]:g}. A "
-        "negative growth is the decay of the slowest loop; – where some plant has no equilibrium. The last row is "
-        "another design of the paper's weights, by this program and not by the paper."
+        f"ones, with the paper's penalty and the coil; each form of R^v with q from {number(SWEPT[0])} to "
+        f"{number(SWEPT[-1])}. A negative growth is the decay of the slowest loop; – where some plant has no "
+        "equilibrium. The last row is another design of the paper's weights, by this program and not by the paper."
     )
     return Table(columns, rows, caption, "table-tolerances")
 
@@ -216,7 +221,7 @@ class Agreement:
         text = (
             f"{self.agree} of {self.runs} runs of {LONG:g} s agree with the growth rates of the linear loop"
         )
-        return text + (f" (within {self.error:.1e}/s)." if math.isfinite(self.error) else ".")
+        return text + (f" (within {number(self.error, 2)}/s)." if math.isfinite(self.error) else ".")
 
 
 def growth_rate(run: Trajectory) -> tuple[float, float]:
@@ -272,16 +277,14 @@ def _repair_text(setup: PaperSetup, study: ToleranceStudy, repairs: Sequence[Rep
         confirmed = (
             "the worst plants' runs decay" if not grown else f"{grown} of the worst plants' runs still grow"
         )
-        parts.append(
-            f"for {found.name} s = {found.scale:.2f}, slowest mode {found.slowest:+.3f}/s, {confirmed}"
-        )
-    text = "weights s (9, 30, 9) on x2, x3, x4, smallest s by bisection: " + "; ".join(parts) + "."
-    lost = repairs[-1].others
+        parts.append(f"s = {found.scale:.2f} for {found.name} ({confirmed})")
+    text = "weights s (9, 30, 9) on x2, x3, x4, smallest s by bisection: " + " and ".join(parts) + "."
+    lost = left_unstable(setup, repairs[-1].law) if study.estimated else {}
     if any(lost.values()):
         named = " and ".join(f"{count} with q on {form}" for form, count in lost.items() if count)
         text += (
-            f" Even then up to so many of the {study.count('corner')} corners are unstable: {named}. The estimator's "
-            "noise belongs to the design."
+            f" Even with the last one corners of the {study.count('corner')} are unstable at the worst q: {named}. "
+            "The estimator's noise belongs to the design."
         )
     return text
 
