@@ -176,7 +176,7 @@ class _Search:
             quiet = 0 if len(found.level) else quiet + 1
             if quiet == _QUIET:
                 break
-        return best
+        return self.touched(best, best)
 
     def march(
         self, directions: np.ndarray, cap: float, growth: float = _GROWTH, start: float | None = None
