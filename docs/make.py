@@ -248,6 +248,41 @@ def _finite(value: float, unit: str, digits: int = 1) -> str:
     return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "none"
 
 
+def laws() -> str:
+    """The comparison of laws for the paper's arm at 90°: criterion, verdict, and a row for each law, the best first."""
+    import flexhinf as fh
+    from flexhinf.design import Specification, compare
+    from flexhinf.design.report import comparison_verdict
+
+    fields: dict[str, Any] = {
+        "pose": "90deg", "start": 0.0, "preset": "robust", "extras": ("inductance",), "peak_effort": 60.0, "draws": 50,
+    }  # fmt: skip
+    found = compare(fh.paper_arm(), Specification(**fields), progress=lambda text: print(text, flush=True))
+    head = (
+        "law: what it measures", "criterion", "load of {:.1f} N·m: largest, remaining deviation",
+        "jump: peak input, overshoot, settling", "move: largest error, worst of {} robots",
+        "peak sensitivity, gain margin, delay margin", "noise at the motor", "unstable corners, of {}",
+    )  # fmt: skip
+    corners = found.own.evaluation.corners
+    counts = iter((float(np.abs(found.scenario.load).max()), len(found.scenario.robots), corners.count))
+    titles = [title.format(next(counts)) if "{" in title else title for title in head]
+    lines = ["| " + " | ".join(titles) + " |", "|---" * len(head) + "|"]
+    for row in sorted(found.compared, key=lambda row: (not row.tuned.feasible, row.tuned.cost)):
+        m = row.evaluation.metrics
+        cells = (
+            f"`{row.name}`: {', '.join(row.tuned.sensors).replace('_', ' ')}",
+            f"{row.tuned.cost:.2f}{'' if row.tuned.feasible else ' (a limit is not kept)'}",
+            f"{1e3 * m['load_deviation']:.0f}, {1e3 * m['load_remaining']:.2g} mrad",
+            f"{m['jump_peak_input']:.0f} V, {m['jump_overshoot_percent']:.0f} %, {m['jump_settling_s']:.2f} s",
+            f"{1e3 * m['move_error']:.1f}, {1e3 * m['drawn_worst_move_error']:.0f} mrad",
+            f"{m['peak_sensitivity']:.1f}, {m['gain_margin']:.1f}, {1e3 * m['delay_margin_s']:.0f} ms",
+            f"{1e3 * m['input_noise']:.0f} mV",
+            f"{m['unstable_corners']:.0f}",
+        )
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n\n".join([found.criterion.text, f"**{comparison_verdict(found)}**", "\n".join(lines)])
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
@@ -257,6 +292,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "refusal": ("docs/design.md", refusal),
     "presets": ("docs/design.md", presets),
+    "laws": ("docs/design.md", laws),
 }
 
 

@@ -1,5 +1,23 @@
 """Public names and the rooms that they come from; a room is loaded when one of its names is first used."""
 
+from .design import (
+    Comparison as Comparison,
+)
+from .design import (
+    Design as Design,
+)
+from .design import (
+    Specification as Specification,
+)
+from .design import (
+    compare as compare,
+)
+from .design import (
+    design as design,
+)
+from .design import (
+    load_design as load_design,
+)
 from .errors import (
     FlexhinfError as FlexhinfError,
 )

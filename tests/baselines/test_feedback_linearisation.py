@@ -126,6 +126,17 @@ def test_the_poles_have_the_bandwidth_and_hardly_overshoot(order):
 
 
 @pytest.mark.oracle
+def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
+    problem = made.robots["paper"].problem()
+    plain = FeedbackLinearisation.tuned(problem, 6.0).coefficients[0]
+    slow = FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.2).coefficients[0]
+    expected = np.sort_complex([*np.roots([1.0, *plain[::-1]]), -1.2])
+    np.testing.assert_allclose(np.sort_complex(np.roots([1.0, *slow[::-1]])), expected, rtol=1e-9)
+    with pytest.raises(InvalidInput, match="rate of the integral"):
+        FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.0)
+
+
+@pytest.mark.oracle
 def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
     robot = made.robots["spatial-three-link"]
     law = FeedbackLinearisation.tuned(robot.problem(), 5.0)

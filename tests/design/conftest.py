@@ -1,4 +1,4 @@
-"""Robots of the catalogue and of our own making, and games that are chosen once for all tests."""
+"""Robots of the catalogue and of our own making, and problems that are chosen once for all tests."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.bench import Bench
-from flexhinf.design.presets.choose import Chosen, choose
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.weights.choose import DesignProblem, choose
 
 #: A cart on a soft belt carries an arm: one joint slides, one turns, and their inputs are a force and a torque.
 CART = """
@@ -89,11 +89,11 @@ def only_uncertain() -> Callable[..., Any]:
 
 
 @pytest.fixture(scope="session")
-def game_of(robot_of: Callable[[str], Any]) -> Callable[..., Chosen]:
-    """The game that is chosen for a robot, by its name, goal, start and specification; made once."""
-    known: dict[Any, Chosen] = {}
+def problem_of(robot_of: Callable[[str], Any]) -> Callable[..., DesignProblem]:
+    """The problem of a robot, by its name, goal, start and specification; made once."""
+    known: dict[Any, DesignProblem] = {}
 
-    def chosen(name: str, goal: Any = None, start: Any = None, **options: Any) -> Chosen:
+    def chosen(name: str, goal: Any = None, start: Any = None, **options: Any) -> DesignProblem:
         robot = robot_of(name)
         pose = np.array(robot.home if goal is None else goal, dtype=float)
         begin = pose - 0.1 if start is None else np.array(start, dtype=float)
@@ -106,20 +106,22 @@ def game_of(robot_of: Callable[[str], Any]) -> Callable[..., Chosen]:
 
 
 @pytest.fixture(scope="session")
-def bench_of(robot_of: Callable[[str], Any], game_of: Callable[..., Chosen]) -> Callable[..., Bench]:
-    """A bench: robot, goal, start, degree of its law, what the game is chosen for, and other options of the bench."""
+def setup_of(
+    robot_of: Callable[[str], Any], problem_of: Callable[..., DesignProblem]
+) -> Callable[..., LoopSetup]:
+    """A loop: robot, goal, start, degree of its law, what its problem is chosen for, and other fields of the loop."""
     known: dict[Any, Any] = {}
 
     def made(
         name: str, goal: Any = None, start: Any = None, degree: int = 2, game: Any = (), **options: Any
-    ) -> Bench:
+    ) -> LoopSetup:
         robot = robot_of(name)
         pose = np.array(robot.home if goal is None else goal, dtype=float)
         begin = pose - 0.1 if start is None else np.array(start, dtype=float)
-        chosen = game_of(name, pose, begin, **{"preset": "damped", **dict(game)})
+        chosen = problem_of(name, pose, begin, **{"preset": "damped", **dict(game)})
         key = (id(chosen), degree)
         if key not in known:
             known[key] = fh.solve_hji(chosen.problem, chosen.gamma, degree)
-        return Bench(robot, Specification(**options), chosen.nominal.plant, known[key], pose, begin)
+        return LoopSetup(robot, Specification(**options), known[key], pose, begin)
 
     return made

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flexhinf.design.bench import Bench
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.disturbed import Disturbed, default_load, disturbed_response
 from flexhinf.design.modes import closed_loop
 from flexhinf.design.response import Response
 from flexhinf.hinf import HJISolution
 
-Benches = Callable[..., Bench]
+Benches = Callable[..., LoopSetup]
 
 
 @pytest.mark.oracle
@@ -23,10 +23,10 @@ Benches = Callable[..., Bench]
     [("paper", (np.pi / 2,), (0.02,)), ("planar-two-link", (0.4, 0.6), (0.03, -0.01))],
 )
 def test_a_small_torque_moves_the_links_as_the_linear_loop(
-    bench_of: Benches, name: str, goal: tuple[float, ...], load: tuple[float, ...]
+    setup_of: Benches, name: str, goal: tuple[float, ...], load: tuple[float, ...]
 ) -> None:
     """ẋ = (A + B K) x + G d from the torque's beginning on, by the matrix exponential."""
-    bench = bench_of(name, goal, estimator="none", period=1e-4)
+    bench = setup_of(name, goal, estimator="none", period=1e-4)
     assert isinstance(bench.law, HJISolution)
     found = disturbed_response(bench, np.array(load), 2.0)
     problem = bench.robot.problem(bench.law.problem.penalty, pose=goal)  # type: ignore[union-attr]
@@ -46,8 +46,8 @@ def test_a_small_torque_moves_the_links_as_the_linear_loop(
     assert np.abs(found.response.positions[: first + 1] - np.array(goal)).max() < 1e-9
 
 
-def test_figures_of_merit_are_those_of_the_trajectory(bench_of: Benches) -> None:
-    bench = bench_of("cart", (0.1, 0.3))
+def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None:
+    bench = setup_of("cart", (0.1, 0.3))
     found = disturbed_response(bench, np.array([30.0, 0.5]), 4.0)
     time, q = found.response.run.time, found.response.run.signals["state"][:, :2]
     for joint, metrics in enumerate(found.metrics):
@@ -61,14 +61,14 @@ def test_figures_of_merit_are_those_of_the_trajectory(bench_of: Benches) -> None
         assert metrics["remaining"] < 0.05 * metrics["peak_deviation"]  # integrals: nothing remains
 
 
-def test_what_does_not_come_back_is_not_said_to(bench_of: Benches) -> None:
+def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
     """Looked at before the integrals had the time."""
-    found = disturbed_response(bench_of("cart", (0.1, 0.3)), np.array([30.0, 0.5]), 0.1)
+    found = disturbed_response(setup_of("cart", (0.1, 0.3)), np.array([30.0, 0.5]), 0.1)
     assert [metrics["recovery_time_s"] for metrics in found.metrics] == [None, None]
 
 
-def test_a_run_that_diverges_has_no_figures(bench_of: Benches) -> None:
-    bench = bench_of("cart", (0.1, 0.3))
+def test_a_run_that_diverges_has_no_figures(setup_of: Benches) -> None:
+    bench = setup_of("cart", (0.1, 0.3))
     run = disturbed_response(bench, np.array([30.0, 0.5]), 0.1).response.run
     broken = Response(run, bench.goal, bench.goal, 0.1)
     assert Disturbed(broken, np.array([30.0, 0.5]), 0.01).metrics == [{}, {}]

@@ -8,8 +8,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import corner_population
 from flexhinf.design import Specification
-from flexhinf.design.bench import Bench
-from flexhinf.design.presets.choose import choose
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.weights.choose import choose
 from flexhinf.design.resting import resting_loop
 from flexhinf.hinf import solve_hji
 
@@ -17,15 +17,15 @@ ARM = fh.paper_arm()
 START = np.array([0.0])
 
 
-def bench_of(preset: str, goal: float, **asked: object) -> Bench:
+def setup_of(preset: str, goal: float, **asked: object) -> LoopSetup:
     s = Specification(preset=preset, extras=("inductance",), **asked)  # type: ignore[arg-type]
     game = choose(ARM, np.array([goal]), START, s)
     law = solve_hji(game.problem, game.gamma, 4)
-    return Bench(ARM, s, game.nominal.plant, law, np.array([goal]), START)
+    return LoopSetup(ARM, s, game.nominal.plant, law, np.array([goal]), START)
 
 
 def away_from_rest(
-    bench: Bench, values: dict[str, object], rest: np.ndarray
+    bench: LoopSetup, values: dict[str, object], rest: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and distances of the link from the goal in a run of 30 s without noise that begins near the rest."""
     plant = bench.true_plant.with_parameters(**values)
@@ -44,7 +44,7 @@ def largest(time: np.ndarray, away: np.ndarray, begin: float) -> float:
 @pytest.mark.parametrize("goal", [np.pi / 2, np.pi])
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 def test_growth_in_the_run_is_that_of_the_eigenvalues(preset: str, goal: float) -> None:
-    bench = bench_of(preset, goal)
+    bench = setup_of(preset, goal)
     population = corner_population(ARM.corner, len(ARM.uncertain), 60)
     modes = resting_loop(bench, bench.law).modes(population.values)
     order = np.argsort(modes.rate)

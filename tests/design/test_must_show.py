@@ -10,7 +10,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Design, Specification, design
-from flexhinf.design.bench import Bench
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.draws import drawn_steps
 from flexhinf.design.met import all_hold
 from flexhinf.design.response import Response
@@ -33,11 +33,11 @@ def judged(response: Response) -> tuple[float, float]:
 
 # The paper's arm, with inductance -------------------------------------------------------------------
 @pytest.fixture(scope="module")
-def papers_bench(robot_of: Named) -> Callable[[str, int, int], Bench]:
+def papers_bench(robot_of: Named) -> Callable[[str, int, int], LoopSetup]:
     """By preset, goal in degrees and degree of the law: from hanging, 60 V."""
-    known: dict[Any, Bench] = {}
+    known: dict[Any, LoopSetup] = {}
 
-    def made(preset: str, goal: int, degree: int) -> Bench:
+    def made(preset: str, goal: int, degree: int) -> LoopSetup:
         if (preset, goal, degree) not in known:
             robot, pose = robot_of("paper"), (float(np.deg2rad(goal)),)
             s = Specification(
@@ -50,7 +50,7 @@ def papers_bench(robot_of: Named) -> Callable[[str, int, int], Bench]:
                 rays=0,
             )
             found = synthesise(robot, s, lambda text: None)
-            known[preset, goal, degree] = Bench(
+            known[preset, goal, degree] = LoopSetup(
                 robot, s, found.problem.plant, found.law, found.goal, found.start
             )
         return known[preset, goal, degree]
@@ -65,7 +65,7 @@ PRESETS, GOALS = ("damped", "robust"), (90, 180)
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
-    papers_bench: Callable[[str, int, int], Bench], preset: str, goal: int, degree: int
+    papers_bench: Callable[[str, int, int], LoopSetup], preset: str, goal: int, degree: int
 ) -> None:
     bench = papers_bench(preset, goal, degree)
     assert bench.true_plant.states[-1] == "coil_current"
@@ -79,7 +79,7 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_so_do_the_arms_within_the_tolerances(
-    papers_bench: Callable[[str, int, int], Bench], preset: str, goal: int
+    papers_bench: Callable[[str, int, int], LoopSetup], preset: str, goal: int
 ) -> None:
     draws = drawn_steps(papers_bench(preset, goal, 6), 60, 6.0, 12)
     assert draws.unsettled == 0
@@ -90,7 +90,7 @@ def test_so_do_the_arms_within_the_tolerances(
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_no_corner_of_the_tolerances_is_unstable_whatever_the_filter_believes(
-    papers_bench: Callable[[str, int, int], Bench], preset: str, goal: int
+    papers_bench: Callable[[str, int, int], LoopSetup], preset: str, goal: int
 ) -> None:
     """Tables 1 and 2 with inductance; R^v on all states or on velocities alone, from 1e-12 to 1e4."""
     bench = papers_bench(preset, goal, 6)
@@ -108,7 +108,7 @@ def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     robot = robot_of("paper")
     s = Specification(preset="paper", pose=(np.pi / 2,), start=(0.0,), extras=COIL, degrees=(6,), rays=0)
     found = synthesise(robot, s, lambda text: None)
-    bench = Bench(robot, s, found.problem.plant, found.law, found.goal, found.start)
+    bench = LoopSetup(robot, s, found.problem.plant, found.law, found.goal, found.start)
     tolerances = tolerance_corners(bench, found.solution)
     assert tolerances is not None
     assert tolerances.unstable > 0.1 * len(tolerances.population)
@@ -141,7 +141,7 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
     assert result.tolerances.unstable_anywhere == 0
 
 
-def tracking_error(bench: Bench, begin: float, saturation: float | None = None) -> tuple[np.ndarray, float]:
+def tracking_error(bench: LoopSetup, begin: float, saturation: float | None = None) -> tuple[np.ndarray, float]:
     """|q − π − sin(πt/10)| in degrees over 40 s of the arm with coil, UKF and 1e-4 rad of noise; and the peak input."""
     robot = bench.robot
     reference = fh.Moving([fh.Sine(1.0, 0.05, offset=np.pi)], robot.inverse_dynamics)
@@ -159,7 +159,7 @@ def tracking_error(bench: Bench, begin: float, saturation: float | None = None) 
 @pytest.mark.parametrize("degree", [2, 6])
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_papers_reference_is_tracked_within_half_a_degree(
-    papers_bench: Callable[[str, int, int], Bench], preset: str, degree: int, begin: float
+    papers_bench: Callable[[str, int, int], LoopSetup], preset: str, degree: int, begin: float
 ) -> None:
     """From rest, hanging or upright: the transient is over after five seconds."""
     error, peak = tracking_error(papers_bench(preset, 180, degree), begin)
@@ -169,7 +169,7 @@ def test_the_papers_reference_is_tracked_within_half_a_degree(
 
 
 def test_tracking_withstands_a_start_against_the_limit_of_the_input(
-    papers_bench: Callable[[str, int, int], Bench],
+    papers_bench: Callable[[str, int, int], LoopSetup],
 ) -> None:
     """Begun with the integrals at zero, half a turn of error asks for hundreds of volts; 60 are given."""
     bench = papers_bench("robust", 180, 6)
@@ -224,7 +224,7 @@ def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
         extras=("joint_damping", "coulomb_friction"),
     )  # fmt: skip
     found = synthesise(robot, s, lambda text: None)
-    bench = Bench(robot, s, found.problem.plant, found.law, found.goal, found.start)
+    bench = LoopSetup(robot, s, found.problem.plant, found.law, found.goal, found.start)
     assert judged(bench.step(1.5))[0] <= 5.0
     draws = drawn_steps(bench, 6, 1.5, 60)
     assert draws.diverged == 0

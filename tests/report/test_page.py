@@ -145,3 +145,17 @@ def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_htm
     assert {"ink", "muted", "grid", "series-1", "series-2"} <= used
     assert all(f"--{role}:" in dark for role in used)
     assert "@media (prefers-color-scheme: dark)" not in page_html
+
+
+def test_the_status_stands_before_the_verdict_with_its_word() -> None:
+    lines = (
+        report.Status("not met", "Overshoot 9 % (at most 5 %)."),
+        report.Status("risky", "Rᵛ was not varied."),
+    )
+    html = report.Page(
+        "t", "a", "v", (), report.Settings({}), report.Provenance(["x"], None, {}), status=lines
+    ).html()
+    assert html.index("not met</span>") < html.index("risky</span>") < html.index('class="verdict"')
+    assert "R<sup>v</sup> was not varied." in html
+    with pytest.raises(InvalidInput, match="one of four kinds"):
+        report.Status("fine", "")

@@ -50,3 +50,10 @@ def test_a_small_negative_number_is_not_minus_zero() -> None:
 def test_a_row_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InvalidInput, match="expected 2 cells, got 1 in row 1"):
         report.Table(["a", "b"], [[1, 2], [3]])
+
+
+def test_a_stacked_row_repeats_what_each_cell_is() -> None:
+    html = report.Table(("claim", report.Column("settling time", "s")), [("fast", 1.5)], stacks=True).html()
+    assert '<div class="table stacks">' in html
+    assert '<td>fast</td><td class="number" data-label="settling time s">1.5' in html
+    assert "data-label" not in report.Table(("claim", "s"), [("fast", 1.5)]).html()

@@ -16,7 +16,7 @@ from flexhinf.analysis.dissipation_budget import (
     budget_terms,
     dissipation_budget,
 )
-from flexhinf.analysis.dissipation_corners import DissipationCorners, dissipation_corners
+from flexhinf.analysis.dissipation_corners import DissipationCorners, LinearCorners, dissipation_corners
 from flexhinf.analysis.disturbance_runs import Attained
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.frequency_response import FrequencyResponse, frequency_response
@@ -45,8 +45,8 @@ from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturb
 __all__ = [
     "ALL_STATES", "FORMS", "LINK_VELOCITIES", "MOTOR_VELOCITIES", "VELOCITIES", "Attained", "BudgetTerm",
     "DiscreteSystem", "DissipationBudget", "DissipationCorners", "DisturbanceSearch", "EquilibriumLoop",
-    "FrequencyResponse", "GrowthRates", "LawRows", "LinearLoop", "Margins", "Modes", "Population", "ProcessNoise",
-    "ToleranceCorners", "budget_terms", "corner_population", "corners", "destabilising_scale", "dissipation_budget",
-    "dissipation_corners", "frequency_response", "growth_rates", "margins", "standard_noises", "tolerance_corners",
-    "worst_disturbance",
+    "FrequencyResponse", "GrowthRates", "LawRows", "LinearCorners", "LinearLoop", "Margins", "Modes", "Population",
+    "ProcessNoise", "ToleranceCorners", "budget_terms", "corner_population", "corners", "destabilising_scale",
+    "dissipation_budget", "dissipation_corners", "frequency_response", "growth_rates", "margins", "standard_noises",
+    "tolerance_corners", "worst_disturbance",
 ]  # fmt: skip

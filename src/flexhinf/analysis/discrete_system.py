@@ -91,7 +91,8 @@ class DiscreteSystem:
         """(t, q) with a = q t qᴴ, t triangular."""
         from scipy.linalg import schur
 
-        return schur(self.a, output="complex")
+        t, q = schur(self.a, output="complex")[:2]
+        return np.asarray(t), np.asarray(q)
 
     def frequencies(self, count: int = 300) -> np.ndarray:
         """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""

@@ -21,8 +21,10 @@ import numpy as np
 from flexhinf.analysis.population import Population, corner_population
 from flexhinf.analysis.tolerance_corners import ALL_OF, SAMPLED
 from flexhinf.errors import InvalidInput
+from flexhinf.hinf import HJISolution
+from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["DissipationCorners", "dissipation_corners"]
+__all__ = ["DissipationCorners", "LinearCorners", "dissipation_corners"]
 
 #: Eigenvalues of Q below this share of its terms are rounding: Q = 0 for the robot of a nominal synthesis.
 ROUNDING = 1e-8
@@ -73,9 +75,77 @@ class DissipationCorners:
         return self.population.describe(self.worst if k is None else k)
 
 
+@dataclass(frozen=True, eq=False)
+class LinearCorners:
+    """A problem's plant linearised at the corners of the tolerances, each at its own equilibrium.
+
+    Attributes
+    ----------
+    problem : GeneralisedPlant
+        Its d and z are meant.
+    population : Population
+        The corners, and the nominal plant last.
+    complete : bool
+        Whether all corners are among them; otherwise they are sampled.
+    a, b1, b2 : (N, n, n), (N, n, k) and (N, n, m) arrays
+        ẋ = A x + B1 d + B2 u, integrals included.
+    """
+
+    problem: GeneralisedPlant
+    population: Population
+    complete: bool
+    a: np.ndarray
+    b1: np.ndarray
+    b2: np.ndarray
+
+    @staticmethod
+    def of(
+        problem: GeneralisedPlant,
+        at: Callable[[Sequence[float]], Mapping[str, Any]],
+        uncertain: int | Sequence[Any],
+        equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
+        seed: int = 0,
+    ) -> LinearCorners:
+        """All corners of up to 12 uncertain numbers, samples of the corners of more; see `dissipation_corners`."""
+        number = uncertain if isinstance(uncertain, int) else len(uncertain)
+        complete, plant = number <= ALL_OF, problem.plant
+        population = corner_population(at, number, 2**number if complete else SAMPLED[0], seed, singles=False)
+        plant.traced_jacobians  # noqa: B018  traced once, shared by all
+        expansion, count = problem.expand(1), len(population)
+        nominal = (expansion.f_parts[1], expansion.g1_parts[0][:, :, 0], expansion.g2_parts[0][:, :, 0])
+        a, b1, b2 = (np.tile(matrix, (count, 1, 1)) for matrix in nominal)
+        names = tuple(problem.disturbance_names)
+        torques = [k for k, name in enumerate(names) if name in plant.disturbances]
+        places = [tuple(plant.disturbances).index(names[k]) for k in torques]
+        n = plant.n
+        for k, values in enumerate(population.values):
+            known = plant.parameters.known(values)
+            state, inputs, disturbed, _ = plant.with_parameters(**known).linearise(*equilibrium(known))
+            a[k, :n, :n], b2[k, :n] = state, inputs
+            b1[k, :n][:, torques] = disturbed[:, places]
+        return LinearCorners(problem, population, complete, a, b1, b2)
+
+    def dissipation(self, storage: np.ndarray, gain: np.ndarray, gamma: float) -> DissipationCorners:
+        """The inequality with V = ½ xᵀ P x (n, n), u = K x (m, n) and γ at every corner."""
+        c, r2 = self.problem.expand(1).h_parts[1], self.problem.r2
+        scale = 1.0 / np.sqrt(np.diag(storage))
+        moved, driven = storage @ (self.a + self.b2 @ gain), storage @ self.b1
+        terms = (
+            moved + np.swapaxes(moved, 1, 2),
+            np.broadcast_to(c.T @ c + gain.T @ r2 @ gain, self.a.shape),
+            driven @ np.swapaxes(driven, 1, 2) / gamma**2,
+        )
+        scaled = [scale[:, None] * term * scale for term in terms]
+        size = sum(np.linalg.norm(term, 2, axis=(1, 2)) for term in scaled)
+        excess = np.linalg.eigvalsh(np.sum(scaled, axis=0))[:, -1]
+        return DissipationCorners(
+            self.population, self.complete, np.where(excess > ROUNDING * size, excess, 0.0), float(gamma)
+        )
+
+
 def dissipation_corners(
-    solution: Any,
-    problem: Any,
+    solution: HJISolution,
+    problem: GeneralisedPlant,
     at: Callable[[Sequence[float]], Mapping[str, Any]],
     uncertain: int | Sequence[Any],
     equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
@@ -114,42 +184,5 @@ def dissipation_corners(
             f"expected {list(problem.state_names)}, got {list(solution.state_names)}",
             "the problem whose d and z are meant, with the same integrals",
         )
-    level = float(solution.gamma if gamma is None else gamma)
-    number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete, plant = number <= ALL_OF, problem.plant
-    population = corner_population(at, number, 2**number if complete else SAMPLED[0], seed, singles=False)
-    a, b1, b2 = _matrices(problem, [plant.parameters.known(v) for v in population.values], equilibrium)
-    p, gain = solution.P, solution.gain
-    c, r2 = problem.expand(1).h_parts[1], problem.r2
-    scale = 1.0 / np.sqrt(np.diag(p))
-    moved, driven = p @ (a + b2 @ gain), p @ b1
-    terms = (
-        moved + np.swapaxes(moved, 1, 2),
-        np.broadcast_to(c.T @ c + gain.T @ r2 @ gain, a.shape),
-        driven @ np.swapaxes(driven, 1, 2) / level**2,
-    )
-    scaled = [scale[:, None] * term * scale for term in terms]
-    size = sum(np.linalg.norm(term, 2, axis=(1, 2)) for term in scaled)
-    excess = np.linalg.eigvalsh(np.sum(scaled, axis=0))[:, -1]
-    return DissipationCorners(population, complete, np.where(excess > ROUNDING * size, excess, 0.0), level)
-
-
-def _matrices(
-    problem: Any,
-    parameters: Sequence[Mapping[str, Any]],
-    equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A (N, n, n), B1 (N, n, k) and B2 (N, n, m), integrals included, of the plant with each of the parameters."""
-    plant, expansion = problem.plant, problem.expand(1)
-    plant.traced_jacobians  # noqa: B018  traced once, shared by all
-    nominal = (expansion.f_parts[1], expansion.g1_parts[0][:, :, 0], expansion.g2_parts[0][:, :, 0])
-    a, b1, b2 = (np.tile(matrix, (len(parameters), 1, 1)) for matrix in nominal)
-    names = tuple(problem.disturbance_names)
-    torques = [k for k, name in enumerate(names) if name in plant.disturbances]
-    places = [tuple(plant.disturbances).index(names[k]) for k in torques]
-    n = plant.n
-    for k, values in enumerate(parameters):
-        state, inputs, disturbed, _ = plant.with_parameters(**values).linearise(*equilibrium(values))
-        a[k, :n, :n], b2[k, :n] = state, inputs
-        b1[k, :n][:, torques] = disturbed[:, places]
-    return a, b1, b2
+    found = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
+    return found.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)

@@ -40,6 +40,9 @@ PER_DECADE, FEW, PEAKS = 4, 4, 2
 #: A peak stands out from both of its neighbours on the grid by so much of its growth rate; less is rounding.
 PROMINENT = 1e-4
 
+#: Stands for an infinite growth rate where rates are compared, 1/s.
+LARGEST = 1e300
+
 #: Doublings of the tolerances until a corner is unstable, and bisections afterwards.
 DOUBLINGS, BISECTIONS = 4, 12
 
@@ -264,6 +267,7 @@ def _between(
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
         rates = np.array([each.fastest for each in growth_rates(loop, population, tried, few)])
+        rates = np.clip(rates, -LARGEST, LARGEST)  # infinite where no finite linear loop exists: a peak as well
         higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]

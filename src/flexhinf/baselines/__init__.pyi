@@ -10,5 +10,8 @@ from .linear_quadratic import lqr_gain as lqr_gain
 from .motor_pd import MotorPD as MotorPD
 from .normal_form import NormalForm as NormalForm
 from .torque_feedback import TorqueFeedback as TorqueFeedback
+from .tuning import Candidate as Candidate
+from .tuning import Judgement as Judgement
 from .tuning import Tuning as Tuning
+from .tuning import excess as excess
 from .tuning import tune as tune

@@ -100,6 +100,7 @@ class FeedbackLinearisation(PlacedLaw):
         bandwidth: float,
         integral: bool = False,
         outputs: str | Sequence[str] = ("link_position",),
+        integral_rate: float | None = None,
     ) -> FeedbackLinearisation:
         """Poles of a Bessel filter of this bandwidth for every output, see `bessel_coefficients`.
 
@@ -113,11 +114,29 @@ class FeedbackLinearisation(PlacedLaw):
             Whether the outputs' errors are integrated: one more pole each.
         outputs : sequence of str
             See the class.
+        integral_rate : float, optional
+            σ/ω of the integral's own pole at −σ beside the filter's poles; by default it is one of a filter of one
+            order more.
+
+        Raises
+        ------
+        InvalidInput
+            If the bandwidth or the rate is not positive.
         """
         plant = problem.plant
         names = plant.expanded(outputs)
         degrees = NormalForm(plant, names).degrees
-        chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
+        if integral and integral_rate is not None:
+            pole = integral_rate * bandwidth
+            if not (np.isfinite(pole) and pole > 0.0):
+                raise InvalidInput(
+                    "The rate of the integral is not positive.",
+                    f"expected a share of the bandwidth > 0, got {integral_rate!r}",
+                    "integral_rate=0.2",
+                )
+            chains = [_with_pole(bessel_coefficients(degree, bandwidth), pole) for degree in degrees]
+        else:
+            chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
         return FeedbackLinearisation(
             plant=plant, equilibrium=equilibrium_of(problem), integrate=names if integral else (),
             coefficients=chains, outputs=names,
@@ -155,6 +174,11 @@ class FeedbackLinearisation(PlacedLaw):
             wanted.append(total)
             row, place = row + degree, place + degree
         return self.form.input(now, np.array(wanted), p) - input
+
+
+def _with_pole(coefficients: np.ndarray, pole: float) -> np.ndarray:
+    """Coefficients (r + 1,) of (s^r + … + k_0)(s + pole), for those of s^r + … + k_0, (r,), lowest first."""
+    return np.concatenate([pole * coefficients, [pole]]) + np.concatenate([[0.0], coefficients])
 
 
 def bessel_coefficients(order: int, bandwidth: float) -> np.ndarray:

@@ -40,25 +40,24 @@ def design(
     """
     from rich.console import Console
 
-    from flexhinf import design as corridor
-    from flexhinf.design.met import all_hold
-    from flexhinf.design.terminal import design_tables
+    from flexhinf.design import design as make_design
+    from flexhinf.design import design_text, report, stages
     from flexhinf.report import check, write
 
     read = request_of(context, robot, elastic)
     request = read.request
     folder = check(out)
-    with Progress(corridor.stages(request.robot, request.specification) + 1) as tell:
-        result = corridor.design(request.robot, request.specification, tell)
-        tell("report")
-        files = corridor.design_files(result, reproduce_command(context), read.warnings)
-        files["design.toml"] = corridor.design_text(result, request.source, request.elastic, folder)
+    with Progress(stages(request.robot, request.specification) + 1) as progress:
+        result = make_design(request.robot, request.specification, progress)
+        progress("report")
+        files = report.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
+        files["design.toml"] = design_text(result, request.source, request.elastic, folder)
     write(folder, files)
-    for table in design_tables(result):
+    for table in report.design_tables(result):
         Console().print(table)
-    for text in corridor.notes(result):
+    for text in report.notes(result):
         note(text)
-    typer.echo(corridor.verdict(result))
+    typer.echo(report.verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
-    if not all_hold(result.met):
+    if not result.met:
         raise typer.Exit(NOT_MET)

@@ -1,49 +1,28 @@
-"""The corridor from a robot to a judged design: one call per arrow."""
+"""From a robot and a specification to a judged design, and to a comparison of laws.
+
+`pipeline` is the way in: `design` and `compare`, one call per step. What they compute is in `synthesis`, `loop_setup`,
+`evaluation`, `requirements` and `result`; what is shown of it in `report`.
+
+The room has the name of its main function, so calling the room is calling that function: ``fh.design(robot, spec)`` and
+``from flexhinf.design import design`` are the same.
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+import sys
+from types import ModuleType
+from typing import Any
 
-_HOME = {
-    "DesignRequest": "design_file",
-    "Design": "result",
-    "DegreeChoice": "degrees",
-    "Specification": "specification",
-    "design_schema": "design_file",
-    "design": "corridor",
-    "design_files": "page",
-    "design_text": "design_file_text",
-    "load_design": "design_file",
-    "read_request": "design_file",
-    "notes": "page.notes",
-    "shrinking": "degrees",
-    "stages": "corridor",
-    "try_degrees": "degrees",
-    "verdict": "page.words",
-}
-
-__all__ = [
-    "DegreeChoice", "Design", "DesignRequest", "Specification", "design", "design_files", "design_schema",
-    "design_text",
-    "load_design", "notes", "read_request", "shrinking", "stages", "try_degrees", "verdict",
-]  # fmt: skip
-
-if TYPE_CHECKING:
-    from flexhinf.design.corridor import design, stages
-    from flexhinf.design.degrees import DegreeChoice, shrinking, try_degrees
-    from flexhinf.design.design_file import DesignRequest, design_schema, load_design, read_request
-    from flexhinf.design.design_file_text import design_text
-    from flexhinf.design.page import design_files
-    from flexhinf.design.page.notes import notes
-    from flexhinf.design.page.words import verdict
-    from flexhinf.design.result import Design
-    from flexhinf.design.specification import Specification
+import lazy_loader
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'flexhinf.design' has no attribute {name!r}")
-    value = getattr(import_module(f"flexhinf.design.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+class _CallableRoom(ModuleType):
+    """The room as a function: importing any of its files would otherwise hide ``flexhinf.design`` the function."""
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """See `flexhinf.design.pipeline.design`."""
+        return self.design(*arguments, **options)
+
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+sys.modules[__name__].__class__ = _CallableRoom

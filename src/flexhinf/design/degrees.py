@@ -1,4 +1,4 @@
-"""Choosing the degree by data: solve to several, look where each solution can be trusted, say what it cost."""
+"""The degree of V: several are solved, the region of each is sampled, and time and residuals are measured."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexhinf.plant import GeneralisedPlant
 
 __all__ = ["DegreeChoice", "rays_of", "shrinking", "tried_degrees", "try_degrees"]
 
-#: Up to so many states, so many rays; no region is looked at beyond.
+#: Up to so many states, so many rays; no region is sampled beyond.
 RAYS = ((10, 500), (20, 200))
 
 
@@ -38,7 +38,7 @@ class DegreeChoice:
     solve_seconds, check_seconds : float
         Wall time.
     looked : bool
-        Whether the region was looked at; level and step are nan otherwise.
+        Whether the region was sampled; level and step are nan otherwise.
     """
 
     degree: int
@@ -60,7 +60,7 @@ def try_degrees(
     checked_penalty: object = None,
     rays: int = 500,
     seed: int = 0,
-    tell: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
     gamma_star: float | None = None,
 ) -> Iterator[DegreeChoice]:
     """Solve to each degree and sample the region where the solution holds.
@@ -76,11 +76,12 @@ def try_degrees(
     checked_penalty : optional
         Penalty of the inequality that is checked; 0.9 times the designed one by default.
     rays, seed : int
-        Of the sampled check; without rays the regions are not looked at.
-    tell : callable
-        Told what comes next, twice per degree.
+        Of the sampled check; without rays no region is sampled.
+    progress : callable
+        Called with what comes next, twice per degree.
     gamma_star : float, optional
-        What the ratios are of, where it is not the problem's own: that of a robust game.
+        Of which the ratios are, where it is not the problem's own: that of a robust problem, for all robots within the
+        tolerances.
 
     Yields
     ------
@@ -93,7 +94,7 @@ def try_degrees(
     """
     gamma_star = smallest_gamma(problem) if gamma_star is None else gamma_star
     for degree in degrees:
-        tell(f"degree {degree}: solve")
+        progress(f"degree {degree}: solve")
         start = time.perf_counter()
         solution = solve_hji(problem, gamma=gamma_ratio * gamma_star, degree=degree)
         solved = time.perf_counter()
@@ -101,10 +102,10 @@ def try_degrees(
         if not rays:
             nothing = float("nan")
             yield DegreeChoice(
-                degree, solution, nothing, nothing, "not looked at", residual, solved - start, 0.0, False
+                degree, solution, nothing, nothing, "not sampled", residual, solved - start, 0.0, False
             )
             continue
-        tell(f"degree {degree}: sample the region")
+        progress(f"degree {degree}: sample the region")
         check = solution.sampled_region(
             gamma=checked_gamma_ratio * gamma_star,
             penalty=checked_penalty,  # type: ignore[arg-type]
@@ -136,10 +137,10 @@ def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
 
 
 def tried_degrees(states: int, s: Specification) -> tuple[int, ...]:
-    """Degrees of V that are tried: as asked, or fewer for more states."""
+    """Degrees of V that are solved: as stated, or fewer for more states."""
     return tuple(s.degrees) if s.degrees is not None else ((2, 4, 6) if states <= 10 else (2, 4))
 
 
 def rays_of(states: int, s: Specification) -> int:
-    """Rays in which a region is looked at: as asked, or fewer for more states."""
+    """Rays in which a region is sampled: as stated, or fewer for more states."""
     return next((count for most, count in RAYS if states <= most), 0) if s.rays is None else s.rays

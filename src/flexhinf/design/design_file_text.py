@@ -14,8 +14,8 @@ import tomlkit
 
 from flexhinf import __version__
 from flexhinf.design.design_file import plain, weights_of
-from flexhinf.design.met import Met, all_hold
-from flexhinf.design.page.words import verdict, vibrations
+from flexhinf.design.report import verdict
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
@@ -157,40 +157,47 @@ def _one_effort(penalty: Penalty) -> float:
 # Result --------------------------------------------------------------------------------------------
 def result_table(design: Design) -> dict[str, Any]:
     """What came of a design, for the table [result]; nothing in it is None."""
-    game, chosen = design.game, design.chosen
-    damped = vibrations(design.closed_modes)
-    found: dict[str, Any] = {
+    problem, samples, found = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
+    levels = design.setup.process_noise
+    table: dict[str, Any] = {
         "verdict": verdict(design),
-        "met": all_hold(design.met),
-        "preset": game.preset,
+        "met": design.met,
+        "preset": problem.preset,
         "goal": design.goal,
         "start": design.start,
         "gamma_star": design.gamma_star,
-        "gamma": design.solution.gamma,
+        "gamma": design.gamma,
         "degrees": [choice.degree for choice in design.choices],
-        "degree": chosen.degree,
-        "bandwidth": design.bandwidth,
-        "damping": min(damped) if damped else None,
-        "draws": 0 if design.draws is None else len(design.draws),
-        "rays": design.rays,
-        "duration": design.duration,
-        "weights_from": game.source,
-        "R2": np.asarray(game.penalty.effort, dtype=float),
-        "R2_from": game.effort_source,
+        "degree": design.chosen.degree,
+        "bandwidth": found.bandwidth,
+        "damping": found.damping if math.isfinite(found.damping) else None,
+        "draws": 0 if samples is None else len(samples),
+        "rays": design.synthesis.rays,
+        "duration": design.scenario.step_duration,
+        "weights_from": problem.source,
+        "R2": np.asarray(problem.penalty.effort, dtype=float),
+        "R2_from": problem.effort_source,
         "weights": _found_weights(design),
-        "robust": None if game.robustness is None else dataclasses.asdict(game.robustness),
-        "margins": {
-            "delay_margin": design.margins.delay_margin_s,
-            "peak_sensitivity": design.margins.peak_sensitivity,
+        "robust": None if problem.robustness is None else dataclasses.asdict(problem.robustness),
+        "estimator_noise": {
+            "all_states": levels.all_states,
+            "link_velocities": levels.link_velocities,
+            "motor_velocities": levels.motor_velocities,
+            "from": levels.source,
         },
-        "specification": [_line(line) for line in design.met],
+        "margins": {
+            "delay_margin": found.delay_margin_s,
+            "peak_sensitivity": found.peak_sensitivity,
+            "gain_margin": found.gain_margin,
+        },
+        "specification": [_line(line) for line in design.requirements],
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in table.items() if value is not None}
 
 
 def _found_weights(design: Design) -> dict[str, Any] | None:
     """By name; None for a penalty that is code."""
-    states = design.game.penalty.states
+    states = design.design_problem.penalty.states
     if callable(states):
         return None
     plain = weights_of(states)
@@ -200,14 +207,14 @@ def _found_weights(design: Design) -> dict[str, Any] | None:
     return {"rows": plain} if plain and isinstance(plain[0], list) else named
 
 
-def _line(met: Met) -> dict[str, Any]:
+def _line(line: Requirement) -> dict[str, Any]:
     return {
-        "what": met.what,
-        "limit": "at most" if met.at_most else "at least",
-        "asked": met.asked,
-        "found": met.found,
-        "unit": met.unit,
-        "holds": met.holds,
-        "where": met.where,
-        "by_default": not met.asked_for,
+        "what": line.what,
+        "limit": "at most" if line.at_most else "at least",
+        "asked": line.limit,
+        "found": line.found,
+        "unit": line.unit,
+        "holds": line.met,
+        "where": line.where,
+        "by_default": line.stated_by == "default",
     }

@@ -8,14 +8,22 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Mode", "closed_loop", "modes_of", "named_modes", "stiffness_and_inertia"]
+from flexhinf.analysis import LinearLoop
+from flexhinf.estimation import stationary_gain
 
-#: An oscillation is a vibration of the springs if they hold this share or more of the energy of springs and moving
+__all__ = [
+    "Mode", "closed_loop", "estimator_modes", "modes_of", "named_modes", "running_modes", "stiffness_and_inertia",
+]  # fmt: skip
+
+#: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving
 #: links: one half where the motors stand still, more where they move against the links, next to nothing where links
 #: and motors swing together.
-SPRING_SHARE = 0.25
+SPRING_FRACTION = 0.25
 
-#: A mode slower than this share of the fastest one is at rest: rounding.
+#: A sampled mode whose multiplier is smaller than this is gone after one sample and has no rate.
+DEADBEAT = 1e-12
+
+#: A mode slower than this fraction of the fastest one is at rest: rounding.
 STANDS_STILL = 1e-9
 
 
@@ -90,7 +98,7 @@ def named_modes(
         velocities, motor positions, motor velocities.
     joints : sequence of str
     stiffness, inertia : (n,), (2n, 2n)
-        Of the springs, and of links and motors; for the shares of energy.
+        Of the springs, and of links and motors; for the fractions of energy.
     """
     fastest = np.abs(values).max(initial=0.0)
     n, found = len(joints), []
@@ -101,13 +109,55 @@ def named_modes(
         q, dq, theta, _ = (vector[k * n : (k + 1) * n] for k in range(4))
         spring = stiffness * np.abs(theta - q) ** 2
         kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
-        share = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
-        vibration = bool(value.imag > 0.0 and share >= SPRING_SHARE)
+        fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
+        vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
         moving = weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
         where = spring if vibration else moving
         still = abs(value) <= STANDS_STILL * fastest
         found.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
     return tuple(sorted(found, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
+
+
+def running_modes(
+    linear: LinearLoop, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
+) -> tuple[Mode, ...]:
+    """Modes of the running loop with their continuous equivalents log(z)/T, slowest first; see `named_modes`.
+
+    Parameters
+    ----------
+    linear : LinearLoop
+        Sampled, with estimator and delay.
+    joints, stiffness, inertia
+        As of `named_modes`.
+    """
+    return _sampled_modes(*np.linalg.eig(linear.closed()), linear.period, joints, stiffness, inertia)
+
+
+def estimator_modes(
+    estimator: Any,
+    equilibrium: tuple[np.ndarray, np.ndarray],
+    joints: Sequence[str],
+    stiffness: np.ndarray,
+    inertia: np.ndarray,
+) -> tuple[Mode, ...]:
+    """Modes of the estimation error in equilibrium, with the stationary gain of the linearised filter, slowest first.
+
+    e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With the
+    nominal plant the linearised loop has these modes beside those of the law.
+    """
+    from scipy.linalg import expm
+
+    a, _, _, c = estimator.plant.linearise(*equilibrium)
+    sampled = expm(a * estimator.period)
+    gain = stationary_gain((sampled, c), estimator.process_noise, estimator.measurement_noise)
+    error = sampled @ (np.eye(len(a)) - gain @ c)
+    return _sampled_modes(*np.linalg.eig(error), estimator.period, joints, stiffness, inertia)
+
+
+def _sampled_modes(values: np.ndarray, vectors: np.ndarray, period: float, *names: Any) -> tuple[Mode, ...]:
+    kept = np.abs(values) > DEADBEAT
+    rates = np.log(values[kept].astype(complex)) / period
+    return named_modes(rates, vectors[:, kept], *names)
 
 
 def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
@@ -116,12 +166,14 @@ def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
     return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
 
 
-def stiffness_and_inertia(plant: Any, rest: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation at rest."""
+def stiffness_and_inertia(
+    plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium."""
     p = plant.parameters.named(plant.parameters.vector())
     stiffness, motors = np.atleast_1d(p.stiffness).astype(float), np.atleast_1d(p.motor_inertia).astype(float)
     n = len(stiffness)
-    a = plant.linearise(*rest)[0]
+    a = plant.linearise(*equilibrium)[0]
     links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
     inertia = np.zeros((2 * n, 2 * n))
     inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)

@@ -1,58 +1,265 @@
-"""What a design comes to: everything its report shows."""
+"""What a design and a comparison come to: everything that their reports show."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from flexhinf.design.bench import Bench
-from flexhinf.design.degrees import shrinking
-from flexhinf.design.guarantee import Guarantee
-from flexhinf.design.linearised import Linearised
-from flexhinf.design.met import Met
-from flexhinf.design.runs import Runs
+import numpy as np
+
+from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.degrees import DegreeChoice, shrinking
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.modes import Mode
+from flexhinf.design.requirements import Requirement, all_met
+from flexhinf.design.responses import Response
+from flexhinf.design.rigid import RigidComparison
+from flexhinf.design.scenario import Scenario
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
-from flexhinf.design.tolerances import Tolerances
+from flexhinf.design.weights.choose import DesignProblem
+from flexhinf.design.weights.estimator_noise import NoiseSearch
+from flexhinf.hinf import HJISolution
+from flexhinf.loop import Controller
+from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["Design"]
+if TYPE_CHECKING:
+    from flexhinf.design.laws import LawKind
+    from flexhinf.design.tuning import Criterion, TunedLaw
+
+__all__ = ["ComparedLaw", "Comparison", "Design"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Design(Synthesis, Linearised, Runs):
-    """A synthesis, what the linearisation says of it, and its runs.
+class Design:
+    """A synthesised law, its evaluation in the loop, and whether it is what was asked for.
 
     Attributes
     ----------
     robot, specification
-        What was asked.
-    bench : Bench
-        Law, estimator and true plant of all runs.
-    tolerances : Tolerances or None
-        Corners of the tolerances in the linearised loop; None for a robot that states none.
-    guarantee : Guarantee
-        The gain that the worst disturbance found attains, and what the controller's parts spend of the region.
+        What was asked for.
+    synthesis : Synthesis
+        Weights, problem, solutions of several degrees, and the law.
+    evaluation : LawEvaluation
+        The law in its loop.
+    attenuation : Attenuation
+        The worst disturbance found, and the dissipation budget of the step.
     inside : bool or None
-        Whether the step starts inside the region of the chosen solution; None if that was not looked at.
-    met : tuple of Met
-        The specification, line by line.
+        Whether the step starts inside the sampled region of the solution; None if no region was sampled.
+    mujoco : Response or None
+        The step on MuJoCo's plant, if asked for.
+    rigid : RigidComparison or None
+        The rigid design on the same robot, fed the true state.
+    law_modes : tuple of Mode
+        Of the law alone: continuous, with the true state fed back.
+    requirements : tuple of Requirement
+    status : Status
     """
 
     robot: Robot
     specification: Specification
-    bench: Bench
-    tolerances: Tolerances | None
-    guarantee: Guarantee
+    synthesis: Synthesis
+    evaluation: LawEvaluation
+    attenuation: Attenuation
     inside: bool | None
-    met: tuple[Met, ...]
+    mujoco: Response | None
+    rigid: RigidComparison | None
+    law_modes: tuple[Mode, ...]
+    requirements: tuple[Requirement, ...]
+    status: Status
+
+    def __repr__(self) -> str:
+        state = "met" if self.met else "not met"
+        return f"Design({self.robot.name!r}, degree {self.chosen.degree}, gamma {self.gamma:.4g}, {state})"
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met."""
+        return all_met(self.requirements)
+
+    @property
+    def noise_search(self) -> NoiseSearch | None:
+        """How the estimator's noise levels were found; None where they are stated, or without an estimator."""
+        return self.synthesis.noise_search
+
+    @property
+    def setup(self) -> LoopSetup:
+        """The loop of all runs."""
+        return self.evaluation.setup
+
+    @property
+    def scenario(self) -> Scenario:
+        """The runs."""
+        assert self.evaluation.scenario is not None
+        return self.evaluation.scenario
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Link positions (n,), rad or m."""
+        return self.synthesis.goal
+
+    @property
+    def start(self) -> np.ndarray:
+        """Link positions (n,), rad or m."""
+        return self.synthesis.start
+
+    @property
+    def design_problem(self) -> DesignProblem:
+        """Weights, disturbances and level, with their sources."""
+        return self.synthesis.design_problem
+
+    @property
+    def problem(self) -> GeneralisedPlant:
+        """The nominal problem about the goal."""
+        return self.synthesis.problem
+
+    @property
+    def choices(self) -> tuple[DegreeChoice, ...]:
+        """Every degree that was solved."""
+        return self.synthesis.choices
+
+    @property
+    def chosen(self) -> DegreeChoice:
+        """The degree that is used."""
+        return self.synthesis.chosen
+
+    @property
+    def solution(self) -> HJISolution:
+        """The solution that is used, at the goal."""
+        return self.chosen.solution
 
     @property
     def gamma_star(self) -> float:
-        """Smallest level of the game."""
-        return self.game.gamma_star
+        """Smallest level of the problem that is solved; of the preset robust, with the channels of the tolerances."""
+        return self.design_problem.gamma_star
+
+    @property
+    def gamma(self) -> float:
+        """Level of the solution."""
+        return self.solution.gamma
 
     @cached_property
     def shrinking(self) -> list[tuple[int, int]]:
-        """Pairs of degrees where the higher allows a smaller step."""
+        """Pairs of degrees where the higher one allows a smaller step."""
         return shrinking(self.choices)
+
+    @property
+    def sub_steps(self) -> tuple[int, int]:
+        """Runge–Kutta steps per period: of the estimator's model (0 without one), of the true plant."""
+        filter = self.evaluation.loop.filter
+        return 0 if filter is None else filter.sub_steps, self.scenario.sub_steps
+
+    def controller(self, at: np.ndarray | None = None) -> Controller:
+        """A new controller as it is deployed: it takes over without a jump of the input.
+
+        Parameters
+        ----------
+        at : (n,), optional
+            Pose at which it takes over; the start of the step by default.
+        """
+        return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report, its numbers, the controller and every run into a folder, which is returned."""
+        from flexhinf.design.report import write_design
+
+        return write_design(self, Path(folder))
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedLaw:
+    """One row of a comparison.
+
+    Attributes
+    ----------
+    kind : LawKind
+    tuned : TunedLaw or None
+        The law, its parameters and its evaluation; None for a law that could not be made.
+    requirements : tuple of Requirement
+        What the specification requires of the jump, nominal and on the sampled robots, and of the margins.
+    failure : str
+        Why there is no evaluation.
+    """
+
+    kind: LawKind
+    tuned: TunedLaw | None = None
+    requirements: tuple[Requirement, ...] = ()
+    failure: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of the law."""
+        return self.kind.name
+
+    @property
+    def evaluation(self) -> LawEvaluation | None:
+        """None for a law that could not be made."""
+        return None if self.tuned is None else self.tuned.evaluation
+
+    @property
+    def metrics(self) -> Mapping[str, float | None]:
+        """See `LawEvaluation.metrics`; empty without an evaluation."""
+        return {} if self.evaluation is None else self.evaluation.metrics
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Several laws, each tuned for the same criterion and evaluated in the same scenario.
+
+    Attributes
+    ----------
+    robot, specification
+    synthesis : Synthesis
+        Of the design's own law.
+    criterion : Criterion
+        What every law is tuned for, and the limits that it keeps.
+    rows : tuple of ComparedLaw
+        The design's own law first.
+    scenario : Scenario
+    """
+
+    robot: Robot
+    specification: Specification
+    synthesis: Synthesis
+    criterion: Criterion
+    rows: tuple[ComparedLaw, ...]
+    scenario: Scenario
+
+    def __repr__(self) -> str:
+        return f"Comparison({self.robot.name!r}, {', '.join(row.name for row in self.rows)})"
+
+    @property
+    def own(self) -> ComparedLaw:
+        """The design's own law."""
+        return self.rows[0]
+
+    @property
+    def compared(self) -> tuple[ComparedLaw, ...]:
+        """Rows with an evaluation."""
+        return tuple(row for row in self.rows if row.evaluation is not None)
+
+    def row(self, name: str) -> ComparedLaw:
+        """The row of a law, by name."""
+        return next(row for row in self.rows if row.name == name)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report and its numbers into a folder, which is returned."""
+        from flexhinf.design.report import write_comparison
+
+        return write_comparison(self, Path(folder))
+
+    def units(self) -> dict[str, Any]:
+        """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
+        slides = tuple(bool(slide) for slide in self.robot.links.slides)
+        kinds = {"position": ("rad", "m"), "error": ("mrad", "mm"), "torque": ("N·m", "N")}
+        problem = self.synthesis.problem
+        return {"input": problem.plant.unit(problem.input_names[0])} | {
+            name: " or ".join(unit for unit, there in zip(pair, (not all(slides), any(slides))) if there)
+            for name, pair in kinds.items()
+        }

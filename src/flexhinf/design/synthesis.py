@@ -1,25 +1,35 @@
-"""First half of the corridor: from a specification to a law at the goal, and on the way to it."""
+"""From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis import tolerance_corners
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
-from flexhinf.design.estimator import estimator_for
-from flexhinf.design.presets.choose import Chosen
-from flexhinf.design.response import default_start
-from flexhinf.design.schedule import law_of
+from flexhinf.design.effort_limit import problem_within_effort
+from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import Specification
-from flexhinf.design.within_peak import choose_within_peak
-from flexhinf.hinf import HJISolution
+from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
+from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
+from flexhinf.errors import FlexhinfError
+from flexhinf.hinf import HJISolution, solve_hji
+from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot, check_holding
 
 __all__ = ["Synthesis", "synthesise"]
+
+Progress = Callable[[str], None]
+
+#: The damping that weights are searched for grows by this factor while corners of the tolerances are unstable, at most
+#: so many times, up to this value: only for the preset robust.
+GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +40,24 @@ class Synthesis:
     ----------
     goal, start : (n,)
         Link positions of the step, rad or m.
-    game : Chosen
-        Penalty, disturbances and level, with who says so.
+    design_problem : DesignProblem
+        Penalty, disturbances and level, with their sources.
+    noise_search : NoiseSearch or None
+        How the noise levels of the estimator were found; None where they are stated.
     choices : tuple of DegreeChoice
+        Every degree that was solved.
     chosen : DegreeChoice
+        The degree that is used.
     rays : int
+        Rays in which regions were sampled.
     law : Law
         The chosen solution, or a schedule with those of other poses.
     """
 
     goal: np.ndarray
     start: np.ndarray
-    game: Chosen
+    design_problem: DesignProblem
+    noise_search: NoiseSearch | None
     choices: tuple[DegreeChoice, ...]
     chosen: DegreeChoice
     rays: int
@@ -55,25 +71,110 @@ class Synthesis:
     @property
     def problem(self) -> GeneralisedPlant:
         """The nominal problem about the goal."""
-        return self.game.nominal
+        return self.design_problem.nominal
+
+    def setup(self, robot: Robot, s: Specification) -> LoopSetup:
+        """The loop that the law runs in."""
+        levels = None if self.noise_search is None else self.noise_search.chosen.levels
+        return LoopSetup(robot, s, self.law, self.goal, self.start, self.solution, levels)
 
 
-def synthesise(robot: Robot, s: Specification, tell: Callable[[str], None]) -> Synthesis:
-    """Weights, every degree, the best of them, and laws at other poses."""
+def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
+    """Weights, noise levels, every degree, the best of them, and laws at other poses.
+
+    Raises
+    ------
+    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
+        With what to change.
+    """
     n = len(robot.joint_names)
     goal = robot.operating_point(s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
     _refuse_early(robot, s, goal, start)
-    game = choose_within_peak(robot, goal, start, s, tell)
-    states = len(game.problem.state_names)
+    problem, noise = _robust_problem(robot, goal, start, s, progress)
+    levels = None if noise is None else noise.chosen.levels
+    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
+    if slower is not problem:
+        problem, noise = slower, _noise_search(robot, goal, start, s, slower, progress)
+    states = len(problem.problem.state_names)
     degrees, rays = tried_degrees(states, s), rays_of(states, s)
     ratios = s.gamma_ratio, s.checked_gamma_ratio
     choices = tuple(
-        try_degrees(game.problem, degrees, *ratios, _checked(s, game), rays, s.seed, tell, game.gamma_star)
-    )
+        try_degrees(
+            problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, progress,
+            problem.gamma_star,
+        )
+    )  # fmt: skip
     chosen = _best(choices)
-    law = law_of(robot, s, game, chosen.solution, goal, start, tell)
-    return Synthesis(goal, start, game, choices, chosen, rays, law)
+    law = _law_of(robot, s, problem, chosen.solution, start, progress)
+    return Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
+
+
+def _robust_problem(
+    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
+) -> tuple[DesignProblem, NoiseSearch | None]:
+    """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+
+    A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is looked
+    at here, and the damping that weights are searched for grows until it is. Without success, the best is returned.
+    """
+    problem = choose(robot, goal, start, s)
+    best = problem, _noise_search(robot, goal, start, s, problem, progress)
+    if problem.robustness is None or s.estimator == "none":
+        return best
+    fewest = _unstable(robot, goal, start, s, *best)
+    damping = required_damping(s)
+    for _ in range(TURNS):
+        if not fewest:
+            break
+        damping = min(LARGEST_DAMPING, GROWTH * damping)
+        progress(f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}")
+        try:
+            problem = choose(robot, goal, start, replace(s, damping=damping))
+        except FlexhinfError:
+            break
+        noise = _noise_search(robot, goal, start, s, problem, progress)
+        unstable = _unstable(robot, goal, start, s, problem, noise)
+        if unstable < fewest:
+            fewest, best = unstable, (problem, noise)
+    return best
+
+
+def _linear_setup(
+    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem
+) -> LoopSetup:
+    """The loop of the problem's linear law."""
+    law = solve_hji(problem.problem, problem.gamma, 2)
+    return LoopSetup(robot, s, law, goal, start)
+
+
+def _noise_search(
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    progress: Progress,
+) -> NoiseSearch | None:
+    damping = None if problem.target is None else required_damping(s)
+    return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
+
+
+def _unstable(
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    noise: NoiseSearch | None,
+) -> int:
+    """Unstable corners with the noise levels that were found or stated."""
+    if noise is not None and noise.chosen.unstable is not None:
+        return noise.chosen.unstable
+    setup = _linear_setup(robot, goal, start, s, problem)
+    if noise is not None:
+        setup = replace(setup, estimator_noise=noise.chosen.levels)
+    return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
 
 
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
@@ -83,11 +184,37 @@ def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
     )
 
 
+def _law_of(
+    robot: Robot,
+    s: Specification,
+    problem: DesignProblem,
+    solution: HJISolution,
+    start: np.ndarray,
+    progress: Progress,
+) -> Law:
+    """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
+
+    Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
+    are the same everywhere.
+    """
+    laws = [solution]
+    for pose in s.via:
+        progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
+        place = robot.operating_point(pose)[0][: len(start)]
+        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
+        there = choose(robot, place, start, replace(s, bandwidth=bandwidth))
+        laws.append(solve_hji(there.problem, there.gamma, solution.degree))
+    return solution if len(laws) == 1 else Schedule(laws)
+
+
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """What does not fit is refused before the work: extras, sensors and estimator, poses that cannot be held."""
+    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
     robot.plant(s.measured, extras=s.extras)
-    rest, begin = robot.operating_point(goal), robot.operating_point(start)[0]
-    estimator_for(s.estimator, robot.plant(s.measured), rest, begin, s.period, s.noises, s.measurement_noise)
+    model = robot.plant(s.measured)
+    estimator_for(
+        s.estimator, model, robot.operating_point(goal), robot.operating_point(start)[0], s.period,
+        EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
+    )  # fmt: skip
     for pose in (goal, start, *s.via):
         if s.effort_limit is not None:
             check_holding(robot, pose, s.effort_limit)
@@ -95,8 +222,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             robot.operating_point(pose)
 
 
-def _checked(s: Specification, game: Chosen) -> Any:
-    """The checked penalty with plain names spelled out for every joint."""
+def _checked_penalty(s: Specification, problem: DesignProblem) -> Any:
+    """The checked penalty, its plain names spelled out for every joint."""
     if s.checked_penalty is None or callable(s.checked_penalty):
         return s.checked_penalty
-    return Penalty.of(s.checked_penalty).expanded(game.nominal.plant.groups).states
+    return Penalty.of(s.checked_penalty).expanded(problem.nominal.plant.groups).states

@@ -15,7 +15,7 @@ from flexhinf.report.figure import (
 )
 from flexhinf.report.folder import check, is_report, write
 from flexhinf.report.json_text import to_json
-from flexhinf.report.page import KeyNumber, Page, Section
+from flexhinf.report.page import KeyNumber, Page, Section, Status
 from flexhinf.report.palette import INK, MUTED, SERIES
 from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
@@ -40,6 +40,7 @@ __all__ = [
     "Section",
     "Setting",
     "Settings",
+    "Status",
     "Table",
     "check",
     "figure_to_svg",

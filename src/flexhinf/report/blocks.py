@@ -130,7 +130,7 @@ class Figure:
         label = f"<strong>{escape(self.label)}.</strong> " if self.label else ""
         drawing = inline(self.svg, self.id, described_by=f"{self.id}-caption")
         return (
-            f'<figure id="{self.id}">{drawing}'
+            f'<figure id="{self.id}"><div class="drawing">{drawing}</div>'
             f'<figcaption id="{self.id}-caption">{label}{prose(self.caption)}</figcaption></figure>'
         )
 

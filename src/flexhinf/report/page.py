@@ -1,7 +1,7 @@
 """One self-contained HTML page: no network, no scripts, light and dark, fit to be printed.
 
-From top to bottom: what was asked, the verdict in one line, the numbers that matter; sections with figures
-and tables; then every assumption and setting, versions, seed and the command that makes the page again.
+From top to bottom: what was asked, what is not met, not proved or risky, the verdict, the numbers that matter; sections
+with figures and tables; then every assumption and setting, versions, seed and the command that makes the page again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,49 @@ from flexhinf.report.palette import DARK, LIGHT
 from flexhinf.report.settings import Provenance, Settings
 from flexhinf.report.text import escape, prose, scalar
 
-__all__ = ["KeyNumber", "Page", "Section"]
+__all__ = ["KeyNumber", "Page", "Section", "Status"]
+
+#: The badge of a status: its colours in the style sheet, and a sign, since colour is never the only one.
+_BADGES = {
+    "met": ("holds", "✓"),
+    "not met": ("fails", "✗"),
+    "not proved": ("not-judged", "○"),
+    "risky": ("ties", "!"),
+}
+
+
+@dataclass(frozen=True)
+class Status:
+    """Part of the line at the top that says how far a result can be relied on.
+
+    Parameters
+    ----------
+    kind : {"met", "not met", "not proved", "risky"}
+    text : str
+        What is.
+
+    Raises
+    ------
+    InvalidInput
+        For another kind.
+    """
+
+    kind: str
+    text: str
+
+    def __post_init__(self) -> None:
+        if self.kind not in _BADGES:
+            raise InvalidInput(
+                "A status is of one of four kinds.",
+                f"expected one of {', '.join(_BADGES)}; got {self.kind!r}",
+                "'risky' for what holds with little to spare",
+            )
+
+    def html(self) -> str:
+        """The status as an entry of the line, its badge first."""
+        colours, sign = _BADGES[self.kind]
+        badge = f'<span class="badge {colours}"><span aria-hidden="true">{sign}</span> {self.kind}</span>'
+        return f"<li>{badge} {prose(self.text)}</li>"
 
 
 @dataclass(frozen=True)
@@ -75,6 +117,8 @@ class Page:
         Command, seed, versions.
     numbers : sequence of KeyNumber, optional
         The numbers that matter, at the top.
+    status : sequence of Status, optional
+        What is not met, not proved or risky, before the verdict.
 
     Raises
     ------
@@ -89,6 +133,7 @@ class Page:
     settings: Settings
     provenance: Provenance
     numbers: Sequence[KeyNumber] = field(default=())
+    status: Sequence[Status] = field(default=())
 
     def __post_init__(self) -> None:
         names = [name for section in self.sections for name in section.ids()]
@@ -121,6 +166,8 @@ class Page:
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = "".join(entry.html() for entry in self.numbers)
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
+        status = "".join(entry.html() for entry in self.status)
+        status = f'<ul class="status">{status}</ul>\n' if status else ""
         body = "\n".join(section.html() for section in sections)
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -128,7 +175,7 @@ class Page:
             '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
             f"<title>{escape(self.title)}</title>\n<style>\n{_style()}</style>\n</head>\n<body>\n<main>\n<header>\n"
             f'<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
-            f'<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
+            f'{status}<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
             f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
         )
 

@@ -64,7 +64,7 @@ class Provenance:
     Parameters
     ----------
     command : sequence of str
-        The words of the command that makes the report again.
+        The words of the command that makes the report again; none for a report written from Python.
     seed : int or None
         None where nothing was drawn.
     versions : mapping of str to str
@@ -79,11 +79,13 @@ class Provenance:
         """The command as a listing, then seed and versions."""
         listed = ", ".join(f"{escape(name)} {escape(version)}" for name, version in self.versions.items())
         seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
-        return (
+        again = (
             "<p>This command makes the report again:</p>"
-            f"<pre><code>{escape(shlex.join(self.command))}</code></pre>"
-            f'<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
+            f'<pre class="command"><code>{escape(shlex.join(self.command))}</code></pre>'
         )
+        if not self.command:
+            again = "<p>Written from Python with the settings above.</p>"
+        return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
     def ids(self) -> tuple[str, ...]:
         """No anchors."""

@@ -37,12 +37,16 @@ class Table:
     caption : str, optional
     id : str, optional
         An anchor.
+    stacks : bool, optional
+        Whether a narrow screen shows each row as a list of its cells, for tables with sentences in them; other tables
+        scroll sideways in their frame.
     """
 
     columns: Sequence[Column | str]
     rows: Sequence[Sequence[object]]
     caption: str = ""
     id: str = ""
+    stacks: bool = False
 
     def __post_init__(self) -> None:
         if self.id:
@@ -56,7 +60,7 @@ class Table:
                 )
 
     def html(self) -> str:
-        """The table as HTML, in a frame that scrolls sideways on a narrow screen."""
+        """The table as HTML, in a frame that scrolls sideways on a narrow screen, or with rows that stack."""
         columns = [Column(column) if isinstance(column, str) else column for column in self.columns]
         cells = [[row[index] for row in self.rows] for index in range(len(columns))]
         numeric = [_is_numeric(values) for values in cells]
@@ -73,16 +77,27 @@ class Table:
         )
         body = "".join(
             "<tr>"
-            + "".join(f"<td{mark}>{prose(text)}</td>" for mark, text in zip(css, row, strict=True))
+            + "".join(
+                f"<td{mark}{label}>{prose(text)}</td>"
+                for mark, label, text in zip(css, self._labels(columns), row, strict=True)
+            )
             + "</tr>"
             for row in zip(*written, strict=True)
         )
         anchor = f' id="{self.id}"' if self.id else ""
         caption = f"<caption>{prose(self.caption)}</caption>" if self.caption else ""
+        kind = "table stacks" if self.stacks else "table"
         return (
-            f'<div class="table"{anchor}><table>{caption}<thead><tr>{head}</tr></thead>'
+            f'<div class="{kind}"{anchor}><table>{caption}<thead><tr>{head}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>"
         )
+
+    def _labels(self, columns: Sequence[Column]) -> list[str]:
+        """What a stacked row repeats before each cell but its first."""
+        if not self.stacks:
+            return [""] * len(columns)
+        names = [f"{column.name} {column.unit}".strip() for column in columns]
+        return ["", *(f' data-label="{escape(name)}"' for name in names[1:])]
 
     def ids(self) -> tuple[str, ...]:
         """The table's anchor, if it has one."""

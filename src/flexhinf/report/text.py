@@ -10,6 +10,8 @@ from numbers import Integral, Real
 __all__ = ["escape", "number", "prose", "scalar"]
 
 _CODE = re.compile(r"`([^`]+)`")
+_RAISED = re.compile(r"\bR(?:\^([vn])\b|([ᵛⁿ]))")
+_LETTERS = {"ᵛ": "v", "ⁿ": "n"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -19,8 +21,17 @@ def escape(text: object) -> str:
 
 
 def prose(text: str) -> str:
-    """Escaped text in which words between backticks become a code element; no other mark-up is known."""
-    return _CODE.sub(r"<code>\1</code>", escape(text))
+    """Escaped text: words between backticks become a code element; Rᵛ and Rⁿ (or R^v, R^n) get a raised letter.
+
+    Fonts draw the characters ᵛ and ⁿ in different sizes, or not at all; no other mark-up is known.
+
+    Examples
+    --------
+    >>> prose("`--seed 3` changes Rᵛ")
+    '<code>--seed 3</code> changes R<sup>v</sup>'
+    """
+    raised = _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text))
+    return _CODE.sub(r"<code>\1</code>", raised)
 
 
 def number(value: Real | float, digits: int = 4, decimals: int | None = None) -> str:

@@ -1,0 +1,98 @@
+"""What the level γ is worth on the running loop: the worst disturbance found, and the dissipation budget of the step.
+
+γ is what the law was designed for. The sampled region checks the dissipation inequality at a slightly weaker level, at
+samples. The gain that a disturbance found by search attains is a lower bound. Everything that is not the law fed the
+true state (sampling, delay, estimator, limits) uses up a part of the region's level, see
+`flexhinf.analysis.dissipation_budget`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.synthesis import Synthesis
+from flexhinf.errors import FlexhinfError, NumericalFailure
+
+__all__ = ["Attenuation", "attenuation", "searches_disturbance"]
+
+#: With more states no disturbance is searched for: one ascent takes minutes.
+MOST_STATES = 15
+
+#: Length of the disturbances, in lengths of the step response, and at most, s.
+STEPS, LONGEST = 2.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Attenuation:
+    """What was found.
+
+    Attributes
+    ----------
+    attained : Attained or None
+        The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, with the
+        true state fed back; None if none was searched for, or the search failed.
+    budget : tuple of BudgetTerm
+        Of the step; the level is infinite where no region was sampled. Empty where the step diverges.
+    failure : str
+        Why the search for a disturbance failed; empty where it did not.
+    """
+
+    attained: Attained | None
+    budget: tuple[BudgetTerm, ...]
+    failure: str = ""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the region's level lasts for the whole step, all terms of the budget together."""
+        return not self.budget or bool(self.budget[-1].budget.kept)
+
+
+def searches_disturbance(states: int, rays: int) -> bool:
+    """Whether a disturbance is searched for."""
+    return states <= MOST_STATES and rays > 0
+
+
+def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Attenuation:
+    """The worst disturbance and the budget, with the chosen solution at the goal.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+    synthesis : Synthesis
+    duration : float
+        Of the step, s.
+    """
+    s, law, chosen = setup.specification, synthesis.solution, synthesis.chosen
+    level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
+    attained, failure = None, ""
+    if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
+        horizon = min(LONGEST, STEPS * duration)
+        try:
+            attained = worst_disturbance(
+                synthesis.problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
+            )
+        except FlexhinfError as error:
+            failure = " ".join(str(error).split())
+    return Attenuation(attained, _budget(setup, synthesis, level, duration), failure)
+
+
+def _budget(
+    setup: LoopSetup, synthesis: Synthesis, level: float | None, duration: float
+) -> tuple[BudgetTerm, ...]:
+    s = setup.specification
+    x, u = setup.robot.operating_point(setup.start)
+    try:
+        return tuple(
+            budget_terms(
+                synthesis.solution, setup.model, s.period, np.inf if level is None else level,
+                delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=s.saturation,
+                start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
+                seed=s.seed,
+            )
+        )  # fmt: skip
+    except NumericalFailure:
+        return ()

@@ -1,0 +1,261 @@
+"""The one criterion that the laws of a comparison are tuned for and judged by, and the limits that all of them keep.
+
+Criterion: the mean of three ratios to the design's own law, each of the same run for all laws: the largest deviation
+of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
+largest error in following the jerk-limited reference. The design has 1; less is better.
+
+Limits: peak sensitivity and gain margin of the sampled loop with its estimator, and the measurement noise that reaches
+the motor, each at most the limit of the specification or what the design itself has, whichever is wider; and the
+one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose loop
+cannot be linearised, diverges, or does not settle is not feasible.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from flexhinf.baselines import Judgement, excess
+from flexhinf.errors import InvalidInput
+
+__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front"]
+
+#: What all laws share with the design, as `tune` of a comparison.
+MODES = ("peak", "bandwidth", "none")
+
+#: A limit of the linear loop that is exceeded by more than this factor is judged without a run: it is far off.
+FAR = 2.0
+
+#: A run that does not settle counts as so many times its length, in the order of candidates that keep no limit.
+UNSETTLED = 2.0
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a law is tuned by: the largest of all joints; infinite where a run diverged, or did not settle.
+
+    Attributes
+    ----------
+    peak_sensitivity : float
+    gain_margin : float
+        Smallest factor by which the gain of one input may not rise or fall.
+    input_noise : float
+        RMS of the noisiest input, V or N·m.
+    bandwidth : float
+        Of the slowest joint, rad/s.
+    peak_input, settling : float
+        Of the step commanded at once with integrals at zero; V or N·m, s. NaN where it was not run.
+    load_deviation : float
+        rad or m.
+    move_error : float
+        Largest error behind the jerk-limited reference, rad or m.
+    """
+
+    peak_sensitivity: float
+    gain_margin: float
+    input_noise: float
+    bandwidth: float
+    peak_input: float = math.nan
+    settling: float = math.nan
+    load_deviation: float = math.nan
+    move_error: float = math.nan
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit that all laws keep.
+
+    Attributes
+    ----------
+    figure : str
+        Attribute of `Figures`.
+    label, unit : str
+    value : float
+    least : bool
+        Whether the figure is to be at least the value instead of at most.
+    origin : str
+        Where the value comes from.
+    """
+
+    figure: str
+    label: str
+    unit: str
+    value: float
+    origin: str
+    least: bool = False
+
+    def excess(self, figures: Figures) -> float:
+        """ln of the factor by which it is exceeded; 0 where it is kept."""
+        value = getattr(figures, self.figure)
+        if not self.least:
+            return excess(value, self.value)
+        return 0.0 if math.isinf(value) else excess(self.value, value)
+
+    @property
+    def text(self) -> str:
+        """Such as ``peak sensitivity at most 2 (default)``."""
+        unit = f" {self.unit}" if self.unit else ""
+        return (
+            f"{self.label} {'at least' if self.least else 'at most'} {self.value:.3g}{unit} ({self.origin})"
+        )
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What laws are tuned for.
+
+    Attributes
+    ----------
+    mode : {"peak", "bandwidth", "none"}
+    own : Figures
+        Of the design's own law, by which deviation, settling time and error are divided.
+    linear, shared : tuple of Limit
+        Of the linearised loop; and the one that the user chose, of the runs or of the loop.
+    length : float
+        Of the step, s.
+    """
+
+    mode: str
+    own: Figures
+    linear: tuple[Limit, ...]
+    shared: tuple[Limit, ...]
+    length: float
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """All of them."""
+        return (*self.linear, *self.shared)
+
+    @property
+    def text(self) -> str:
+        """One sentence for the report, before any result."""
+        return (
+            "Each law is tuned over all its parameters for the smallest mean of three ratios to nl-hinf: largest "
+            "deviation under the load, settling time of the step commanded at once, largest error behind the "
+            f"jerk-limited reference; with {'; '.join(limit.text for limit in self.limits)}."
+        )
+
+    def ratios(self, figures: Figures) -> dict[str, float]:
+        """Load deviation, settling time and error over those of the design, by name."""
+        own, found = self.own, {}
+        for name in ("load_deviation", "settling", "move_error"):
+            mine, theirs = getattr(own, name), getattr(figures, name)
+            if name == "settling" and math.isinf(theirs):
+                theirs = UNSETTLED * self.length
+            if not math.isfinite(mine):
+                mine = UNSETTLED * self.length if name == "settling" else 1.0
+            found[name] = theirs / mine if mine > 0.0 else math.inf
+        return found
+
+    def cost(self, figures: Figures) -> float:
+        """Mean of the ratios; infinite where a run diverged."""
+        cost = sum(self.ratios(figures).values()) / 3.0
+        return cost if math.isfinite(cost) else math.inf
+
+    def is_far(self, figures: Figures) -> bool:
+        """Whether the linear loop alone exceeds a limit by more than `FAR`: the runs would change nothing."""
+        known = (*self.linear, *(limit for limit in self.shared if limit.figure == "bandwidth"))
+        return any(limit.excess(figures) > math.log(FAR) for limit in known)
+
+    def judge(self, figures: Figures) -> Judgement:
+        """Cost, and by how much which limits are exceeded."""
+        known = (limit for limit in self.limits if not math.isnan(getattr(figures, limit.figure)))
+        beyond = {limit.text: limit.excess(figures) for limit in known}
+        if math.isinf(figures.settling):
+            beyond["the step settles"] = 1.0
+        if math.isinf(figures.peak_input) or math.isinf(figures.load_deviation):
+            beyond["no run diverges"] = math.inf
+        reason = "; ".join(f"not kept: {text}" for text, value in beyond.items() if value > 0.0)
+        return Judgement(self.cost(figures), sum(beyond.values()), reason, figures)
+
+
+def criterion_for(
+    mode: str, own: Figures, length: float, limits: Mapping[str, tuple[float, str] | None], unit: str
+) -> Criterion:
+    """The criterion of a comparison.
+
+    Parameters
+    ----------
+    mode : {"peak", "bandwidth", "none"}
+    own : Figures
+        Of the design.
+    length : float
+        Of the step, s.
+    limits : mapping of str to (value, origin)
+        Of the specification, by figure: peak_sensitivity, gain_margin, and peak_input or bandwidth where they were
+        asked for.
+    unit : str
+        Of the inputs.
+
+    Raises
+    ------
+    InvalidInput
+        For another mode, or where there is nothing to share: no limit was asked for and the design has no such figure.
+    """
+    if mode not in MODES:
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", "--tune peak"
+        )
+
+    def wider(figure: str, label: str, unit: str, least: bool = False) -> Limit | None:
+        given, mine = limits.get(figure), getattr(own, figure)
+        usable = math.isfinite(mine) and mine > 0.0
+        if given is not None and (not usable or (mine >= given[0] if least else mine <= given[0])):
+            return Limit(figure, label, unit, given[0], given[1], least)
+        if not usable:
+            return None
+        origin = f"nl-hinf's own; {given[1]}: {given[0]:.3g}" if given else "nl-hinf's own"
+        return Limit(figure, label, unit, mine, origin, least)
+
+    linear = (
+        wider("peak_sensitivity", "peak sensitivity", ""),
+        wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
+        wider("input_noise", "noise at the motor, rms,", unit),
+    )
+    shared = {
+        "peak": lambda: wider("peak_input", "peak input of that step", unit),
+        "bandwidth": lambda: wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
+        "none": lambda: None,
+    }[mode]()
+    if mode != "none" and shared is None:
+        raise InvalidInput(
+            f"There is no {mode} that the laws could share.",
+            "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
+            "--tune none, a start nearer to the goal (--from-pose), or another design",
+        )
+    return Criterion(
+        mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length
+    )
+
+
+def pareto_front(
+    figures: Sequence[Figures],
+    criterion: Criterion,
+    cost: str = "peak_input",
+    benefit: str = "load_deviation",
+) -> tuple[Figures, ...]:
+    """Of all candidates of a law that keep the limits of the linear loop, those that no other one beats in both.
+
+    Parameters
+    ----------
+    figures : sequence of Figures
+    criterion : Criterion
+    cost, benefit : str
+        Attributes of `Figures`, both to be small.
+
+    Returns
+    -------
+    tuple of Figures
+        By rising cost: the trade-off curve of the law.
+    """
+    open_ended = replace(criterion, shared=())
+    kept = [
+        f for f in figures
+        if math.isfinite(getattr(f, cost)) and math.isfinite(getattr(f, benefit)) and open_ended.judge(f).excess == 0.0
+    ]  # fmt: skip
+    front: list[Figures] = []
+    for one in sorted(kept, key=lambda f: (getattr(f, cost), getattr(f, benefit))):
+        if not front or getattr(one, benefit) < getattr(front[-1], benefit):
+            front.append(one)
+    return tuple(front)

@@ -1,0 +1,208 @@
+"""The estimator of a design: its model, its noise covariances, and whether the sensors show enough.
+
+R^v and R^n are the covariances of process and measurement noise per sample. No paper gives R^v and nobody can measure
+it, so it is a parameter of the design: its ratio to R^n decides how fast the estimator is, and with it the margins of
+the running loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.specification import TORQUE_NOISE, Specification
+from flexhinf.errors import NotDetectable
+from flexhinf.estimation import (
+    ExtendedKalmanFilter,
+    OutputInjectionObserver,
+    UnscentedKalmanFilter,
+    stationary_covariance,
+)
+from flexhinf.plant import Plant
+
+__all__ = [
+    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "estimator_for", "initial_covariance", "noise_variances",
+]  # fmt: skip
+
+#: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
+INITIAL_VARIANCE = 1e-6
+
+#: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
+VELOCITY_RATE = 100.0
+
+#: Estimators by name.
+KINDS: dict[str, Any] = {
+    "ukf": UnscentedKalmanFilter,
+    "ekf": ExtendedKalmanFilter,
+    "observer": OutputInjectionObserver,
+}
+
+#: A singular value smaller than this, relative to the largest, counts as zero.
+RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class EstimatorNoise:
+    """R^v of the estimator: a diagonal of at most three levels, variances per sample in the states' units squared.
+
+    Attributes
+    ----------
+    all_states : float
+        On every state.
+    link_velocities, motor_velocities : float
+        Added on the velocities of the links and of the motors: what a model misses are torques there.
+    source : str
+        Who states these levels: an option, a search, or a default of ours.
+    """
+
+    all_states: float = 0.0
+    link_velocities: float = 0.0
+    motor_velocities: float = 0.0
+    source: str = "ours"
+
+    @staticmethod
+    def stated(s: Specification) -> EstimatorNoise:
+        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
+        everywhere, torques = s.process_noise, s.torque_noise
+        if everywhere is None and torques is None:
+            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
+        named = [
+            option
+            for option, value in (("--process-noise", everywhere), ("--torque-noise", torques))
+            if value is not None
+        ]
+        torques = torques or 0.0
+        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {' and '.join(named)}")
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three levels; 0 for an estimator that trusts its model entirely."""
+        return max(self.all_states, self.link_velocities, self.motor_velocities)
+
+    def scaled(self, factor: float) -> EstimatorNoise:
+        """All levels times a factor: a faster estimator for a factor above 1."""
+        return EstimatorNoise(
+            factor * self.all_states,
+            factor * self.link_velocities,
+            factor * self.motor_velocities,
+            self.source,
+        )
+
+    def diagonal(self, states: tuple[str, ...]) -> np.ndarray:
+        """Diagonal (n,) of R^v for a plant with these states."""
+        values = []
+        for name in states:
+            level = self.all_states
+            if name.startswith("link_velocity"):
+                level += self.link_velocities
+            elif name.startswith("motor_velocity"):
+                level += self.motor_velocities
+            values.append(level)
+        return np.array(values)
+
+    def covariance(self, states: tuple[str, ...]) -> np.ndarray:
+        """R^v (n, n) for a plant with these states."""
+        return np.diag(self.diagonal(states))
+
+
+def noise_variances(plant: Plant, position: float) -> np.ndarray:
+    """Diagonal (p,) of R^n for each measured signal.
+
+    `position` (rad² or m²) is the variance of a position; a velocity's is that at `VELOCITY_RATE`, a joint torque's
+    that of the spring's deflection times its stiffness squared.
+    """
+    p = plant.parameters.named(plant.parameters.vector())
+    stiffness = np.atleast_1d(p.stiffness).astype(float)
+    joints = [name.removeprefix("link_position") for name in plant.states if name.startswith("link_position")]
+    variances = []
+    for name in plant.outputs:
+        factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
+        if name.startswith("joint_torque"):
+            factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
+        variances.append(factor * position)
+    return np.array(variances)
+
+
+def estimator_for(
+    kind: str,
+    plant: Plant,
+    equilibrium: tuple[np.ndarray, np.ndarray],
+    start: np.ndarray,
+    period: float,
+    process: np.ndarray,
+    measurement: np.ndarray,
+) -> Any:
+    """The filter, or None for "none".
+
+    Parameters
+    ----------
+    kind : {"ukf", "ekf", "observer", "none"}
+    plant : Plant
+        The estimator's model, with what is measured.
+    equilibrium : (x*, u*)
+        At the goal: the sensors must show every mode there that does not decay.
+    start : (n,)
+        Initial mean.
+    period : float
+        s.
+    process : (n, n)
+        R^v.
+    measurement : (p,)
+        Diagonal of R^n.
+
+    Raises
+    ------
+    NotDetectable
+        If the sensors do not show a mode that does not decay, with the state it is in.
+    """
+    if kind == "none":
+        return None
+    _check_detectable(plant, equilibrium)
+    covariance = initial_covariance(plant, equilibrium, period, process, measurement)
+    options = {"about": equilibrium[0]} if kind == "observer" else {}
+    return KINDS[kind](plant, period, process, measurement, mean=start, covariance=covariance, **options)
+
+
+def initial_covariance(
+    plant: Plant,
+    equilibrium: tuple[np.ndarray, np.ndarray],
+    period: float,
+    process: np.ndarray,
+    measurement: np.ndarray,
+) -> np.ndarray:
+    """P0 (n, n) of a filter that has run at the goal for long, so that its gain is constant from the start.
+
+    Without process noise such a filter would be certain of its state: then `INITIAL_VARIANCE` for each state.
+
+    Parameters
+    ----------
+    plant, equilibrium, period, process, measurement
+        As for `estimator_for`.
+    """
+    from scipy.linalg import expm
+
+    if not process.any():
+        return INITIAL_VARIANCE * np.eye(plant.n)
+    a, _, _, c = plant.linearise(*equilibrium)
+    return stationary_covariance((expm(a * period), c), process, np.diag(measurement))
+
+
+def _check_detectable(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) -> None:
+    """The Popov–Belevitch–Hautus test at each eigenvalue that does not decay."""
+    a, _, _, c = plant.linearise(*equilibrium)
+    eigenvalues = np.linalg.eigvals(a)
+    size = float(np.abs(eigenvalues).max())
+    c = c / np.maximum(np.abs(c).max(axis=1, keepdims=True), 1e-300)
+    for value in eigenvalues:
+        if value.real < -1e-9 * size:
+            continue
+        _, singular, right = np.linalg.svd(np.vstack([a - value * np.eye(len(a)), size * c]))
+        if singular[-1] <= RANK * singular[0]:
+            raise NotDetectable(
+                "The sensors do not show every mode that does not decay, so no estimator can know it.",
+                f"measured: {list(plant.outputs)}; hidden: a mode at {abs(value) / (2 * np.pi):.3g} Hz, mainly in "
+                f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
+                "--measured link_position or motor_position",
+            )

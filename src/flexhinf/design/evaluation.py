@@ -1,0 +1,292 @@
+"""One law in one loop: its runs, margins, corners, sampled robots and cost, each computed once, when it is needed.
+
+`flexhinf design` evaluates one law; `flexhinf compare` evaluates several in the same scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    FrequencyResponse,
+    GrowthRates,
+    Margins,
+    ToleranceCorners,
+    frequency_response,
+    growth_rates,
+    margins,
+    tolerance_corners,
+)
+from flexhinf.design.law_cost import needed_states, operations
+from flexhinf.design.loop_setup import LoopSetup, has_integrals
+from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
+from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
+from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
+from flexhinf.design.scenario import Scenario
+from flexhinf.errors import FlexhinfError
+
+__all__ = ["LawEvaluation"]
+
+
+@dataclass(frozen=True, eq=False)
+class LawEvaluation:
+    """One law in one loop.
+
+    Parameters
+    ----------
+    name : str
+    setup : LoopSetup
+        Law, estimator, controller and true plant.
+    scenario : Scenario or None
+        The runs, the same for all laws; without one there are only linear figures.
+    parameters : mapping of str to float
+        Values that were tuned, by name; empty for a design's own law.
+    other_noise : bool
+        Whether the corners are computed with other R^v too, which takes most of an evaluation's time.
+    """
+
+    name: str
+    setup: LoopSetup
+    scenario: Scenario | None = None
+    parameters: Mapping[str, float] | None = None
+    other_noise: bool = True
+
+    def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
+        """The same with runs; linear figures that were computed are kept, and the step where it was run."""
+        found = replace(self, scenario=scenario)
+        computed = {name: value for name, value in vars(self).items() if name not in vars(found)}
+        vars(found).update(computed | ({} if step is None else {"step": step}))
+        return found
+
+    @property
+    def _runs(self) -> Scenario:
+        assert self.scenario is not None, "an evaluation without a scenario has no runs"
+        return self.scenario
+
+    # Runs of the nominal robot ----------------------------------------------------------------------------
+    @cached_property
+    def step(self) -> Response:
+        """The step as the controller is deployed: without a jump of the input."""
+        return self.setup.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+
+    @cached_property
+    def unlimited_step(self) -> Response:
+        """The same without limits of the inputs: what the law demands."""
+        s = self.setup.specification
+        if s.saturation is None:
+            return self.step
+        free = replace(self.setup, specification=replace(s, saturation=None))
+        return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+
+    @cached_property
+    def jump(self) -> Response:
+        """The whole command at once, integrals at zero: the same command for every law."""
+        return self.setup.jump(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+
+    @cached_property
+    def move(self) -> Move:
+        """The planned move with feedforward: the same reference for every law."""
+        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps)
+
+    @cached_property
+    def load_response(self) -> LoadResponse:
+        """At the goal, with constant torques on all links."""
+        return self.setup.load_response(self._runs.load, self._runs.load_duration, self._runs.sub_steps)
+
+    # Sampled robots -----------------------------------------------------------------------------------------
+    @cached_property
+    def step_samples(self) -> MonteCarlo | None:
+        """The step as deployed, on the sampled robots; None without any."""
+        return self._sampled(jump=False)
+
+    @cached_property
+    def jump_samples(self) -> MonteCarlo | None:
+        """The jump, on the same robots."""
+        return self._sampled(jump=True)
+
+    @cached_property
+    def move_sample_errors(self) -> np.ndarray | None:
+        """Largest error (N,) along the move, on the same robots, rad or m."""
+        runs = self._runs
+        return move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps) if runs.robots else None
+
+    def _sampled(self, jump: bool) -> MonteCarlo | None:
+        runs = self._runs
+        if not runs.robots:
+            return None
+        return sampled_runs(self.setup, runs.robots, runs.step_duration, runs.sub_steps, jump)
+
+    # The linear loop ----------------------------------------------------------------------------------------
+    @cached_property
+    def loop(self) -> EquilibriumLoop:
+        """The running loop about the goal: sampled, with estimator and delay."""
+        return self.setup.equilibrium_loop()
+
+    @cached_property
+    def state_loop(self) -> EquilibriumLoop:
+        """The same with the true state fed back."""
+        return self.setup.equilibrium_loop(estimated=False)
+
+    @cached_property
+    def margins(self) -> Margins:
+        """Of the running loop."""
+        return margins(self.loop)
+
+    @cached_property
+    def state_margins(self) -> Margins:
+        """With the true state fed back: what the law itself has."""
+        return self.margins if self.loop.filter is None else margins(self.state_loop)
+
+    @cached_property
+    def frequency_response(self) -> FrequencyResponse:
+        """Of the running loop."""
+        return frequency_response(self.loop)
+
+    @cached_property
+    def corners(self) -> ToleranceCorners | None:
+        """Corners of the tolerances in the running loop; None for a robot that states none."""
+        robot = self.setup.robot
+        if not robot.uncertain:
+            return None
+        noises = None if self.other_noise else ()
+        return tolerance_corners(self.loop, robot.corner, robot.uncertain, noises)
+
+    @cached_property
+    def state_corners(self) -> GrowthRates | None:
+        """The same corners with the true state fed back: whether the law itself stands them."""
+        if self.corners is None or self.loop.filter is None:
+            return None
+        return growth_rates(self.state_loop, self.corners.population)[0]
+
+    @property
+    def linear_failure(self) -> str:
+        """Why the loop has no linear figures: it has no equilibrium; empty where it has."""
+        try:
+            self.margins  # noqa: B018
+        except FlexhinfError as error:
+            return " ".join(str(error).split())
+        return ""
+
+    # Modes --------------------------------------------------------------------------------------------------
+    @cached_property
+    def energy(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness (n,) and inertia (2n, 2n) at the goal, by which modes are named."""
+        return stiffness_and_inertia(self.setup.model, self.setup.goal_equilibrium)
+
+    @cached_property
+    def open_modes(self) -> tuple[Mode, ...]:
+        """Of the robot without control, at the goal."""
+        a = self.setup.model.linearise(*self.setup.goal_equilibrium)[0]
+        return modes_of(a, self.setup.joints, *self.energy)
+
+    @cached_property
+    def estimator_modes(self) -> tuple[Mode, ...]:
+        """Of the estimation error, with the filter's stationary gain; none without an estimator, or without noise."""
+        filter = self.loop.filter
+        if filter is None or not self.setup.process_noise.largest:
+            return ()
+        return estimator_modes(filter, self.setup.goal_equilibrium, self.setup.joints, *self.energy)
+
+    @cached_property
+    def running_modes(self) -> tuple[Mode, ...]:
+        """Of the running loop: sampled, with estimator and delay."""
+        linear = self.loop.linear()
+        return running_modes(linear, self.setup.joints, *self.energy)
+
+    # Cost ---------------------------------------------------------------------------------------------------
+    @cached_property
+    def operations(self) -> int:
+        """Additions, multiplications and functions of one evaluation of the law."""
+        return operations(self.setup.linear_law)
+
+    @cached_property
+    def needed_states(self) -> tuple[str, ...]:
+        """States, and integrals, that the law depends on."""
+        return needed_states(self.setup.linear_law)
+
+    # All figures ----------------------------------------------------------------------------------------------
+    @cached_property
+    def worst(self) -> Mapping[str, Worst]:
+        """Figures that are the worst of all joints, with the joint, by the keys of `metrics`."""
+        load, move = self.load_response, self.move
+        found = {}
+        for kind, response in (("step", self.step), ("jump", self.jump)):
+            found[f"{kind}_overshoot_percent"] = response.overshoot
+            found[f"{kind}_settling_s"] = response.settling
+            found[f"{kind}_peak_input"] = worst_of(response.metrics, "peak_input")
+        found["load_deviation"] = worst_of(load.metrics, "peak_deviation")
+        found["load_recovery_s"] = worst_of(load.metrics, "recovery_time_s")
+        found["load_remaining"] = worst_of(load.metrics, "remaining_error")
+        found["move_error"] = worst_of(move.metrics, "largest_error")
+        found["move_peak_input"] = worst_of(move.metrics, "peak_input")
+        return found
+
+    @cached_property
+    def metrics(self) -> Mapping[str, float | None]:
+        """All figures by key, SI units (see `figures.FIGURES` in the report for labels and units).
+
+        None where there is none; infinite where a run diverged, a step did not settle, or a loop is unstable.
+        Keys: {step, jump}_{peak_input, overshoot_percent, settling_s}, load_{deviation, recovery_s, remaining},
+        move_{error, peak_input}, drawn_* (the jump and the move on sampled robots), and those of `linear_metrics`.
+        """
+        found: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
+        if not has_integrals(self.setup.law):
+            for key in ("peak_input", "overshoot_percent", "settling_s"):
+                found[f"step_{key}"] = None  # nothing to begin without a jump with
+        found |= self._sample_metrics()
+        return found | self.linear_metrics | {"operations": float(self.operations)}
+
+    def _sample_metrics(self) -> dict[str, float | None]:
+        jump, errors = self.jump_samples, self.move_sample_errors
+        if jump is None or errors is None:
+            return {}
+        return {
+            "drawn_unsettled": float(jump.unsettled),
+            "drawn_overshoot_percent": _median(jump.overshoot),
+            "drawn_worst_overshoot_percent": float(jump.overshoot.max()),
+            "drawn_settling_s": _median(jump.settling),
+            "drawn_worst_settling_s": float(jump.settling.max()),
+            "drawn_worst_peak_input": float(jump.peak.max()),
+            "drawn_move_error": _median(errors),
+            "drawn_worst_move_error": float(errors.max()),
+        }
+
+    @cached_property
+    def linear_metrics(self) -> Mapping[str, float | None]:
+        """Figures of the running loop: damping, delay_margin_s, peak_sensitivity, gain_margin, input_noise,
+        bandwidth_rad_s and unstable_corners; empty where the loop has no equilibrium."""
+        if self.linear_failure:
+            return {}
+        found, corners = self.margins, self.corners
+        bandwidth = float(found.bandwidth.min()) if len(found.bandwidth) else np.nan
+        return {
+            "damping": found.damping if np.isfinite(found.damping) else None,
+            "delay_margin_s": found.delay_margin_s,
+            "peak_sensitivity": found.peak_sensitivity,
+            "gain_margin": found.gain_margin,
+            "input_noise": self.input_noise,
+            "bandwidth_rad_s": bandwidth if np.isfinite(bandwidth) else None,
+            "unstable_corners": None if corners is None else float(corners.unstable),
+        }
+
+    @property
+    def input_noises(self) -> np.ndarray | None:
+        """RMS of each input (m,) that the measurement noise causes, V or N·m; None with the true state fed back."""
+        if self.setup.noise is None:
+            return None
+        return np.linalg.norm(self.margins.noise_to_input * self.setup.noise, axis=1)
+
+    @property
+    def input_noise(self) -> float:
+        """The largest of `input_noises`; zero without an estimator."""
+        return 0.0 if self.input_noises is None else float(self.input_noises.max())
+
+
+def _median(values: np.ndarray) -> float:
+    """The upper median: a run of the list, also where some are infinite."""
+    return float(np.sort(values)[len(values) // 2])

@@ -1,0 +1,341 @@
+"""The laws that can be compared, by name: what each is, which sensors it uses, what is tuned, and how it is made."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
+from flexhinf.baselines.gains import INTEGRAL_RATE
+from flexhinf.design.synthesis import Synthesis
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import smallest_gamma, solve_hji
+from flexhinf.plant import GeneralisedPlant, Law, Penalty
+
+__all__ = [
+    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "MOTOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter",
+    "law_kind", "law_names", "weighted",
+]  # fmt: skip
+
+#: The design's own law. It is not tuned: the others are tuned against it.
+REFERENCE = "nl-hinf"
+
+#: Names of the parameters of a law's estimator, which the law itself does not have: factors of R^v, and beside that of
+#: its level on the velocities of the motors.
+ESTIMATOR_NOISE, MOTOR_NOISE = "estimator_noise", "motor_noise"
+
+#: Largest degree of V in a name such as ``nl-hinf-4``.
+LARGEST_DEGREE = 12
+
+
+@dataclass(frozen=True)
+class TuningParameter:
+    """One number that is searched for, on a logarithmic scale.
+
+    Attributes
+    ----------
+    name, label, unit : str
+    start : float or None
+        Where the search begins; None for a number of the design (its bandwidth, its γ/γ*).
+    lower, upper : float
+        Bounds.
+    relative : bool
+        Whether the bounds are factors of the start.
+    """
+
+    name: str
+    label: str
+    unit: str
+    start: float | None
+    lower: float
+    upper: float
+    relative: bool = False
+
+
+_BANDWIDTH = TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True)
+_DAMPING = TuningParameter("damping", "damping ratio", "", 1.0, 0.3, 5.0)
+_INTEGRAL_RATE = TuningParameter("integral_rate", "integral's pole / bandwidth", "", INTEGRAL_RATE, 0.02, 2.0)
+_ROTOR = TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0)
+_EFFORT = TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3)
+_INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0)
+_VELOCITY = TuningParameter("velocity_weight", "weight of velocities / positions", "s", 0.01, 1e-4, 1.0)
+_GAMMA = TuningParameter("gamma_ratio", "γ/γ*", "", None, 1.02, 50.0)
+_NOISE = TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4)
+_MOTOR_NOISE = TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3)
+_MOTOR_SIDE = (_NOISE, _MOTOR_NOISE)
+
+_QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, _NOISE)
+_H_INFINITY = (_GAMMA, *_QUADRATIC)
+
+#: Sensors, by those who propose a law: an encoder on each motor; one on each link too; a torque sensor in each joint.
+_MOTOR, _BOTH = ("motor_position",), ("link_position", "motor_position")
+_TORQUE, _TORQUE_BOTH = (
+    ("motor_position", "joint_torque"),
+    ("link_position", "motor_position", "joint_torque"),
+)
+
+
+@dataclass(frozen=True)
+class LawKind:
+    """What a name stands for.
+
+    Attributes
+    ----------
+    name, description : str
+    group : str
+        Which panel of the figure it is in.
+    source : str
+        Key into docs/references.bib, or who proposes it.
+    model : str
+        What the law itself has to know of the robot; the estimator knows the whole model.
+    parameters : tuple of TuningParameter
+        All that its gains are made from, and R^v of its estimator.
+    sensors : tuple of tuple of str
+        Sets of measured signals that are tried, and the best kept; empty for those of the design.
+    integral : bool
+        Whether it integrates the error of the link positions.
+    degree : int or None
+        Of V, where the name says it; 0 for the design's degree.
+    """
+
+    name: str
+    description: str
+    group: str
+    source: str
+    model: str
+    parameters: tuple[TuningParameter, ...]
+    sensors: tuple[tuple[str, ...], ...] = ()
+    integral: bool = True
+    degree: int | None = None
+
+
+_ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "in use today"
+
+_KINDS = (
+    LawKind(
+        REFERENCE, "the design's own nonlinear H∞ law, not tuned", _ROBUST, "flexhinf design", "whole model", (),
+        degree=0,
+    ),
+    LawKind(
+        "hinf", "linear H∞: degree 2 of the same problem", _ROBUST, "van der Schaft 1992", "linear at the goal",
+        _H_INFINITY, degree=2,
+    ),
+    LawKind(
+        "nlqr", "nonlinear LQR: γ = ∞, the design's degree", _ROBUST, "Al'brekht 1961", "whole model", _QUADRATIC,
+        degree=0,
+    ),
+    LawKind(
+        "lqr", "LQR", _LINEAR_QUADRATIC, "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
+    ),
+    LawKind(
+        "lqr-gravity", "LQR of the weightless robot, weight compensated at every pose", _LINEAR_QUADRATIC,
+        "Anderson & Moore 1990", "linear, and gravity", _QUADRATIC,
+    ),
+    LawKind(
+        "lqg", "LQR with a linear Kalman filter instead of the design's estimator", _LINEAR_QUADRATIC,
+        "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
+    ),
+    LawKind(
+        "pd", "PD on the motor side, weight at the goal compensated", _USUAL, "Tomei 1991",
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, *_MOTOR_SIDE), (_MOTOR,), False,
+    ),
+    LawKind(
+        "pid", "the same with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
+    ),
+    LawKind(
+        "torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
+        "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
+        (_BANDWIDTH, _DAMPING, _ROTOR, *_MOTOR_SIDE), (_TORQUE,), False,
+    ),
+    LawKind(
+        "torque-i", "the same with the integral of the link's error", _USUAL,
+        "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
+        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, *_MOTOR_SIDE), (_TORQUE_BOTH,),
+    ),
+    LawKind(
+        "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
+        "whole model and its derivatives", (_BANDWIDTH, *_MOTOR_SIDE), (_BOTH,), False,
+    ),
+    LawKind(
+        "flatness-i", "the same with the integral of the link's error", _USUAL,
+        "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
+        (_BANDWIDTH, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
+    ),
+)  # fmt: skip
+
+_BY_NAME = {kind.name: kind for kind in _KINDS}
+_WITH_DEGREE = re.compile(rf"{REFERENCE}-(\d+)\Z")
+
+#: Without a choice: every kind of law, with and without an integral.
+DEFAULT_LAWS = tuple(_BY_NAME)
+
+
+def law_kind(name: str) -> LawKind:
+    """What a name stands for.
+
+    Raises
+    ------
+    InvalidInput
+        For a name that is not known, with the nearest that is.
+    """
+    match = _WITH_DEGREE.match(name)
+    if match and 2 <= int(match[1]) <= LARGEST_DEGREE:
+        degree = int(match[1])
+        text = f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree"
+        return LawKind(
+            name, text, _ROBUST, "flexhinf design --degrees", "whole model", _H_INFINITY, degree=degree
+        )
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    near = get_close_matches(name, [*_BY_NAME, f"{REFERENCE}-4"], 1, 0.4)
+    raise InvalidInput(
+        f"There is no law {name!r} to compare with.",
+        f"expected names out of {', '.join(_BY_NAME)}, or {REFERENCE}-2 to {REFERENCE}-{LARGEST_DEGREE}; got {name!r}",
+        near[0] if near else "--laws " + ",".join((REFERENCE, "pd")),
+    )
+
+
+def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """The names of a comparison, the design's own law first, each once.
+
+    Raises
+    ------
+    InvalidInput
+        For a name that is not known.
+    """
+    wanted = tuple(names) if names else DEFAULT_LAWS
+    for name in wanted:
+        law_kind(name)
+    return (REFERENCE, *dict.fromkeys(name for name in wanted if name != REFERENCE))
+
+
+@dataclass(frozen=True, eq=False)
+class LawFactory:
+    """Makes laws about the goal of a design, from its model.
+
+    Parameters
+    ----------
+    synthesis : Synthesis
+        The design's problem, weights, γ and degree.
+    bandwidth : float
+        Where searches over bandwidths begin, rad/s.
+    """
+
+    synthesis: Synthesis
+    bandwidth: float
+
+    @property
+    def problem(self) -> GeneralisedPlant:
+        """The nominal problem about the goal."""
+        return self.synthesis.problem
+
+    @cached_property
+    def gamma_ratio(self) -> float:
+        """γ of the design over the smallest γ of the problem as it is solved (with channels of the tolerances)."""
+        solved = self.synthesis.design_problem
+        return float(solved.gamma / smallest_gamma(solved.problem))
+
+    def start(self, kind: LawKind) -> dict[str, float]:
+        """Values of a law's parameters at which a search begins: for H∞ those of the design."""
+        own = {"bandwidth": self.bandwidth, "gamma_ratio": self.gamma_ratio}
+        return {p.name: own[p.name] if p.start is None else p.start for p in kind.parameters}
+
+    def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
+        """Lower and upper bounds of a law's parameters."""
+        start = self.start(kind)
+        scale = {p.name: start[p.name] if p.relative else 1.0 for p in kind.parameters}
+        return {p.name: (p.lower * scale[p.name], p.upper * scale[p.name]) for p in kind.parameters}
+
+    def degree(self, kind: LawKind) -> int:
+        """Degree of V of a law; 2 for laws that have none."""
+        return self.synthesis.chosen.degree if kind.degree == 0 else kind.degree or 2
+
+    def make(self, kind: LawKind, values: Mapping[str, float], degree: int | None = None) -> Law:
+        """The law with these values of its parameters.
+
+        Parameters
+        ----------
+        kind : LawKind
+        values : mapping of str to float
+            See `start`; R^v of the estimator is none of the law's.
+        degree : int, optional
+            Of V, instead of its own.
+
+        Raises
+        ------
+        FlexhinfError
+            If there is no such law: a Riccati equation without a solution, a goal that it does not hold.
+        """
+        if kind.name == REFERENCE:
+            return self.synthesis.law
+        family = kind.name.removesuffix("-i")
+        if family in ("pd", "pid", "torque", "flatness"):
+            return self._of_bandwidth(family, kind.integral, values)
+        if family in ("lqr", "lqg", "lqr-gravity"):
+            problem = self._weighted(self.problem, values)
+            return GravityCompensatedLQR.design(problem) if family == "lqr-gravity" else lqr(problem)
+        degree = self.degree(kind) if degree is None else degree
+        if family == "nlqr":
+            return solve_hji(self._weighted(self.problem, values), np.inf, degree)
+        problem = self._weighted(self.synthesis.design_problem.problem, values)
+        return solve_hji(problem, values["gamma_ratio"] * smallest_gamma(problem), degree)
+
+    def _of_bandwidth(self, family: str, integral: bool, values: Mapping[str, float]) -> Law:
+        problem, bandwidth = self.problem, values["bandwidth"]
+        rate = values.get("integral_rate", INTEGRAL_RATE)
+        tracked = "link_position" if integral else None
+        made: Any
+        if family in ("pd", "pid"):
+            made = MotorPD.tuned(problem, bandwidth, values["damping"], tracked, rate)
+        elif family == "torque":
+            made = TorqueFeedback.tuned(
+                problem, bandwidth, values["damping"], values["rotor_inertia"], tracked, rate
+            )
+        else:
+            made = FeedbackLinearisation.tuned(
+                problem, bandwidth, integral, integral_rate=rate if integral else None
+            )
+        return made
+
+    @staticmethod
+    def _weighted(problem: GeneralisedPlant, values: Mapping[str, float]) -> GeneralisedPlant:
+        return weighted(problem, values["effort"], values["integral_weight"], values["velocity_weight"])
+
+
+def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
+    """A problem with other weights: what a linear-quadratic designer turns.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+    effort : float
+        Factor of R2.
+    integral : float
+        Factor of the columns of h(x) that belong to integrals.
+    velocity : float
+        s. A row for each joint is added, this times the weight of its link position times its link velocity.
+
+    Returns
+    -------
+    GeneralisedPlant
+        Its penalty is the matrix ∂h/∂x at the operating point, so scaled.
+    """
+    rows = np.array(problem.expand(1).h_parts[1], dtype=float)
+    names = problem.state_names
+    columns = np.array([integral if name.endswith("_integral") else 1.0 for name in names])
+    rows = rows * columns
+    extra = []
+    for name in (name for name in names if name.startswith("link_velocity")):
+        row = np.zeros(len(names))
+        position = names.index(name.replace("velocity", "position"))
+        row[names.index(name)] = velocity * float(np.linalg.norm(rows[:, position]))
+        extra.append(row)
+    r2 = effort * np.asarray(problem.penalty.effort, dtype=float)
+    return replace(problem, penalty=Penalty(np.vstack([rows, *extra]), effort=r2))

@@ -1,0 +1,303 @@
+"""The loop that a law runs in: estimator, controller, true plant, and the runs that every evaluation makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import EquilibriumLoop
+from flexhinf.design.estimators import (
+    KINDS,
+    EstimatorNoise,
+    estimator_for,
+    initial_covariance,
+    noise_variances,
+)
+from flexhinf.design.responses import LoadResponse, Move, Response, run_response
+from flexhinf.design.scenario import LOAD_START
+from flexhinf.design.specification import Specification
+from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step
+from flexhinf.plant import Law, Plant, linear_plant
+from flexhinf.robot import Robot
+from flexhinf.robot.signals import signal_names
+
+__all__ = ["SMOOTH_EXTRAS", "LoopSetup", "has_integrals"]
+
+#: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
+#: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
+#: count as damping that the moving robot does not have.
+SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
+
+
+def has_integrals(law: Law) -> bool:
+    """Whether a law integrates the error of link positions, so that a command enters through the integrals."""
+    return any(name.endswith("_integral") for name in law.state_names)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopSetup:
+    """One law with its estimator and controller, round one true plant.
+
+    `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
+
+    Parameters
+    ----------
+    robot : Robot
+    specification : Specification
+        Sensors, estimator, period, delay, quantisation, limits, extras and noise.
+    law : Law
+        Or a schedule of laws.
+    goal, start : (n,)
+        Link positions, rad or m.
+    law_at_goal : Law, optional
+        The law that acts at the goal, where `law` is a schedule.
+    estimator_noise : EstimatorNoise, optional
+        R^v; by default what the specification states.
+    linear_model : bool
+        Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
+    """
+
+    robot: Robot
+    specification: Specification
+    law: Law
+    goal: np.ndarray
+    start: np.ndarray
+    law_at_goal: Law | None = None
+    estimator_noise: EstimatorNoise | None = None
+    linear_model: bool = False
+
+    # Parts of the loop --------------------------------------------------------------------------------
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.robot.joint_names
+
+    @property
+    def linear_law(self) -> Law:
+        """The law that is linearised at the goal."""
+        return self.law if self.law_at_goal is None else self.law_at_goal
+
+    @property
+    def process_noise(self) -> EstimatorNoise:
+        """Levels of R^v of the estimator."""
+        stated = EstimatorNoise.stated(self.specification)
+        return stated if self.estimator_noise is None else self.estimator_noise
+
+    @cached_property
+    def model(self) -> Plant:
+        """The nominal robot with the sensors: what the estimator assumes."""
+        return self.robot.plant(self.specification.measured)
+
+    @cached_property
+    def true_plant(self) -> Plant:
+        """The nominal robot with the extras."""
+        s = self.specification
+        return self.robot.plant(s.measured, extras=s.extras)
+
+    @cached_property
+    def smooth_plant(self) -> Plant:
+        """The true plant without the extras that are not smooth at standstill: what the linear loop has."""
+        s = self.specification
+        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
+        return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Extras of the true plant that the linear loop does not have."""
+        return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
+
+    @cached_property
+    def noise(self) -> np.ndarray | None:
+        """Standard deviations (p,) of the measurement noise; None where the true state is fed back."""
+        s = self.specification
+        return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
+
+    @cached_property
+    def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
+        """State and input with which the model is held at the goal."""
+        return self.robot.operating_point(self.goal)
+
+    def estimator(self, at: np.ndarray) -> Any:
+        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none"."""
+        s, equilibrium = self.specification, self.goal_equilibrium
+        mean = self.robot.operating_point(at)[0]
+        process = self.process_noise.covariance(self.model.states)
+        measurement = noise_variances(self.model, s.measurement_noise)
+        if self.linear_model and s.estimator != "none":
+            covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
+            model = linear_plant(self.model, *equilibrium)
+            return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
+        return estimator_for(s.estimator, self.model, equilibrium, mean, s.period, process, measurement)
+
+    def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
+        """A controller for a run that begins at a pose.
+
+        Parameters
+        ----------
+        at : (n,)
+        moving : bool
+            In error coordinates about a moving reference.
+        start : {"zero", "bumpless"}, optional
+            Integrals at zero, or such that the input continues from what held the robot; by default the first for a
+            moving reference.
+        """
+        s = self.specification
+        start = ("zero" if moving else "bumpless") if start is None else start
+        return Controller(self.law, self.estimator(at), s.period, s.saturation, moving=moving, start=start)
+
+    def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
+        """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
+        s = self.specification
+        return Loop(
+            self.true_plant if plant is None else plant,
+            controller,
+            sub_steps,
+            quantisation=s.quantisation or None,
+            delay=s.delay,
+        )
+
+    def equilibrium(
+        self, at: np.ndarray, values: Mapping[str, Any] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State and input with which the true robot is held at a pose (n,), with these parameters."""
+        return self.robot.operating_point(at, self.specification.extras, values)
+
+    def equilibrium_loop(self, estimated: bool = True) -> EquilibriumLoop:
+        """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
+
+        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
+
+        Parameters
+        ----------
+        estimated : bool
+            With the estimator; otherwise the true state is fed back.
+        """
+        s, law = self.specification, self.linear_law
+        return EquilibriumLoop(
+            law,
+            self.estimator(self.goal) if estimated else None,
+            self.smooth_plant,
+            s.period,
+            equilibrium=self.goal_equilibrium,
+            moving=not has_integrals(law),
+            delay=round(s.delay / s.period),
+            positions=self.model.states[: len(self.goal)],
+        )
+
+    def departure(self, law: Law) -> np.ndarray:
+        """Deviation (N,) from the goal's equilibrium at which a law takes over at the start, integrals included."""
+        s = self.specification
+        controller = Controller(law, self.estimator(self.start), s.period, s.saturation, start="bumpless")
+        x, u = self.equilibrium(self.start)
+        count = len(controller.states)
+        controller.reset(input=u) if controller.estimator is None else controller.reset(x[:count], input=u)
+        measured = x[:count]
+        if controller.estimator is not None:
+            output = self.model.traced_output(x[:count], u, self.model.parameters.vector())
+            measured = np.asarray(output, dtype=float).ravel()
+        controller.step(measured)
+        return np.concatenate([x[:count], controller.integrals]) - law.operating_point
+
+    # Controllers of the runs, made once so that their kernels are shared --------------------------------
+    @cached_property
+    def bumpless_controller(self) -> Controller:
+        """As deployed: the input continues from what held the robot at the start."""
+        return self.controller(self.start)
+
+    @cached_property
+    def tracking_controller(self) -> Controller:
+        """In error coordinates, its integrals at zero: for a jump of the command, and for a move."""
+        return self.controller(self.start, moving=True)
+
+    # Runs -----------------------------------------------------------------------------------------------
+    def step(
+        self,
+        duration: float,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        plant: Any = None,
+        sub_steps: int | None = None,
+    ) -> Response:
+        """The step from start to goal as the controller is deployed, without a jump of the input.
+
+        Parameters
+        ----------
+        duration : float
+            s.
+        values : mapping, optional
+            Parameters of the true plant, which is in equilibrium at the start with them.
+        seed : int
+            Of the measurement noise, added to the specification's.
+        plant : optional
+            Instead of the true plant: MuJoCo's.
+        sub_steps : int, optional
+            Runge–Kutta steps per period of the true plant.
+        """
+        return self._run(self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps)
+
+    def jump(
+        self,
+        duration: float,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        begin: np.ndarray | None = None,
+        sub_steps: int | None = None,
+    ) -> Response:
+        """The whole command at once in error coordinates, integrals at zero: the same command for every law.
+
+        Parameters as for `step`; `begin` (n,) is another start.
+        """
+        at = self.start if begin is None else begin
+        controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
+        return self._run(controller, at, duration, values, seed, None, sub_steps)
+
+    def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
+        """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
+        period = self.specification.period
+        at = round(LOAD_START * duration / period) * period
+        names = signal_names("link_torque", self.joints)
+        torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
+        controller = self.controller(self.goal, moving=True)
+        response = self._run(controller, self.goal, duration, None, 0, None, sub_steps, disturbance=torques)
+        step = np.abs(self.goal - self.start)
+        return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
+
+    def move(
+        self,
+        plan: JerkLimited,
+        values: Mapping[str, Any] | None = None,
+        seed: int = 0,
+        sub_steps: int | None = None,
+    ) -> Move:
+        """A planned move with feedforward in error coordinates, and half its time more at the goal."""
+        period = self.specification.period
+        duration = round(1.5 * plan.duration / period) * period
+        reference = Moving(plan, self.robot.inverse_dynamics)
+        response = self._run(
+            self.tracking_controller, self.start, duration, values, seed, None, sub_steps, reference=reference
+        )
+        return Move(plan, response)
+
+    def _run(
+        self,
+        controller: Controller,
+        at: np.ndarray,
+        duration: float,
+        values: Mapping[str, Any] | None,
+        seed: int,
+        plant: Any,
+        sub_steps: int | None,
+        **options: Any,
+    ) -> Response:
+        if values is not None:
+            plant = self.true_plant.with_parameters(**self.true_plant.parameters.known(values))
+        x, u = self.equilibrium(at, values)
+        return run_response(
+            self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
+            noise=self.noise, duration=duration, initial_state=x, initial_input=u,
+            seed=self.specification.seed + seed, **options,
+        )  # fmt: skip

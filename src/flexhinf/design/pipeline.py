@@ -1,0 +1,387 @@
+"""From a robot and a specification to a judged design, and from there to a comparison of laws: one call per step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from flexhinf.design.attenuation import attenuation, searches_disturbance
+from flexhinf.design.criterion import MODES, Criterion, criterion_for
+from flexhinf.design.degrees import rays_of, tried_degrees
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.laws import REFERENCE, LawFactory, LawKind, law_kind, law_names
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.requirements import (
+    Requirement,
+    behaviour_requirements,
+    corner_requirement,
+    gain_margin_limit,
+    margin_requirements,
+    peak_sensitivity_limit,
+    sample_requirements,
+    step_requirements,
+)
+from flexhinf.design.responses import Response
+from flexhinf.design.result import ComparedLaw, Comparison, Design
+from flexhinf.design.rigid import RigidComparison, compare_rigid
+from flexhinf.design.scenario import (
+    COMPARED_SAMPLES,
+    LONGEST,
+    Scenario,
+    default_load,
+    plan_move,
+    run_length,
+    sample_count,
+    sample_robots,
+)
+from flexhinf.design.specification import Specification
+from flexhinf.design.status import status_of
+from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.design.tuning import TunedLaw, Tuner, own_figures
+from flexhinf.design.weights.choose import preset_of, required_damping
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.plant import sub_steps
+from flexhinf.robot import MuJoCoPlant, Robot
+
+__all__ = ["compare", "comparison_stages", "design", "stages"]
+
+Progress = Callable[[str], None]
+
+#: A comparison runs steps so many times as long as the design's own: a law that is slower than it may settle.
+LONGER = 3.0
+
+#: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
+RIGID_STATES = 15
+
+#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
+MUJOCO_STEP = 0.1
+
+
+# Design -------------------------------------------------------------------------------------------------
+def design(robot: Robot, specification: Specification, progress: Progress = lambda text: None) -> Design:
+    """Everything from the robot to its judged loop; nothing is written.
+
+    Parameters
+    ----------
+    robot : Robot
+    specification : Specification
+    progress : callable, optional
+        Called with what comes next, about `stages` times in all.
+
+    Raises
+    ------
+    InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
+        With what to change.
+    """
+    s = specification
+    progress("equilibrium, and weights")
+    synthesis = synthesise(robot, s, progress)
+    setup = synthesis.setup(robot, s)
+    progress("margins of the running loop")
+    linear = LawEvaluation(REFERENCE, setup)
+    modes = _law_modes(linear, synthesis)
+    progress("compile the closed loop, and run the step")
+    scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
+    evaluation = linear.in_scenario(scenario, step)
+    _evaluate(evaluation, progress)
+    progress("the worst disturbance, and the dissipation budget of the step")
+    worth = attenuation(setup, synthesis, scenario.step_duration)
+    mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
+    rigid = _rigid(evaluation, synthesis, progress) if s.compare_rigid else None
+    lines = tuple(_requirements(evaluation, synthesis, mujoco))
+    inside = _starts_inside(setup, synthesis)
+    return Design(
+        robot=robot,
+        specification=s,
+        synthesis=synthesis,
+        evaluation=evaluation,
+        attenuation=worth,
+        inside=inside,
+        mujoco=mujoco,
+        rigid=rigid,
+        law_modes=modes,
+        requirements=lines,
+        status=status_of(lines, evaluation, synthesis, worth, inside),
+    )
+
+
+def _evaluate(evaluation: LawEvaluation, progress: Progress) -> None:
+    """Compute what a design shows, with a word before each part."""
+    progress("corners of the tolerances")
+    evaluation.corners  # noqa: B018
+    evaluation.frequency_response  # noqa: B018
+    progress("torques on the links")
+    evaluation.load_response  # noqa: B018
+    progress("a move with feedforward")
+    evaluation.move  # noqa: B018
+    assert evaluation.scenario is not None
+    if evaluation.scenario.robots:
+        progress(f"the step of {len(evaluation.scenario.robots)} robots within their tolerances")
+        evaluation.step_samples  # noqa: B018
+
+
+def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
+    """Of the law alone: continuous, with the true state fed back."""
+    loop = closed_loop(synthesis.problem, synthesis.solution.gain)
+    return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
+
+
+def _duration(s: Specification, modes: tuple) -> float:
+    """Of the step, s: as stated, or by the slowest mode."""
+    return s.duration if s.duration is not None else run_length(min(-mode.eigenvalue.real for mode in modes))
+
+
+def _scenario(
+    linear: LawEvaluation,
+    synthesis: Synthesis,
+    duration: float,
+    count: Callable[[Robot, int, Specification], int],
+) -> tuple[Scenario, Response]:
+    """What every law is run with, and the design's own step, whose peak sets the load."""
+    setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
+    step = setup.step(duration)
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
+    if s.load is None:
+        load = default_load(scales.per_input, np.abs(step.inputs).max(axis=0))
+    else:
+        load = np.full(len(setup.goal), s.load)
+    held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
+    plan = plan_move(
+        robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
+    )
+    robots = sample_robots(robot, count(robot, len(synthesis.problem.state_names), s), s.seed)
+    taken = step.run.settings["sub_steps"]
+    return Scenario(duration, load, 2.0 * duration, plan, robots, taken), step
+
+
+def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
+    """Bandwidth (n,) by which the move is planned: of the law fed the true state, finite."""
+    found = np.asarray(linear.state_margins.bandwidth, dtype=float)
+    target = synthesis.design_problem.target
+    fallback = np.full(len(found), 1.0) if target is None else target.bandwidth
+    return np.where(np.isfinite(found) & (found > 0.0), found, fallback)
+
+
+def _starts_inside(setup: LoopSetup, synthesis: Synthesis) -> bool | None:
+    """Whether the start, with the integrals that the controller chooses, lies in the sampled region."""
+    if not synthesis.chosen.looked or np.isnan(synthesis.chosen.level):
+        return None
+    law = synthesis.solution
+    return bool(law.value(setup.departure(law)) <= synthesis.chosen.level)
+
+
+def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:
+    """The step on the same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase or less.
+
+    Raises
+    ------
+    InvalidInput
+        If MuJoCo is not installed, or does not express the extras.
+    """
+    progress("the step on MuJoCo's plant")
+    s = setup.specification
+    fastest = setup.true_plant.fastest_mode(*setup.equilibrium(setup.goal))
+    step = s.period / sub_steps(s.period, fastest, MUJOCO_STEP)
+    measured = None if s.estimator == "none" else s.measured
+    plant = MuJoCoPlant(setup.robot, measured=measured, step=step, extras=s.extras)
+    return setup.step(scenario.step_duration, plant=plant)
+
+
+def _rigid(evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress) -> RigidComparison | None:
+    progress("the rigid design on the same robot")
+    setup = evaluation.setup
+    few = len(synthesis.problem.state_names) <= RIGID_STATES
+    assert evaluation.scenario is not None
+    return compare_rigid(
+        synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
+        evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
+    )  # fmt: skip
+
+
+def _requirements(
+    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None
+) -> list[Requirement]:
+    """The specification line by line: the running loop first, then runs, then tolerances."""
+    s, target, unit = evaluation.setup.specification, synthesis.design_problem.target, _unit(synthesis)
+    lines = margin_requirements(s, evaluation.margins)
+    if target is not None:
+        damping, joints = required_damping(s), evaluation.setup.joints
+        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints)
+    unlimited = None if s.peak_effort is None else evaluation.unlimited_step
+    lines += step_requirements(s, evaluation.step, unit, "the step, nominal robot", unlimited)
+    if mujoco is not None:
+        lines += step_requirements(s, mujoco, unit, "the step on MuJoCo's plant")
+    if evaluation.corners is not None:
+        lines.append(corner_requirement(evaluation.corners))
+    if evaluation.step_samples is not None:
+        lines += sample_requirements(s, evaluation.step_samples, unit)
+    return lines
+
+
+def _unit(synthesis: Synthesis) -> str:
+    return synthesis.problem.plant.unit(synthesis.problem.input_names[0])
+
+
+def stages(robot: Robot, specification: Specification) -> int:
+    """About how many steps of work a design has, for a progress bar."""
+    s, states = specification, 5 * len(robot.joint_names)
+    solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
+    searched = preset_of(robot, s) in ("damped", "robust")
+    more = [
+        s.peak_effort is not None and searched,
+        s.mujoco,
+        sample_count(robot, states, s) > 0,
+        s.compare_rigid,
+    ]
+    return 8 + solved + len(s.via) + sum(more) + searches_disturbance(states, rays_of(states, s))
+
+
+# Comparison ---------------------------------------------------------------------------------------------
+def compare(
+    robot: Robot,
+    specification: Specification,
+    laws: Sequence[str] | None = None,
+    tune: str = "peak",
+    progress: Progress = lambda text: None,
+    same_sensors: bool = False,
+) -> Comparison:
+    """The same evaluation for several laws, each tuned for one criterion; nothing is written.
+
+    Parameters
+    ----------
+    robot : Robot
+    specification : Specification
+        Of the design that the others are compared with, and of the loop.
+    laws : sequence of str, optional
+        Names, see `flexhinf.design.laws`; the design's own law is always among them.
+    tune : {"peak", "bandwidth", "none"}
+        What the laws share with the design's own: a limit beside those of the specification.
+    progress : callable, optional
+        Called with what comes next, `comparison_stages` times in all.
+    same_sensors : bool
+        Every law measures what the design measures, instead of what its proponents would choose.
+
+    Raises
+    ------
+    InvalidInput
+        For a name or a way to tune that is not known, nothing to move, or a law that was asked for and does not fit
+        the robot.
+    FlexhinfError
+        As `design`.
+    """
+    s, kinds = specification, [law_kind(name) for name in law_names(laws)]
+    if tune not in MODES:
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {tune!r}", "tune='peak'"
+        )
+    progress("equilibrium, and weights")
+    synthesis = synthesise(robot, s, progress)
+    setup = synthesis.setup(robot, s)
+    _check_way(setup)
+    progress("what all laws share: load, move, criterion")
+    linear = LawEvaluation(REFERENCE, setup, other_noise=False)
+    scenario = _comparison_scenario(linear, synthesis)
+    own = linear.in_scenario(scenario)
+    criterion = _criterion(tune, own, _unit(synthesis))
+    tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
+    rows = tuple(_row(tuner, kind, laws is not None, progress) for kind in kinds)
+    return Comparison(robot, s, synthesis, criterion, rows, scenario)
+
+
+def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
+    """As a design's, its steps longer, for laws that are slower; the load's run has the design's own length."""
+    s, modes = linear.setup.specification, _law_modes(linear, synthesis)
+    duration = _duration(s, modes)
+    scenario, _ = _scenario(linear, synthesis, duration, _compared_samples)
+    longer = duration if s.duration is not None else min(LONGER * duration, LONGEST)
+    return Scenario(
+        longer, scenario.load, scenario.load_duration, scenario.plan, scenario.robots, scenario.sub_steps
+    )
+
+
+def _compared_samples(robot: Robot, states: int, s: Specification) -> int:
+    return sample_count(robot, states, s, COMPARED_SAMPLES)
+
+
+def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
+    """Geometric mean of the joints' bandwidths, rad/s: where searches over bandwidths begin."""
+    return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
+
+
+def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
+    """What every law is tuned for; the limits are the specification's, or wider where the design's own law is."""
+    s = own.setup.specification
+    limits: dict[str, tuple[float, str] | None] = {
+        "peak_sensitivity": (
+            peak_sensitivity_limit(s),
+            "--peak-sensitivity" if s.peak_sensitivity else "default",
+        ),
+        "gain_margin": (gain_margin_limit(s), "--gain-margin" if s.gain_margin else "default"),
+    }
+    if s.peak_effort is not None:
+        limits["peak_input"] = (s.peak_effort, "--peak-effort")
+    elif s.saturation is not None:
+        limits["peak_input"] = (s.saturation, "--saturation")
+    if s.bandwidth is not None:
+        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
+    assert own.scenario is not None
+    return criterion_for(mode, own_figures(own), own.scenario.step_duration, limits, unit)
+
+
+def _row(tuner: Tuner, kind: LawKind, asked: bool, progress: Progress) -> ComparedLaw:
+    """One law, from its tuning to its requirements."""
+    progress(f"{kind.name}: tune")
+    try:
+        tuned = tuner.tune(kind)
+    except FlexhinfError as error:
+        text = " ".join(str(error).split())
+        if asked:
+            raise InvalidInput(
+                f"The law {kind.name!r} does not fit the robot {tuner.own.setup.robot.name!r}.",
+                f"expected one that can be made and run at the goal, got: {text}",
+                f"laws without {kind.name!r}",
+            ) from error
+        progress(f"{kind.name}: not made")
+        return ComparedLaw(kind, failure=text)
+    evaluation = tuned.evaluation
+    progress(f"{kind.name}: step, load and move")
+    evaluation.worst  # noqa: B018
+    assert evaluation.scenario is not None
+    if evaluation.scenario.robots:
+        progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
+    evaluation.metrics  # noqa: B018
+    return ComparedLaw(kind, tuned, _compared_requirements(tuned, _unit(tuner.factory.synthesis)))
+
+
+def _compared_requirements(tuned: TunedLaw, unit: str) -> tuple[Requirement, ...]:
+    """The same lines for every law: margins, the jump, the sampled robots, the corners."""
+    found = tuned.evaluation
+    s = found.setup.specification
+    lines = [] if found.linear_failure else margin_requirements(s, found.margins)
+    lines += step_requirements(s, found.jump, unit, "the jump, nominal robot")
+    if not found.linear_failure and found.corners is not None:
+        lines.append(corner_requirement(found.corners))
+    if found.jump_samples is not None:
+        lines += sample_requirements(s, found.jump_samples, unit)
+    return tuple(lines)
+
+
+def _check_way(setup: LoopSetup) -> None:
+    if not (setup.goal != setup.start).any():
+        raise InvalidInput(
+            "There is nothing to move: the step starts at its goal.",
+            f"expected another start than {setup.goal.tolist()}",
+            "another `start` or `pose`",
+        )
+
+
+def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
+    """About how many steps of work a comparison has, for a progress bar."""
+    states = 5 * len(robot.joint_names)
+    solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
+    each = 3 if sample_count(robot, states, s) else 2
+    searched = preset_of(robot, s) in ("damped", "robust")
+    return 3 + (s.peak_effort is not None and searched) + solved + len(s.via) + each * len(law_names(laws))

@@ -1,0 +1,12 @@
+"""The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
+
+from flexhinf.design.report.comparison import comparison_notes, comparison_page, comparison_verdict
+from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
+from flexhinf.design.report.page import design_page, notes, verdict
+from flexhinf.design.report.text import comparison_tables, design_tables, requirement_table, robots_table
+
+__all__ = [
+    "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
+    "design_files", "design_page", "design_tables", "notes", "requirement_table", "robots_table", "verdict",
+    "write_comparison", "write_design",
+]  # fmt: skip

@@ -1,0 +1,367 @@
+"""The report of a comparison on one page: criterion, best rival, figures, pictures, the laws and their tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.laws import REFERENCE
+from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
+from flexhinf.design.report.sections.files import files_section
+from flexhinf.design.report.sections.frequency import Loop, frequency_figures
+from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
+from flexhinf.design.report.sections.law_responses import responses_figure, trade_off_figure
+from flexhinf.design.report.sections.requirements import requirement_text
+from flexhinf.design.report.settings import comparison_settings
+from flexhinf.design.result import ComparedLaw, Comparison
+from flexhinf.design.tuning import TunedLaw, best_rival, trade_offs
+from flexhinf.report import (
+    KeyNumber,
+    Note,
+    Page,
+    Paragraph,
+    Provenance,
+    Section,
+    Settings,
+    Status,
+    Table,
+    number,
+)
+
+__all__ = ["comparison_notes", "comparison_page", "comparison_verdict", "rival_of", "tuned_laws"]
+
+#: Figures at the top of the page.
+KEYS = (
+    "load_deviation",
+    "jump_settling_s",
+    "move_error",
+    "peak_sensitivity",
+    "unstable_corners",
+    "input_noise",
+)
+
+#: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
+RATIOS = {
+    "load_deviation": "load deviation",
+    "settling": "settling time",
+    "move_error": "move error",
+}
+
+#: Differences of the criterion smaller than this fraction are none.
+EQUAL = 0.02
+
+#: A deviation that remains under the load is named where it is so many times that of the design's own law.
+OFFSET = 10.0
+
+#: Laws in the frequency figures, the best by the criterion.
+DRAWN = 4
+
+#: What a law needs of the state, in the order of the model.
+SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+
+
+def comparison_page(
+    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
+) -> Page:
+    """Everything on one page; parameters as for `flexhinf.design.report.page.design_page`."""
+    notes = [
+        *(Note(text) for text in comparison_notes(comparison)),
+        *(Note(" ".join(t.split())) for t in warnings),
+    ]
+    sections = [
+        Section(
+            "Laws by the criterion",
+            (*notes, Paragraph(_ranking_text(comparison)), _ranking(comparison)),
+            "criterion",
+        ),
+        _trade_off(comparison),
+        Section("Figures of every law", (FigureTable(comparison),), "merits"),
+        Section("Step, load and move", (responses_figure(comparison),), "responses"),
+        _frequency(comparison),
+        Section("The laws and how they were tuned", tuple(_laws(comparison)), "laws"),
+        *([files_section(files)] if files else []),
+    ]
+    return Page(
+        f"Control laws compared on {comparison.robot.name}",
+        _intro(comparison),
+        _whole(comparison_verdict(comparison)),
+        tuple(section for section in sections if section is not None),
+        Settings(comparison_settings(comparison)),
+        Provenance(tuple(command), comparison.specification.seed),
+        _key_numbers(comparison),
+        _status(comparison),
+    )
+
+
+def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
+    """Every law that could be made, the design's own first."""
+    return [row.tuned for row in comparison.compared if row.tuned is not None]
+
+
+def rival_of(comparison: Comparison) -> TunedLaw | None:
+    """The best rival by the criterion; None where no other law keeps every limit."""
+    return best_rival(tuned_laws(comparison))
+
+
+def comparison_verdict(comparison: Comparison) -> str:
+    """The best rival against the design's own law by the criterion; where ours loses, the first sentence says so."""
+    rival, own = rival_of(comparison), comparison.own.tuned
+    if own is None or not np.isfinite(own.cost):
+        return f"{REFERENCE} cannot be judged: its run diverges."
+    others = [law for law in tuned_laws(comparison) if law.name != REFERENCE]
+    if rival is None:
+        if not others:
+            return f"No other law could be compared with {REFERENCE}."
+        return (
+            f"No other law keeps every limit with at most as many unstable corners as {REFERENCE}, so none is ranked "
+            f"against it. {_closest(comparison, others)}"
+        )
+    first = _outcome(rival, own)
+    return f"{first} {_ratios_text(comparison, rival)} {_second(others, rival, own)}".strip()
+
+
+def _outcome(rival: TunedLaw, own: TunedLaw) -> str:
+    """Best rival and who is better, in one sentence."""
+    costs = f"{number(rival.cost, 3)} against {number(own.cost, 3)}; less is better"
+    if rival.cost < own.cost * (1.0 - EQUAL):
+        return f"The best rival, {rival.name}, beats {REFERENCE} by the criterion ({costs})."
+    if rival.cost <= own.cost * (1.0 + EQUAL):
+        return f"The best rival, {rival.name}, is as good as {REFERENCE} by the criterion ({costs})."
+    return f"The best rival, {rival.name}, loses to {REFERENCE} by the criterion ({costs})."
+
+
+def _ratios_text(comparison: Comparison, rival: TunedLaw) -> str:
+    """The three parts of the criterion of the best rival."""
+    found = comparison.criterion.ratios(rival.figures)
+    parts = [f"{number(found[name], 3)} times the {text}" for name, text in RATIOS.items()]
+    text = f"Relative to {REFERENCE}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
+    figure = next(figure for figure in FIGURES if figure.key == "load_remaining")
+    mine, theirs = (law.metrics.get(figure.key) for law in (comparison.own, comparison.row(rival.name)))
+    if mine is None or theirs is None or not OFFSET * mine < theirs < np.inf:
+        return text
+    unit = unit_of(figure, comparison)
+    return (
+        f"{text} Under a constant load it keeps a deviation of {cell(figure, theirs, comparison)} {unit}, "
+        f"{REFERENCE} of "
+        f"{cell(figure, mine, comparison)} {unit}: the criterion does not count that."
+    )
+
+
+def _second(others: Sequence[TunedLaw], rival: TunedLaw, own: TunedLaw) -> str:
+    """Other laws that keep every limit and beat the design's own law."""
+    better = sorted(
+        (law for law in others if law is not rival and law.feasible and law.cost < own.cost * (1.0 - EQUAL)),
+        key=lambda law: law.cost,
+    )
+    if not better:
+        return ""
+    names = ", ".join(f"{law.name} ({number(law.cost, 3)})" for law in better[:3])
+    return f"Better than {REFERENCE} {'is' if len(better) == 1 else 'are'} also {names}."
+
+
+def _closest(comparison: Comparison, others: Sequence[TunedLaw]) -> str:
+    """The law with the smallest criterion, and why it is not ranked."""
+    law = min(others, key=lambda law: law.cost)
+    own, found = comparison.own.evaluation, law.evaluation
+    if not law.feasible:
+        return f"The smallest criterion has {law.name} ({number(law.cost, 3)}); {law.reason}."
+    if own is not None and found.corners is not None and own.corners is not None:
+        return (
+            f"The smallest criterion has {law.name} ({number(law.cost, 3)}), with {found.corners.unstable} unstable "
+            f"corners against {own.corners.unstable}."
+        )
+    return ""
+
+
+def _intro(comparison: Comparison) -> str:
+    """Robot, step, and the criterion, before any verdict."""
+    own, s = comparison.own.evaluation, comparison.specification
+    assert own is not None
+    slides, degrees = comparison.robot.links.slides, s.in_degrees
+    way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
+    return (
+        f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
+        f"{way}. "
+        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
+        f"{REFERENCE} is "
+        f"the law of flexhinf design (preset {comparison.synthesis.design_problem.preset}, "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}). "
+        f"Criterion: {comparison.criterion.text}"
+    ).replace(REFERENCE, _whole(REFERENCE))
+
+
+def _status(comparison: Comparison) -> list[Status]:
+    """What the design's own law misses of the specification, and what was only sampled."""
+    missed = [line for line in comparison.own.requirements if not line.met]
+    found = [Status("met", f"{_whole(REFERENCE)} meets {len(comparison.own.requirements)} requirements.")]
+    if missed:
+        text = "; ".join(requirement_text(line) for line in missed)
+        found = [Status("not met", f"{_whole(REFERENCE)}: {text}.")]
+    return [
+        *found,
+        Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."),
+    ]
+
+
+def comparison_notes(comparison: Comparison) -> list[str]:
+    """What the reader must not miss."""
+    found = []
+    for row in comparison.rows:
+        if row.failure:
+            found.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
+        elif row.tuned is not None and not row.tuned.feasible:
+            found.append(f"{row.name} does not keep every limit: {row.tuned.reason.rstrip('.')}.")
+        if row.evaluation is not None and row.evaluation.linear_failure:
+            found.append(
+                f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
+            )
+    own, s = comparison.own.evaluation, comparison.specification
+    if own is not None and own.setup.left_out:
+        names = " and ".join(own.setup.left_out).replace("_", " ")
+        found.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
+    names = [row.name for row in comparison.compared]
+    if comparison.synthesis.chosen.degree == 2 and "hinf" in names:
+        found.append(f"The design chose degree 2: {REFERENCE} is a linear law, as hinf is.")
+    if s.via:
+        found.append(
+            f"{REFERENCE} switches between laws of several poses; its linear figures are of the one at the goal."
+        )
+    return found
+
+
+# Sections --------------------------------------------------------------------------------------------------
+def _ranking_text(comparison: Comparison) -> str:
+    return (
+        f"The three columns of ratios are over those of {_whole(REFERENCE)}; the criterion is their mean, and less is "
+        "better. A law is ranked only if it keeps every limit and has no more unstable corners of the tolerances than "
+        f"{_whole(REFERENCE)}; others stand below the line of those that do, with the reason."
+    )
+
+
+def _ranking(comparison: Comparison) -> Table:
+    """Laws that keep every limit first, by the criterion."""
+    laws = sorted(tuned_laws(comparison), key=lambda law: (not _ranked(comparison, law), law.cost))
+    rows = []
+    for law in laws:
+        ratios, corners = comparison.criterion.ratios(law.figures), law.evaluation.corners
+        rows.append(
+            (
+                _whole(law.name),
+                number(law.cost, 3) if np.isfinite(law.cost) else "diverges",
+                *(number(ratios[name], 3) if np.isfinite(ratios[name]) else "diverges" for name in RATIOS),
+                "–" if corners is None else corners.unstable,
+                "yes" if law.feasible else law.reason,
+            )
+        )
+    columns = ("law", "criterion", *RATIOS.values(), "unstable corners", "every limit kept")
+    return Table(columns, rows, "", "table-criterion")
+
+
+def _ranked(comparison: Comparison, law: TunedLaw) -> bool:
+    own = comparison.own.evaluation
+    allowed = 0 if own is None or own.corners is None else own.corners.unstable
+    found = law.evaluation.corners
+    return law.feasible and (found is None or found.unstable <= allowed)
+
+
+def _trade_off(comparison: Comparison) -> Section | None:
+    figure = trade_off_figure(comparison, trade_offs(tuned_laws(comparison), comparison.criterion))
+    return None if figure is None else Section("Trade-off", (figure,), "trade-off")
+
+
+def _frequency(comparison: Comparison) -> Section | None:
+    """The design's own law and the best others, in one joint."""
+    laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
+    others = sorted(
+        (law for law in laws if law.name != REFERENCE), key=lambda law: (not law.feasible, law.cost)
+    )
+    chosen = [*(law for law in laws if law.name == REFERENCE), *others[:DRAWN]]
+    if not chosen:
+        return None
+    loops = [Loop(law.name, law.evaluation.frequency_response) for law in chosen]
+    units = comparison.units()
+    figures = frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
+    return Section("Frequency responses", tuple(figures), "frequency")
+
+
+def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
+    """Figures of the design's own law beside those of the best rival."""
+    rival, found = rival_of(comparison), []
+    for figure in (f for key in KEYS for f in FIGURES if f.key == key):
+        mine = comparison.own.metrics.get(figure.key)
+        if mine is None:
+            continue
+        note = "" if rival is None else f"{_whole(rival.name)}: {_cell_of(comparison, figure, rival)}"
+        label = f"{_whole(REFERENCE)}: {figure.label}"
+        found.append(KeyNumber(label, cell(figure, mine, comparison), unit_of(figure, comparison), note))
+    return found
+
+
+def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
+    return cell(figure, law.evaluation.metrics.get(figure.key), comparison)
+
+
+def _laws(comparison: Comparison) -> list[Any]:
+    text = (
+        f"Every law but {_whole(REFERENCE)} is tuned over all its parameters and the noise levels of its estimator, "
+        "with "
+        "the sensors that its proponents would choose. All run in error coordinates about the goal or the move, "
+        "(x_d, u_d) "
+        "from the elastic inverse dynamics, with integrals at zero when the command comes."
+    )
+    columns = (
+        "law",
+        "what it is",
+        "tuned",
+        "candidates",
+        "measured",
+        "needs of the state",
+        "knows",
+        "source",
+    )
+    return [Paragraph(text), Table(columns, [_law_cells(row) for row in comparison.rows], stacks=True)]
+
+
+def _law_cells(row: ComparedLaw) -> tuple[Any, ...]:
+    tuned, kind = row.tuned, row.kind
+    labels = {p.name: (p.label, p.unit) for p in kind.parameters}
+    values = {} if tuned is None else tuned.parameters
+    parts = []
+    for name, value in values.items():
+        text, unit = labels.get(name, (name.replace("_", " "), ""))
+        parts.append(f"{text} {number(value, 3)}{f' {unit}' if unit else ''}")
+    sensors = [] if tuned is None else [name.replace("_", " ") for name in tuned.sensors]
+    return (
+        _whole(row.name),
+        kind.description,
+        ", ".join(parts) or "–",
+        "–" if tuned is None or not tuned.candidates else str(tuned.candidates),
+        ", ".join(sensors) or "–",
+        _needs(row),
+        kind.model,
+        kind.source,
+    )
+
+
+def _needs(row: ComparedLaw) -> str:
+    """States by kind, and integrals."""
+    if row.evaluation is None:
+        return "–"
+    states = row.evaluation.needed_states
+    kinds = [name.replace("_", " ") for name in SIGNALS if any(_is(name, state) for state in states)]
+    integral = ["integral of the link's error"] if any(s.endswith("_integral") for s in states) else []
+    everything = ["all four states"] if len(kinds) == len(SIGNALS) else kinds
+    return ", ".join([*everything, *integral]) or "–"
+
+
+def _is(name: str, state: str) -> bool:
+    return not state.endswith("_integral") and (state == name or state.startswith(f"{name}_"))
+
+
+def _whole(text: str) -> str:
+    """Names of laws with hyphens at which no line breaks."""
+    for name in (REFERENCE, "lqr-gravity", "torque-i", "flatness-i"):
+        text = text.replace(name, name.replace("-", "\u2011"))
+    return text

@@ -1,0 +1,109 @@
+"""What the figures of a design have in common: lines of several joints, limits that hide no line, few points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.report import INK, MUTED, SERIES, Figure, figure_to_svg, house_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+__all__ = [
+    "drawn", "framed", "joint_lines", "limit_lines", "line_style", "panels", "reference_line", "thin", "vertical_line",
+    "widened",
+]  # fmt: skip
+
+#: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
+POINTS = 1500
+
+#: A limit is drawn where the values reach this fraction of it; a caption names one that is further away.
+NEAR = 0.25
+
+DOTTED = (0, (1.0, 1.6))
+DASHED = (6.0, 3.0)
+
+
+def line_style(place: int) -> dict[str, Any]:
+    """Colour of one joint or law among several; lines are dashed once the colours are used up."""
+    dashed = {"dashes": (4.0, 2.0)} if place >= len(SERIES) else {}
+    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
+
+
+def thin(time: np.ndarray, points: int = POINTS) -> slice:
+    """Every k-th sample of a time axis, so that at most about `points` are left."""
+    return slice(None, None, max(1, -(-len(time) // points)))
+
+
+def framed(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:
+    """Limits of an axis that shows every finite value, with a margin relative to their range."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
+    room = margin * max(high - low, 1e-12)
+    return low - room, high + room
+
+
+def widened(low: float, high: float, least: float) -> tuple[float, float]:
+    """An interval about the same middle that is at least `least` wide."""
+    middle, half = 0.5 * (low + high), 0.5 * max(high - low, least)
+    return middle - half, middle + half
+
+
+def joint_lines(
+    axes: Axes, time: np.ndarray, values: np.ndarray, joints: Sequence[str], **style: Any
+) -> None:
+    """Signals (N, n) of all joints over time (N,), with fewer points."""
+    few = thin(time)
+    with house_style():
+        for joint, name in enumerate(joints):
+            axes.plot(time[few], values[few, joint], label=name, **{**line_style(joint), **style})
+
+
+def reference_line(axes: Axes, value: float = 0.0) -> None:
+    """A dotted horizontal line behind the others."""
+    with house_style():
+        axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
+
+
+def vertical_line(axes: Axes, value: float, name: str | None = None) -> None:
+    """A dotted vertical line behind the others."""
+    with house_style():
+        axes.axvline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5, label=name)
+
+
+def limit_lines(axes: Axes, limit: float | None, values: np.ndarray, name: str) -> bool:
+    """± a limit, dashed, on the sides where the values come near it; returns whether it was drawn.
+
+    A limit that is far away would leave the values flat.
+    """
+    low, high = framed(values)
+    if limit is None:
+        return False
+    reach = {limit: high, -limit: -low}
+    sides = [side for side, size in reach.items() if size > NEAR * limit]
+    with house_style():
+        for k, side in enumerate(sides):
+            axes.axhline(side, color=INK, linewidth=1.0, dashes=DASHED, label=None if k else name)
+    axes.set_ylim(*framed(np.array([low, high, *sides])))
+    return bool(sides)
+
+
+def panels(
+    rows: int, columns: int, height: float, width: float = 7.2, **options: Any
+) -> tuple[Canvas, list[list[Axes]]]:
+    """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise."""
+    from matplotlib.figure import Figure as Canvas
+
+    with house_style():
+        figure = Canvas(figsize=(width, height), layout="constrained")
+        return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
+
+
+def drawn(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
+    """The figure as a block of a page: anchor ``figure-<name>``, caption in sentences, title before it."""
+    caption = sentences if isinstance(sentences, str) else " ".join(text for text in sentences if text)
+    return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)

@@ -1,0 +1,216 @@
+"""Numbers, units, poses and robots as the text of a report has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.plant import Plant
+from flexhinf.report import number
+from flexhinf.robot.extras import EXTRAS
+from flexhinf.robot.signals import signal_names
+
+__all__ = [
+    "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite", "joint_count",
+    "law_name", "pose_text", "range_text", "rounded", "settling_text", "units_of",
+]  # fmt: skip
+
+LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
+
+ESTIMATORS = {
+    "ukf": "the unscented Kalman filter",
+    "ekf": "the extended Kalman filter",
+    "observer": "the output-injection observer",
+    "none": "the true state fed back",
+}
+
+#: Joints up to which a pose is also written in degrees.
+FEW_JOINTS = 3
+
+#: Changes of a robot within its tolerances that are listed, the largest first.
+LISTED = 6
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of the signals of a robot; with joints that turn and joints that slide "rad or m".
+
+    Attributes
+    ----------
+    position, speed : str
+        Of link positions and velocities, as the model has them.
+    load, spring, effort : str
+        Of torques on the links, torques of the springs, inputs.
+    degrees : bool
+        Whether angles are shown in degrees, as the user gave them.
+    """
+
+    position: str
+    speed: str
+    load: str
+    spring: str
+    effort: str
+    degrees: bool = False
+
+    @staticmethod
+    def of(plant: Plant, joints: Sequence[str], degrees: bool = False) -> Units:
+        """Units of a plant with these joints; degrees only where every joint turns."""
+
+        def unit(signal: str) -> str:
+            return _joined(plant.unit(name) for name in signal_names(signal, joints))
+
+        position = unit("link_position")
+        return Units(
+            position, " or ".join(f"{each}/s" for each in position.split(" or ")), unit("link_torque"),
+            unit("joint_torque"), _joined(plant.unit(name) for name in plant.inputs), degrees and position == "rad",
+        )  # fmt: skip
+
+    @property
+    def angle(self) -> str:
+        """Unit in which link positions are shown."""
+        return "°" if self.degrees else self.position
+
+    @property
+    def rate(self) -> str:
+        """Unit in which velocities are shown."""
+        return "°/s" if self.degrees else self.speed
+
+    @property
+    def scale(self) -> float:
+        """Positions and velocities times this are in the units shown."""
+        return 180.0 / math.pi if self.degrees else 1.0
+
+    @property
+    def small(self) -> tuple[str, float]:
+        """Unit and factor for small deviations: thousandths, or degrees where these are shown."""
+        if self.degrees:
+            return "°", self.scale
+        return " or ".join(f"m{each}" if each == "rad" else "mm" for each in self.position.split(" or ")), 1e3
+
+
+def units_of(e: LawEvaluation) -> Units:
+    """Units of the signals of one loop, angles as the user gave them."""
+    return Units.of(e.setup.model, e.setup.robot.joint_names, e.setup.specification.in_degrees)
+
+
+def _joined(units: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(units))
+
+
+def law_name(degree: int) -> str:
+    """Name of the law that belongs to a V of this degree."""
+    return LAW_NAMES.get(degree, f"degree {degree - 1}")
+
+
+def joint_count(count: int) -> str:
+    """How many elastic joints."""
+    return "one elastic joint" if count == 1 else f"{count} elastic joints"
+
+
+def count_text(count: int, noun: str, plural: str = "") -> str:
+    """A number and what it counts, with the plural where it needs one."""
+    return f"{count} {noun if count == 1 else plural or f'{noun}s'}"
+
+
+def range_text(values: Any, digits: int = 3) -> str:
+    """Smallest and largest of some numbers, or the one that they all are."""
+    ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
+    if not ordered:
+        return "–"
+    ends = number(ordered[0], digits), number(ordered[-1], digits)
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+
+
+def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degrees: bool = False) -> str:
+    """A pose, for example ``(0.6 rad = 34.4°, 0.1 m)``; degrees first where the user gave degrees."""
+    words = []
+    for value, sliding in zip(values, slides, strict=True):
+        text = number(float(value) + 0.0)
+        if not sliding:
+            turned = f"{number(math.degrees(value) + 0.0, 3)}°"
+            if degrees:
+                text = turned
+            elif len(slides) <= FEW_JOINTS:
+                text = f"{text} rad = {turned}" if value else "0"
+        words.append(f"{text} m" if sliding else text)
+    return ", ".join(words) if len(words) == 1 else f"({', '.join(words)})"
+
+
+def amplitude_text(amplitude: float, unit: str) -> str:
+    """A step from one equilibrium to another, rad with degrees beside, or m."""
+    if math.isnan(amplitude):
+        return "–"
+    if math.isinf(amplitude):
+        return "any looked at"
+    degrees = f" ({math.degrees(amplitude):.3g}°)" if unit == "rad" else ""
+    return f"{amplitude:.3g} {unit}{degrees}"
+
+
+def settling_text(value: float | None, duration: float | None = None) -> str:
+    """A settling time in seconds, or that the run ended before."""
+    if value is not None and math.isfinite(value):
+        return f"{number(value, 3)} s"
+    return "not settled" if duration is None else f"> {number(duration, 3)} s"
+
+
+def rounded(value: float | None, digits: int = 3) -> float | None:
+    """A number with fewer digits; None for what is missing or not finite."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
+
+
+def changes_text(
+    values: Mapping[str, Any], nominal: Mapping[str, Any], joints: Sequence[str], extras: Sequence[str]
+) -> str:
+    """A robot within its tolerances by its parameters furthest from nominal, for example ``K −12 %``.
+
+    Parameters
+    ----------
+    values, nominal : mapping
+        Parameters of the plant and of the nominal one.
+    joints : sequence of str
+    extras : sequence of str
+        Of the true plant; parameters of extras that it leaves out do not act and are left out here.
+    """
+    off = _inactive(extras)
+    changes = []
+    for name, value in values.items():
+        if name not in nominal or name in off:
+            continue
+        new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, nominal[name]))
+        for i in np.flatnonzero(old != 0.0).tolist():
+            place = ""
+            if len(new) > 1:
+                place = f" {joints[i]}" if len(new) == len(joints) else f" {i + 1}"
+            changes.append((100.0 * (new[i] / old[i] - 1.0), name.replace("_", " ") + place))
+    changes = [change for change in changes if abs(change[0]) > 1e-9]
+    largest = sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]
+    words = [f"{name} {'' if change < 0 else '+'}{number(change, 2)} %" for change, name in largest]
+    if len(changes) > LISTED:
+        words.append("others by less")
+    return ", ".join(words) or "the nominal robot"
+
+
+def _inactive(extras: Sequence[str]) -> set[str]:
+    """Parameters that do not act in a plant with these extras."""
+    on = {EXTRAS[name] for name in extras}
+    if "stribeck_friction" in extras:
+        on.add(EXTRAS["coulomb_friction"])
+    return set(EXTRAS.values()) - on
+
+
+def finite(value: Any) -> Any:
+    """The same with plain lists and numbers, and None for every number that is not finite."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(entry) for entry in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,237 @@
+"""The report of a design on one page: status, requirements, runs, margins, corners, weights, region, law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from flexhinf.design.report.formatting import (
+    Units,
+    joint_count,
+    law_name,
+    pose_text,
+    range_text,
+    rounded,
+    units_of,
+)
+from flexhinf.design.report.remarks import Remark
+from flexhinf.design.report.sections import (
+    corners,
+    law,
+    load,
+    margins,
+    monte_carlo,
+    move,
+    noise,
+    poles,
+    region,
+    requirements,
+    rigid,
+    step,
+    weights,
+)
+from flexhinf.design.report.sections.files import files_section
+from flexhinf.design.report.settings import design_settings
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.result import Design
+from flexhinf.design.status import Status as Judged
+from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
+
+__all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
+
+#: In the order of the page; a section that is None does not apply.
+SECTIONS: tuple[Callable[[Design], Section | None], ...] = (
+    step.section,
+    monte_carlo.section,
+    load.section,
+    move.section,
+    margins.section,
+    poles.section,
+    corners.section,
+    weights.section,
+    noise.section,
+    region.section,
+    rigid.section,
+    law.section,
+)
+
+#: Sections with remarks, in the order of the page.
+REMARKS = (step, monte_carlo, load, move, margins, poles, corners, region, law)
+
+
+def design_page(
+    design: Design, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
+) -> Page:
+    """Everything on one page.
+
+    Parameters
+    ----------
+    design : Design
+    command : sequence of str
+        That makes the report again.
+    warnings : sequence of str
+        Of the robot's file.
+    files : sequence of str
+        Names of the files that stand beside the page.
+    """
+    sections = [requirements.section(design, warnings), *(section(design) for section in SECTIONS)]
+    if files:
+        sections.append(files_section(files))
+    return Page(
+        title_of(design),
+        _intro(design),
+        _headline(design),
+        tuple(section for section in sections if section is not None),
+        Settings(design_settings(design)),
+        Provenance(tuple(command), design.specification.seed),
+        _key_numbers(design),
+        status_lines(design.status, design.requirements),
+    )
+
+
+def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
+    """What is not met, not proved and risky, one entry each; what is met where nothing is missed."""
+    stated = any(line.stated_by != "default" for line in lines)
+    met = f"{len(lines)} of {len(lines)} requirements{'' if stated else ', all of them our defaults'}."
+    found = [Status("not met", _sentence(status.not_met))] if status.not_met else [Status("met", met)]
+    found += [Status("risky", _sentence(status.risky))] if status.risky else []
+    return found + ([Status("not proved", _sentence(status.not_proved))] if status.not_proved else [])
+
+
+def _sentence(parts: Sequence[str]) -> str:
+    text = "; ".join(part.rstrip(".") for part in parts)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def remarks(design: Design) -> list[Remark]:
+    """What the reader must not miss, in the order of the page."""
+    return [remark for part in REMARKS for remark in part.remarks(design)]
+
+
+def notes(design: Design) -> list[str]:
+    """The same as plain sentences, for a terminal and for design.json."""
+    return [remark.plain for remark in remarks(design)]
+
+
+def verdict(design: Design) -> str:
+    """The status and what the loop does, in one paragraph for a terminal."""
+    parts = [design.status.line, _headline(design)]
+    if design.mujoco is not None:
+        parts.append(f"On MuJoCo's plant: {step.difference_text(design, units_of(design.evaluation))}.")
+    if design.rigid is not None:
+        sides = (
+            f"fed from the {loop.side} side it is {rigid.loop_text(loop)}" for loop in design.rigid.loops
+        )
+        parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
+    return " ".join(parts)
+
+
+def title_of(design: Design) -> str:
+    """What was designed, and for which robot."""
+    degree, name = design.chosen.degree, law_name(design.chosen.degree)
+    law = "A linear H∞ law" if degree == 2 else f"A {name} nonlinear H∞ law"
+    if name.startswith("degree"):
+        law = f"A nonlinear H∞ law of {name}"
+    return f"{law} for the robot “{design.robot.name}”"
+
+
+def _intro(design: Design) -> str:
+    """Robot, sensors, true plant and step."""
+    robot, s = design.robot, design.specification
+    about = f"{robot.description.rstrip('.')}. " if robot.description else ""
+    measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
+    extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
+    slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
+    return (
+        f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
+        f"{measured}.{extras} "
+        f"Step from {pose_text(design.start, slides, degrees)} to {pose_text(design.goal, slides, degrees)}."
+    )
+
+
+def _headline(design: Design) -> str:
+    """What the nominal loop and the sampled robots do."""
+    e = design.evaluation
+    units, samples = units_of(e), e.step_samples
+    parts = [step.step_text(e.step, units)]
+    if not e.margins.stable:
+        parts.append("The sampled loop is unstable at the goal.")
+    before, after = (poles.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
+    if after:
+        parts.append(
+            f"The law raises the damping ratio of the vibrations from {range_text(before, 2)} to "
+            f"{range_text(after, 2)}; "
+            f"the smallest of the running loop, estimator included, is {number(e.margins.damping, 2)}."
+        )
+    if samples is not None and len(samples):
+        parts.append(_sampled(design, units))
+    return " ".join(parts)
+
+
+def _sampled(design: Design, units: Units) -> str:
+    samples = design.evaluation.step_samples
+    assert samples is not None
+    count, several = len(samples), len(design.robot.joint_names) > 1
+    if samples.unsettled:
+        gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
+        return f"Of {count} robots sampled within their tolerances {samples.unsettled} do not settle{gone}."
+
+    def at(joints: tuple[str, ...], values: np.ndarray) -> str:
+        return f" ({joints[int(np.argmax(values))]})" if several else ""
+
+    return (
+        f"All of {count} robots sampled within their tolerances settle, the slowest in "
+        f"{number(float(samples.settling.max()), 3)} s{at(samples.settling_joints, samples.settling)}; the largest "
+        f"overshoot is {number(float(samples.overshoot.max()), 2)} "
+        f"%{at(samples.overshoot_joints, samples.overshoot)}, the "
+        f"largest input {number(float(samples.peak.max()), 3)} {units.effort}{at(samples.peak_joints, samples.peak)}."
+    )
+
+
+def _key_numbers(design: Design) -> list[KeyNumber]:
+    """The few numbers at the top."""
+    e = design.evaluation
+    response, m, samples, units = e.step, e.margins, e.step_samples, units_of(e)
+    period, settling = design.specification.period, rounded(response.settling.value)
+
+    def worst(figure: str, unit: str) -> str:
+        if samples is None or not len(samples):
+            return "nominal robot"
+        values = getattr(samples, figure)
+        if not np.isfinite(values).all():
+            bad = "do not settle" if figure == "settling" else "diverge"
+            return f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
+        return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}"
+
+    found = [
+        KeyNumber(
+            "settling time",
+            "not settled" if settling is None else settling,
+            "s" if settling else "",
+            worst("settling", "s"),
+        ),
+        KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", worst("overshoot", "%")),
+        KeyNumber(
+            "peak input",
+            rounded(response.peak_input),
+            units.effort,
+            worst("peak", units.effort),
+        ),
+    ]
+    if not m.stable:
+        return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
+    low, high = m.disk_gain_margins
+    delay = f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms"
+    found += [
+        KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
+        KeyNumber(
+            "gain margin", f"× {number(m.gain_margin, 3)}",
+            note=f"one input; all at once × {number(low, 2)} to × {number(high, 3)}",
+        ),
+        KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
+    ]  # fmt: skip
+    if e.corners is not None:
+        which = "corners of the tolerances" if e.corners.complete else "sampled corners"
+        found.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
+    return found

@@ -1,0 +1,254 @@
+"""Where each solution was checked by samples, the worst disturbance found, and the dissipation budget of the step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from flexhinf.analysis import BudgetTerm
+from flexhinf.design.report.drawing import DASHED, drawn, thin
+from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
+from flexhinf.design.report.remarks import Remark, notes_of
+from flexhinf.design.result import Design
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    Figure,
+    Paragraph,
+    Section,
+    Table,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+)
+
+__all__ = ["budget_rows", "level_rows", "remarks", "section"]
+
+PARTS = {
+    "sampling": "the input is held between samples",
+    "delay": "the input is delayed",
+    "estimator": "the state is estimated from noisy sensors",
+    "saturation": "the input is limited",
+}
+
+#: The level is drawn where the bound reaches this fraction of it.
+NEAR = 0.05
+
+
+def section(design: Design) -> Section:
+    """Level set and step of every degree; the gain found; the budget."""
+    blocks: list[Any] = [*notes_of(remarks(design)), Paragraph(_region_text(design)), _regions(design)]
+    if design.attenuation.attained is not None:
+        blocks += [Paragraph(_attained_text(design)), _levels(design)]
+    if design.attenuation.budget:
+        blocks += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
+    return Section("Sampled region and dissipation", tuple(blocks), "region")
+
+
+def remarks(design: Design) -> Iterator[Remark]:
+    """What the region does not say."""
+    s = design.specification
+    for low, high in design.shrinking:
+        yield Remark(
+            "region",
+            "a degree that shrinks the region",
+            f"Degree {high} allows a smaller step than degree {low}.",
+        )
+    if design.attenuation.failure:
+        yield Remark("region", "no worst disturbance", design.attenuation.failure)
+    found = design.attenuation.attained
+    if found is not None and found.gain > design.gamma:
+        yield Remark(
+            "region", "a disturbance beyond γ",
+            f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
+            "not "
+            "keep its level there, because the truncated V or the sampling leaves too much out.",
+        )  # fmt: skip
+    if design.attenuation.budget:
+        budget = design.attenuation.budget[-1].budget
+        if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
+            yield Remark(
+                "region", "a dissipation budget that is exceeded",
+                f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
+                f"{number(budget.level - budget.start, 3)} that are left. Nothing follows from the region for this "
+                "step. Try a shorter --period, a faster estimator, or a smaller step.",
+            )  # fmt: skip
+    if not design.chosen.looked:
+        asked = (
+            f"No region was sampled: with {len(design.problem.state_names)} states it takes minutes. `--rays 50` "
+            "samples "
+            "one."
+        )
+        yield Remark(
+            "region", "no sampled region", asked if s.rays is None else "No region was sampled (--rays 0)."
+        )
+    elif s.rays is None and design.synthesis.rays < 4000:
+        yield Remark(
+            "region", "few rays",
+            f"The regions were sampled along {design.synthesis.rays} rays only, for the number of states. --rays sets "
+            "more.",
+        )  # fmt: skip
+
+
+def _region_text(design: Design) -> str:
+    s = design.specification
+    return (
+        "The largest level set of V in which no violation of the dissipation inequality was found, along random rays "
+        "and "
+        "by ascent from the worst of them: sampled, not proved. The checked pair is weaker than the designed one: "
+        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, "
+        "not the "
+        "estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region was "
+        "sampled). `flexhinf certify` proves a region."
+    )
+
+
+def _regions(design: Design) -> Table:
+    unit = units_of(design.evaluation).position
+    rows = [
+        (
+            c.degree,
+            law_name(c.degree),
+            "used" if c is design.chosen else "",
+            _level(c.level),
+            amplitude_text(c.step_amplitude, unit),
+            c.limit,
+            f"{c.residual:.0e}",
+            1e3 * c.solve_seconds,
+            c.check_seconds,
+        )
+        for c in design.choices
+    ]
+    columns = (
+        "degree of V",
+        "law",
+        "",
+        "V up to",
+        "largest step, all joints",
+        "limited by",
+        "residual",
+        Column("solve", "ms", 1),
+        Column("check", "s", 1),
+    )
+    caption = "Step: from one equilibrium to another, its start inside the level set"
+    return Table(columns, rows, caption, "table-region")
+
+
+def _level(value: float) -> str:
+    if math.isnan(value):
+        return "–"
+    return "everything sampled" if math.isinf(value) else f"{value:.4g}"
+
+
+def _attained_text(design: Design) -> str:
+    found = design.attenuation.attained
+    assert found is not None
+    share = 100.0 * found.gain / design.gamma
+    return (
+        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in a "
+        "region where the inequality holds. A search for the worst disturbance gives a lower bound: "
+        f"{number(found.gain)}, "
+        f"{number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V up to "
+        f"{number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, or "
+        "above γ "
+        "where the sampled region is wrong."
+    )
+
+
+def level_rows(design: Design) -> list[tuple[str, float]]:
+    """Levels from the smallest feasible one to the checked one, and the lower bound found."""
+    s, found = design.specification, design.attenuation.attained
+    attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
+    return [
+        ("γ* of the problem, linear part", design.gamma_star),
+        *attained,
+        ("γ of the law", design.gamma),
+        ("γ of the inequality checked in the region", s.checked_gamma_ratio * design.gamma_star),
+    ]
+
+
+def _levels(design: Design) -> Table:
+    rows = [(what, number(value)) for what, value in level_rows(design)]
+    return Table(("√(∫|z|²/∫|d|²)", "value"), rows, "Levels of attenuation", "table-attained")
+
+
+def budget_rows(design: Design) -> list[dict[str, Any]]:
+    """For each part of the loop with all above it: what it adds, what is used in all, and what is left of the level."""
+    return [_budget_row(term) for term in design.attenuation.budget]
+
+
+def _budget_row(term: BudgetTerm) -> dict[str, Any]:
+    budget = term.budget
+    return {
+        "part": term.name,
+        "added": term.added,
+        "spent": budget.total,
+        "start": budget.start,
+        "level": budget.level,
+        "left": budget.left,
+        "kept": budget.kept,
+    }
+
+
+def _budget_text(design: Design) -> str:
+    row = budget_rows(design)[-1]
+    text = (
+        "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
+        "instant) "
+        "uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the inequality holds "
+        "for "
+        "the controller as it runs, as far as the region is right. For the step of the nominal robot, extras left out, "
+    )
+    if row["spent"] is None or not np.isfinite(row["spent"]):
+        return text + "the loop with all its parts diverges."
+    text += f"V(x0) is {number(row['start'])} and {number(row['spent'], 3)} is used"
+    if not np.isfinite(row["level"]):
+        return text + "; no region was sampled to compare it with."
+    kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
+    if row["start"] > row["level"]:
+        kept = "V(x0) alone exceeds it, so nothing follows for this step"
+    return f"{text}, of a level of {number(row['level'])}: {kept}."
+
+
+def _budget(design: Design) -> Table:
+    rows = []
+    for row in budget_rows(design):
+        left = number(row["left"]) if np.isfinite(row["left"]) else "–"
+        kept = "–" if not np.isfinite(row["level"]) else ("yes" if row["kept"] else "NO")
+        rows.append((PARTS[row["part"]], number(row["added"], 3), number(row["spent"], 3), left, kept))
+    columns = ("part of the loop", "uses ½∫vᵀR2v", "with all above", "left of the level", "within the budget")
+    return Table(columns, rows, "Parts are added one after the other", "table-budget", stacks=True)
+
+
+def _budget_figure(design: Design) -> list[Figure]:
+    """V along the step and its bound, of the loop with all parts; none if it diverged."""
+    budget = design.attenuation.budget[-1].budget
+    if not budget.complete:
+        return []
+    few = thin(budget.times)
+    bound = budget.start + budget.disturbance + budget.spent
+    near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
+    figure, (axis,) = new_figure(1)
+    with house_style():
+        axis.plot(budget.times[few], bound[few], color=SERIES[1], label="V(x0) + ½∫vᵀR2v until then")
+        axis.plot(budget.times[few], budget.value[few], color=SERIES[0], label="V")
+        if near:
+            axis.axhline(budget.level, color=INK, linewidth=1.0, dashes=DASHED, label="level of the region")
+        axis.set_ylim(bottom=0.0)
+    label(axis, "V", "")
+    legend(axis)
+    far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
+    return [
+        drawn(
+            "budget",
+            figure,
+            f"V along the step of the nominal robot, and its bound.{far}",
+            "Dissipation budget",
+        )
+    ]

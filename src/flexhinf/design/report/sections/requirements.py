@@ -1,0 +1,150 @@
+"""What is required, what the loop achieves, where, and by which criterion; then what it costs the motors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.design.report.formatting import Units, units_of
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
+from flexhinf.design.result import Design
+from flexhinf.report import Column, Note, Paragraph, Section, Table, number
+
+__all__ = [
+    "InputRow",
+    "found_text",
+    "input_rows",
+    "limit_text",
+    "requirement_table",
+    "requirement_text",
+    "section",
+]
+
+
+def section(design: Design, warnings: Sequence[str] = ()) -> Section:
+    """Requirements, those that are not met first; warnings of the robot's file; inputs."""
+    units = units_of(design.evaluation)
+    blocks: list[Any] = [Note(" ".join(text.split())) for text in warnings]
+    blocks.append(requirement_table(design.requirements))
+    if design.design_problem.target is None:
+        blocks.append(
+            Paragraph(
+                "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
+            )
+        )
+    blocks.append(_inputs(design, units))
+    return Section("Requirements", tuple(blocks), "specification")
+
+
+def limit_text(line: Requirement) -> str:
+    """The limit with its sign and unit, for example ``≤ 60 V``."""
+    unit = f" {line.unit}" if line.unit else ""
+    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{unit}"
+
+
+def found_text(line: Requirement) -> str:
+    """What is achieved, with its unit and the joint of the worst value."""
+    if np.isinf(line.found):
+        return "diverges" if line.at_most else "unlimited"
+    unit = f" {line.unit}" if line.unit else ""
+    joint = f" ({line.joint})" if line.joint else ""
+    return f"{number(line.found, 3)}{unit}{joint}"
+
+
+def requirement_text(line: Requirement) -> str:
+    """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
+    sign = "at most" if line.at_most else "at least"
+    limit = limit_text(line).split(" ", 1)[1]
+    return f"{line.what} {found_text(line)} ({sign} {limit}; {line.where})"
+
+
+def requirement_table(lines: Sequence[Requirement]) -> Table:
+    """One row for each requirement, those that are not met first."""
+    rows = [
+        (
+            line.what,
+            limit_text(line),
+            found_text(line),
+            "yes" if line.met else "NO",
+            line.where,
+            line.criterion,
+            "our default" if line.stated_by == "default" else line.stated_by,
+        )
+        for line in sorted(lines, key=lambda line: line.met)
+    ]
+    return Table(
+        ("requirement", "required", "achieved", "met", "where", "criterion", "stated by"),
+        rows,
+        "A limit that is missed by less than 2 % of it counts as met, the accuracy of the searches",
+        "table-specification",
+        stacks=True,
+    )
+
+
+class InputRow(NamedTuple):
+    """The largest input of one run: what was run, the value, the joint and the unit."""
+
+    what: str
+    value: float
+    joint: str
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """The input with its unit."""
+        return f"{number(self.value, 3)} {self.unit}"
+
+
+def input_rows(design: Design) -> list[InputRow]:
+    """The largest inputs of everything that was run, until the run diverged where it did."""
+    e, setup = design.evaluation, design.setup
+    joints, samples = setup.joints, e.step_samples
+    units = [setup.model.unit(name) for name in setup.model.inputs]
+
+    def row(what: str, values: np.ndarray) -> InputRow:
+        sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(joints)).max(axis=0)
+        worst = int(np.argmax(sizes))
+        return InputRow(what, float(sizes[worst]), joints[worst], units[worst])
+
+    def run(what: str, response: Response) -> InputRow:
+        return row(what + ("" if response.diverged_at is None else " (until it diverged)"), response.inputs)
+
+    rows = [
+        row("equilibrium at the start", setup.equilibrium(design.start)[1]),
+        row("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
+        run("step, nominal robot", e.step),
+    ]
+    if samples is not None and len(samples):
+        worst = int(np.argmax(samples.peak))
+        what = f"step, worst of {len(samples)} sampled robots"
+        joint = samples.peak_joints[worst]
+        unit = units[joints.index(joint)] if joint else units[0]
+        rows.append(InputRow(what, float(samples.peak[worst]), joint, unit))
+    if design.mujoco is not None:
+        rows.append(run("step on MuJoCo's plant", design.mujoco))
+    rows += [
+        run("planned move with feedforward", e.move.response),
+        run("torques on the links, at the goal", e.load_response.response),
+    ]
+    noise = e.input_noises
+    return rows if noise is None else [*rows, row("sensor noise in equilibrium (rms)", noise)]
+
+
+def _inputs(design: Design, units: Units) -> Table:
+    limit, several = design.specification.effort_limit, len(design.setup.joints) > 1
+    columns: list[Any] = ["in", "largest input", *(["joint"] if several else [])]
+    columns += [Column("of the limit", "%", 1)] if limit is not None else []
+    rows = [
+        (
+            row.what,
+            row.text if np.isfinite(row.value) else "diverges",
+            *([row.joint or "–"] if several else []),
+            *([100.0 * row.value / limit if np.isfinite(row.value) else None] if limit is not None else []),
+        )
+        for row in input_rows(design)
+    ]
+    given = "" if limit is None else f"; the limit is {limit:g} {units.effort}"
+    return Table(columns, rows, f"Inputs of the motors{given}", "table-cost")

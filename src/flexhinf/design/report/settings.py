@@ -1,0 +1,195 @@
+"""Every setting of a design or a comparison with who states it, and every number of the robot with its source."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, noise_variances
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.report.sections.weights import effort_unit, state_weights
+from flexhinf.design.result import Comparison, Design
+from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis import Synthesis
+from flexhinf.report import Setting
+from flexhinf.robot import Robot
+
+__all__ = ["comparison_settings", "design_settings"]
+
+
+def design_settings(design: Design) -> dict[str, list[Setting]]:
+    """In the order of the work."""
+    return _groups(design.synthesis, design.evaluation)
+
+
+def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
+    """The comparison first, then the design's own law."""
+    own = comparison.own.evaluation
+    assert own is not None
+    return {"Comparison": _comparison(comparison, own), **_groups(comparison.synthesis, own)}
+
+
+def _groups(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
+    return {
+        "Robot": _robot(e.setup.robot),
+        "Synthesis": _synthesis(synthesis, e),
+        "Estimator": _estimator(e),
+        "Simulation": _simulation(e),
+    }
+
+
+def _robot(robot: Robot) -> list[Setting]:
+    rows = [Setting("joints", list(robot.joint_names), "", robot.name)]
+    for p in robot.parameters:
+        tolerance = f" ± {p.tolerance:g} %" if p.tolerance else ""
+        rows.append(Setting(p.name.replace("_", " "), f"{p.value:g}{tolerance}", p.unit, p.source))
+    return rows
+
+
+def _option(s: Specification, name: str) -> str:
+    """Whether a field has its default."""
+    same = getattr(s, name) == getattr(Specification(), name)
+    return f"{'default of' if same else 'option'} --{name.replace('_', '-')}"
+
+
+def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
+    s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
+    return [
+        Setting("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
+        Setting(
+            "pose", synthesis.goal, "rad or m", "the robot's home" if s.pose is None else "option --pose"
+        ),
+        *(
+            Setting(f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
+            for w in state_weights(problem, e.setup.joints)
+        ),
+        Setting("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
+        Setting("disturbances", list(problem.disturbance_names), "", _option(s, "disturbances")),
+        Setting("integrated errors", list(problem.integrate), "", "ours"),
+        Setting("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
+        Setting("γ/γ*", s.gamma_ratio, "", _option(s, "gamma_ratio")),
+        Setting(
+            "degrees of V tried",
+            [c.degree for c in synthesis.choices],
+            "",
+            "for the number of states" if s.degrees is None else "option --degrees",
+        ),
+        Setting("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
+        Setting("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
+        Setting(
+            "rays", synthesis.rays, "", "for the number of states" if s.rays is None else "option --rays"
+        ),
+    ]
+
+
+def _checked(s: Specification) -> Any:
+    return "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
+
+
+def _estimator(e: LawEvaluation) -> list[Setting]:
+    s, plant, noise = e.setup.specification, e.setup.model, e.setup.process_noise
+    rows = [Setting("estimator", s.estimator, "", _option(s, "estimator"))]
+    if s.estimator == "none":
+        return [*rows, Setting("fed back", "the true state", "", "option --estimator none")]
+    rows.append(Setting("measured", list(plant.outputs), "", _option(s, "measured")))
+    for name, variance in zip(plant.outputs, noise_variances(plant, s.measurement_noise)):
+        unit = f"({plant.unit(name)})²"
+        rows.append(
+            Setting(f"Rⁿ of {name.replace('_', ' ')}", float(variance), unit, _option(s, "measurement_noise"))
+        )
+    return [
+        *rows,
+        Setting("simulated noise", "white, of these variances", "", "ours"),
+        Setting("Rᵛ on every state", noise.all_states, "per sample", noise.source),
+        Setting("Rᵛ on link velocities, added", noise.link_velocities, "per sample", noise.source),
+        Setting("Rᵛ on motor velocities, added", noise.motor_velocities, "per sample", noise.source),
+        Setting("initial estimate", "the equilibrium at the start of the run", "", "ours"),
+        Setting("P0", _initial(noise), "", "ours"),
+        Setting("model", "the nominal robot without extras", "", "ours"),
+        *(
+            [Setting("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")]
+            if s.estimator == "ukf"
+            else []
+        ),
+    ]
+
+
+def _initial(noise: EstimatorNoise) -> str:
+    if not noise.largest:
+        return f"{INITIAL_VARIANCE:g} I"
+    return "stationary covariance of the filter in equilibrium at the goal"
+
+
+def _simulation(e: LawEvaluation) -> list[Setting]:
+    s, runs, filter = e.setup.specification, e.scenario, e.loop.filter
+    assert runs is not None
+    rows = [
+        Setting(
+            "start pose",
+            e.setup.start,
+            "rad or m",
+            "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose",
+        ),
+        Setting("command", "the goal, from the first sample on", "", "ours"),
+        Setting(
+            "true plant",
+            "nominal numbers" + (f", with {', '.join(s.extras)}" if s.extras else ", no extras"),
+            "",
+            _option(s, "extras"),
+        ),
+        Setting(
+            "extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
+            "ours: their slope at standstill holds only for the smallest velocities",
+        ),
+        Setting("sampling period", s.period, "s", _option(s, "period")),
+        Setting("delay of the inputs", s.delay, "s", _option(s, "delay")),
+        Setting(
+            "limits of the inputs",
+            "none" if s.saturation is None else f"± {s.saturation:g}",
+            "",
+            _option(s, "saturation"),
+        ),
+        Setting(
+            "length of the step",
+            runs.step_duration,
+            "s",
+            "by the slowest mode, 0.5 to 20 s" if s.duration is None else "option --duration",
+        ),
+        Setting(
+            "load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
+            "a tenth of what the motors give at the peak of the step" if s.load is None else "option --load",
+        ),
+        Setting("sampled robots", len(runs.robots), "", f"uniform within the tolerances, seed ({s.seed}, 7)"),
+        Setting("Runge–Kutta steps per period", runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
+    ]  # fmt: skip
+    if filter is not None:
+        rows.append(
+            Setting(
+                "Runge–Kutta steps per period",
+                filter.sub_steps,
+                "",
+                "estimator's model: step × fastest mode ≤ 0.25",
+            )
+        )
+    return rows
+
+
+def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
+    runs, criterion = own.scenario, comparison.criterion
+    assert runs is not None
+    return [
+        Setting("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
+        Setting("tuned for", criterion.text, "", "ours"),
+        *(
+            Setting(limit.label, f"{'≥' if limit.least else '≤'} {limit.value:.4g}", limit.unit, limit.origin)
+            for limit in criterion.limits
+        ),
+        Setting("shared limit", criterion.mode, "", "option --tune"),
+        Setting("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
+        Setting(
+            "load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s long, in equilibrium at the goal"
+        ),
+        Setting("plan of the move", float(runs.plan.duration), "s", "limited jerk, the same for every law"),
+        Setting("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
+    ]  # fmt: skip

@@ -1,0 +1,308 @@
+"""Tables of a design, a comparison and the catalogue for a terminal of 80 columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.design.report.formatting import law_name, units_of
+from flexhinf.design.report.sections.corners import corner_rows, corners_text
+from flexhinf.design.report.sections.law_figures import TableLine, table_lines
+from flexhinf.design.report.sections.margins import margin_rows
+from flexhinf.design.report.sections.monte_carlo import spread_rows
+from flexhinf.design.report.sections.noise import selected_candidates as selected_noise
+from flexhinf.design.report.sections.poles import mode_groups
+from flexhinf.design.report.sections.region import budget_rows
+from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
+from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
+from flexhinf.design.result import ComparedLaw, Comparison, Design
+from flexhinf.report import number
+from flexhinf.robot import catalogue, load_robot
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = ["comparison_tables", "design_tables", "requirement_table", "robots_table"]
+
+#: Columns of words; numbers are aligned to the right.
+LEFT = (
+    "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit", "met", "part",
+    "largest input",
+)  # fmt: skip
+
+#: Of a terminal; a title is not broken before it.
+WIDTH = 80
+
+#: With more joints than these only vibrations are listed; the page has all modes.
+MANY = 3
+
+#: Columns that may take several lines.
+WRAPPED = ("", "in", "target ω, rad/s", "loop", "achieved")
+
+#: Characters between columns of a comparison.
+GAP = 2
+
+#: Short names of the forms of R^v.
+FORMS = {"all states": "all states", "velocities only": "velocities", "link velocities only": "links",
+         "motor velocities only": "motors"}  # fmt: skip
+
+
+def robots_table() -> Table:
+    """The catalogue: what each robot is, and how many of its numbers have a source."""
+    table = _table(
+        "Robots that come with flexhinf: flexhinf design NAME", "name", "joints", "drive", "numbers", ""
+    )
+    for name in catalogue():
+        robot = load_robot(name)
+        assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
+        numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
+        table.add_row(name, str(len(robot.joint_names)), robot.drive, numbers, robot.description)
+    return table
+
+
+def design_tables(design: Design) -> list[Table]:
+    """In the order of the page: requirements, inputs, runs, margins, poles, corners, weights, noise, region."""
+    e, problem = design.evaluation, design.design_problem
+    found = [requirement_table(design), _inputs(design)]
+    if e.step_samples is not None and len(e.step_samples):
+        found.append(_samples(design))
+    found += [_margins(design), _modes(design)]
+    if e.corners is not None:
+        found.append(_corners(design))
+    if problem.search is not None:
+        found.append(_search(design))
+    if problem.robustness is not None:
+        found.append(_robust(design))
+    if design.noise_search is not None:
+        found.append(_noise(design))
+    if design.attenuation.budget:
+        found.append(_budget(design))
+    return [*found, _regions(design)]
+
+
+def requirement_table(design: Design) -> Table:
+    """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
+    title = f"{design.robot.name}: requirements (* our default)"
+    table = _table(title, "", "required", "achieved", "met")
+    groups: dict[str, list[Any]] = {}
+    for line in design.requirements:
+        groups.setdefault(line.where, []).append(line)
+    for where, lines in sorted(groups.items(), key=lambda group: all(line.met for line in group[1])):
+        table.add_row(where)
+        for line in sorted(lines, key=lambda line: line.met):
+            required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
+            met = "[green]met[/]" if line.met else "[red]NOT MET[/]"
+            table.add_row(f"  {line.what}", required, found_text(line), met)
+    return table
+
+
+def _inputs(design: Design) -> Table:
+    table = _table("Inputs of the motors", "in", "largest input", "joint")
+    for row in input_rows(design):
+        table.add_row(row.what, row.text, row.joint)
+    return table
+
+
+def _samples(design: Design) -> Table:
+    e = design.evaluation
+    samples = e.step_samples
+    assert samples is not None
+    settle = f"{len(samples) - samples.unsettled} settle, {samples.diverged} diverge"
+    title = f"The step on {len(samples)} robots sampled within their tolerances: {settle}"
+    several = len(e.setup.joints) > 1
+    table = _table(title, "", "nominal", "median", "95 % below", "worst", *(["joint"] if several else []))
+    for name, unit, *values, joint in spread_rows(e, units_of(e)):
+        cells = (number(value, 3) for value in values)
+        table.add_row(f"{name}, {unit}", *cells, *([joint] if several else []))
+    return table
+
+
+def _margins(design: Design) -> Table:
+    alone = design.specification.estimator == "none"
+    heads = ("true state",) if alone else ("running loop", "true state")
+    table = _table("Margins, linearised at the goal", "", *heads)
+    for row in margin_rows(design.evaluation):
+        table.add_row(*row)
+    return table
+
+
+def _modes(design: Design) -> Table:
+    title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
+    modes = _table(title, "loop", "mode", "mainly", "Hz", "damping")
+    few = len(design.robot.joint_names) <= MANY
+    for loop, found in mode_groups(design):
+        for mode in found:
+            if mode.eigenvalue.imag and (mode.vibration or few):
+                modes.add_row(loop, mode.name, mode.joint, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
+    return modes
+
+
+def _corners(design: Design) -> Table:
+    e = design.evaluation
+    assert e.corners is not None
+    rows, forms = corner_rows(e), e.corners.forms
+    title = f"Corners of the tolerances. {corners_text(e)}"
+    if not forms:
+        table = _table(title, "loop", "unstable", "growth, 1/s")
+        for found in rows:
+            table.add_row(found.form, str(found.unstable), number(found.rate, 3))
+        return table
+    table = _table(title + "\nUnstable corners over Rᵛ = q on:", "q/Rⁿ", *(FORMS[form] for form in forms))
+    by = {(row.form, row.ratio): row for row in rows}
+    for ratio in dict.fromkeys(row.ratio for row in rows if row.ratio is not None):
+        found = [by.get((form, ratio)) for form in forms]
+        cells = ("–" if row is None else str(row.unstable) for row in found)
+        table.add_row(f"1e{round(float(np.log10(ratio)))}", *cells)
+    return table
+
+
+def _search(design: Design) -> Table:
+    rows = candidate_rows(design)
+    title = f"Search for the weights: {len(rows)} candidates, some of them (* used)"
+    heads = ("weight ζ", "target ω, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
+    table = _table(title, *heads)
+    for weight, target, bandwidth, worst, nominal, gamma, is_used in selected_candidates(rows):
+        mark = f"{weight:.3f}{' *' if is_used else '  '}"
+        table.add_row(mark, target, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
+    return table
+
+
+def _robust(design: Design) -> Table:
+    r = design.design_problem.robustness
+    assert r is not None
+    title = (
+        f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of the tolerances covered"
+    )
+    table = _table(title, "", "without", "with", "cost, %")
+    for what, plain, robust in robust_rows(design):
+        table.add_row(what, number(plain), number(robust), f"{100.0 * (robust / plain - 1.0):.1f}")
+    return table
+
+
+def _noise(design: Design) -> Table:
+    search = design.noise_search
+    assert search is not None
+    unit = design.setup.model.unit(design.setup.model.inputs[0])
+    title = f"Noise levels of the estimator: {len(search.candidates)} candidates, some of them (* used)"
+    heads = ("Rᵛ motors", "Rᵛ links", "|S|", "gain", "damping", f"noise, {unit}", "unstable")
+    table = _table(title, *heads)
+    for one in selected_noise(design):
+        mark = " *" if one is search.chosen else "  "
+        cells = (one.levels.motor_velocities, one.levels.link_velocities, one.peak_sensitivity, one.gain_margin,
+                 one.damping, one.input_noise)  # fmt: skip
+        unstable = "–" if one.unstable is None else str(one.unstable)
+        table.add_row(*(_short(value) for value in cells), f"{unstable}{mark}")
+    return table
+
+
+def _short(value: float) -> str:
+    return number(value, 2) if math.isfinite(value) else "–"
+
+
+def _budget(design: Design) -> Table:
+    """The lower bound of the gain in the title, then what the parts of the controller use of the level."""
+    attained = design.attenuation.attained
+    title = "Dissipation budget of the step"
+    if attained is not None:
+        gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
+        title = f"{gain}\n{title}"
+    table = _table(title, "part", "uses", "with all above", "left of the level", "within budget")
+    for row in budget_rows(design):
+        left = number(row["left"]) if math.isfinite(row["left"]) else "–"
+        kept = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
+        table.add_row(row["part"], number(row["added"], 3), number(row["spent"], 3), left, kept)
+    return table
+
+
+def _regions(design: Design) -> Table:
+    unit = units_of(design.evaluation).position
+    columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
+    regions = _table("Region of each solution: sampled, not proved (* used)", *columns)
+    for c in design.choices:
+        law = law_name(c.degree) + (" *" if c is design.chosen else "")
+        sampled: tuple[str, ...] = ("–", "–", "–")
+        if c.looked:
+            degrees = f"{math.degrees(c.step_amplitude):.3g}" if unit == "rad" else "–"
+            sampled = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
+            if math.isinf(c.step_amplitude):
+                sampled = ("any", "any", "–")
+        times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
+        regions.add_row(str(c.degree), law, *sampled, f"{c.residual:.0e}", *times)
+    return regions
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        min_width=min(WIDTH, max(map(len, title.split("\n")))),
+    )
+    for column in columns:
+        left = column in LEFT
+        table.add_column(column, justify="left" if left else "right", no_wrap=column not in WRAPPED)
+    return table
+
+
+# Comparison ----------------------------------------------------------------------------------------------
+def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Table]:
+    """Tables of at most `width` columns, as many laws as fit, the design's own in each; * marks the best."""
+    first, found = comparison.own, []
+    names = max(len(_label(line)) for line in table_lines(comparison, (first,), short=True))
+    left = width - names - GAP - _width(comparison, first)
+    part: list[ComparedLaw] = [first]
+    room = left
+    for row in comparison.compared[1:]:
+        needed = _width(comparison, row)
+        if needed > room and len(part) > 1:
+            found.append(_part(comparison, part, not found))
+            part, room = [first], left
+        part.append(row)
+        room -= needed
+    return [*found, _part(comparison, part, not found)]
+
+
+def _width(comparison: Comparison, row: ComparedLaw) -> int:
+    """Of a law's column."""
+    cells = [len(_cell(line, 0)) for line in table_lines(comparison, (row,), short=True) if line.cells]
+    return max(len(row.name), *cells) + GAP
+
+
+def _label(line: TableLine) -> str:
+    return f" {line.label}{', ' + line.unit if line.unit else ''}" if line.cells else line.label
+
+
+def _cell(line: TableLine, place: int) -> str:
+    return f"{line.cells[place]}{'*' if line.best[place] else ''}"
+
+
+def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    title = f"{comparison.robot.name}: laws in the same runs, * best of its row" if first else None
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, GAP - 1, 0, 0),
+    )
+    table.add_column("", no_wrap=True)
+    for row in rows:
+        table.add_column(row.name, justify="right", no_wrap=True)
+    for line in table_lines(comparison, rows, short=True):
+        if line.cells:
+            table.add_row(_label(line), *(_cell(line, place) for place in range(len(rows))))
+        else:
+            table.add_row(f"[bold]{line.label}[/]")
+    return table

@@ -1,0 +1,222 @@
+"""What runs of a loop come to: the response to a step, to a load torque, and along a planned move."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.loop import JerkLimited, Loop, Trajectory
+from flexhinf.loop.simulation.metrics import StepShape, load_metrics, steady_state_error, step_metrics
+
+__all__ = ["LoadResponse", "Move", "Response", "Worst", "run_response", "worst_of"]
+
+#: Part of the run at its end over which a remaining error is taken.
+TAIL = 0.1
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst value of all joints, and in which joint it is.
+
+    Attributes
+    ----------
+    value : float
+        Infinite where a run diverged, or where a joint never settles.
+    joint : str
+        Empty where the run diverged.
+    """
+
+    value: float
+    joint: str
+
+
+def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
+    """The largest value of `key` in rows of metrics; a value of None there is infinite, a missing one is not counted.
+
+    Infinite without any row, as of a run that diverged; zero where no joint has the figure.
+    """
+    if not rows:
+        return Worst(np.inf, "")
+    counted = [row for row in rows if key in row]
+    if not counted:
+        return Worst(0.0, "")
+    values = [np.inf if row[key] is None else float(row[key]) for row in counted]
+    k = int(np.argmax(values))
+    return Worst(values[k], counted[k]["joint"])
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """One run.
+
+    Attributes
+    ----------
+    run : Trajectory
+        To its end, or to where it diverged.
+    goal, start : (n,)
+        Link positions, rad or m.
+    joints : tuple of str
+    """
+
+    run: Trajectory
+    goal: np.ndarray
+    start: np.ndarray
+    joints: tuple[str, ...]
+
+    @property
+    def diverged_at(self) -> float | None:
+        """When the loop left the finite numbers, s; None for a run that was completed."""
+        return self.run.diverged_at
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """True link positions (N, n)."""
+        return self.run.signals["state"][:, : len(self.goal)]
+
+    @property
+    def inputs(self) -> np.ndarray:
+        """Inputs of the motors (N, m)."""
+        return self.run.signals["input"]
+
+    @property
+    def peak_input(self) -> float:
+        """Largest |input| of all motors; infinite where the run diverged."""
+        return np.inf if self.diverged_at is not None else float(np.abs(self.inputs).max())
+
+    @cached_property
+    def metrics(self) -> list[dict[str, Any]]:
+        """Figures of each joint's true link position; an empty list where the run diverged.
+
+        Keys: joint, overshoot_percent, settling_time_s, rise_time_s (these three only of joints that move; None: not
+        within the run), steady_state_error, peak_input, input_noise.
+        """
+        if self.diverged_at is not None:
+            return []
+        rows = []
+        for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
+            position, u = self.positions[:, k], self.inputs[:, k]
+            tail = max(1, math.ceil(TAIL * len(position)))
+            shape = step_metrics(self.run.time, position, StepShape(float(begin), float(end), 0.0))
+            rows.append(
+                {
+                    "joint": name,
+                    **(shape if begin != end else {}),
+                    "steady_state_error": steady_state_error(position, np.full(len(position), end)),
+                    "peak_input": float(np.abs(u).max()),
+                    "input_noise": float(u[-tail:].std()),
+                }
+            )
+        return rows
+
+    @property
+    def peak(self) -> Worst:
+        """Largest |input| of all motors, with the joint that it drives."""
+        return worst_of(self.metrics, "peak_input")
+
+    @property
+    def overshoot(self) -> Worst:
+        """Largest overshoot of all joints that move, per cent of the joint's own step."""
+        return worst_of(self.metrics, "overshoot_percent")
+
+    @property
+    def settling(self) -> Worst:
+        """Slowest settling to ±2 % of the joint's own step, s."""
+        return worst_of(self.metrics, "settling_time_s")
+
+
+@dataclass(frozen=True, eq=False)
+class LoadResponse:
+    """A run at the goal with constant torques on all links.
+
+    Attributes
+    ----------
+    response : Response
+        In equilibrium at the goal, until the torques begin.
+    load : (n,)
+        N·m or N.
+    at : float
+        When they begin, s.
+    reference_step : (n,)
+        The step whose 2 % are the band that recovery is judged by: that from start to goal, rad or m.
+    """
+
+    response: Response
+    load: np.ndarray
+    at: float
+    reference_step: np.ndarray
+
+    @cached_property
+    def metrics(self) -> list[dict[str, Any]]:
+        """Figures of each joint; an empty list where the run diverged.
+
+        Keys: joint, load, peak_deviation, recovery_time_s (from the load's beginning to the last time outside 2 % of
+        the reference step; None: not within the run), remaining_error (largest deviation in the last tenth).
+        """
+        if self.response.diverged_at is not None:
+            return []
+        time, rows = self.response.run.time, []
+        for k, (name, goal) in enumerate(zip(self.response.joints, self.response.goal)):
+            figures = load_metrics(
+                time, self.response.positions[:, k], command=float(goal), step=float(self.reference_step[k]),
+                start=self.at,
+            )  # fmt: skip
+            rows.append({"joint": name, "load": float(self.load[k]), **figures})
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A planned move with feedforward, followed in error coordinates.
+
+    Attributes
+    ----------
+    plan : JerkLimited
+    response : Response
+    """
+
+    plan: JerkLimited
+    response: Response
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Link positions minus the plan (N, n), rad or m."""
+        planned = self.plan(self.response.run.time)
+        return self.response.positions - np.reshape(planned, (len(self.response.run.time), -1))
+
+    @cached_property
+    def metrics(self) -> list[dict[str, Any]]:
+        """Figures of each joint; an empty list where the run diverged. Keys: joint, largest_error, rms_error,
+        peak_input."""
+        if self.response.diverged_at is not None:
+            return []
+        u = self.response.inputs
+        return [
+            {
+                "joint": self.response.joints[k],
+                "largest_error": float(np.abs(error).max()),
+                "rms_error": float(np.sqrt(np.mean(error**2))),
+                "peak_input": float(np.abs(u[:, k]).max()),
+            }
+            for k, error in enumerate(self.error.T)
+        ]
+
+
+def run_response(
+    loop: Loop, goal: np.ndarray, start: np.ndarray, joints: tuple[str, ...], **options: Any
+) -> Response:
+    """Run a loop; a run that diverges is a result too: the run so far, and when.
+
+    Parameters
+    ----------
+    loop : Loop
+    goal, start : (n,)
+        Link positions.
+    joints : tuple of str
+    **options
+        Of `Loop.run`.
+    """
+    return Response(loop.run(**options), goal, start, joints)

@@ -1,0 +1,105 @@
+"""What a reader must know first: which requirements are not met, what is not proved, and what is risky."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.synthesis import Synthesis
+
+__all__ = ["Status", "status_of"]
+
+#: An oscillation of the running loop with a smaller damping ratio than this is called hardly damped.
+HARDLY_DAMPED = 0.05
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a reader must know first.
+
+    Attributes
+    ----------
+    not_met : tuple of str
+        Requirements that the loop misses.
+    not_proved : tuple of str
+        What was only sampled, or found by search.
+    risky : tuple of str
+        What no requirement covers, and what nevertheless endangers the loop.
+    """
+
+    not_met: tuple[str, ...] = ()
+    not_proved: tuple[str, ...] = ()
+    risky: tuple[str, ...] = ()
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met."""
+        return not self.not_met
+
+    @property
+    def line(self) -> str:
+        """One line: what is not met, not proved or risky."""
+        parts = [
+            "Not met: " + "; ".join(self.not_met) if self.not_met else "Specification met on the running loop"
+        ]
+        if self.risky:
+            parts.append("Risky: " + "; ".join(self.risky))
+        if self.not_proved:
+            parts.append("Not proved: " + "; ".join(self.not_proved))
+        return ". ".join(parts) + "."
+
+
+def status_of(
+    lines: Sequence[Requirement],
+    evaluation: LawEvaluation,
+    synthesis: Synthesis,
+    worth: Attenuation,
+    inside: bool | None,
+) -> Status:
+    """The status of a design."""
+    missed = tuple(dict.fromkeys(_missed(line) for line in lines if not line.met))
+    return Status(missed, tuple(_not_proved(synthesis, worth, inside)), tuple(_risks(lines, evaluation)))
+
+
+def _missed(line: Requirement) -> str:
+    sign = "≤" if line.at_most else "≥"
+    unit = f" {line.unit}" if line.unit else ""
+    joint = f" in {line.joint}" if line.joint else ""
+    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit})"
+
+
+def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -> list[str]:
+    found = []
+    if not synthesis.chosen.looked:
+        found.append("no region was sampled")
+    elif np.isnan(synthesis.chosen.level):
+        found.append("the law has no sampled region")
+    elif inside is False:
+        found.append("the step starts outside the sampled region")
+    else:
+        found.append("the region is sampled, for the law fed the true state")
+    if not worth.budget:
+        found.append("the dissipation budget cannot be computed, as the step diverges")
+    elif not worth.lasts:
+        found.append("the dissipation budget of the step does not last")
+    return found
+
+
+def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
+    found = []
+    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
+    if slow:
+        worst = min(slow, key=lambda m: m.damping)
+        found.append(
+            f"the estimation error oscillates at {worst.frequency:.3g} Hz with a damping of {worst.damping:.2g}"
+        )
+    damping = evaluation.margins.damping
+    judged = any(line.what.startswith("damping") for line in lines)
+    if damping < HARDLY_DAMPED and not slow and not judged:
+        found.append(f"an oscillation of the running loop is damped by {damping:.2g} only")
+    return found

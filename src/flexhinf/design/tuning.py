@@ -1,0 +1,290 @@
+"""Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from flexhinf.baselines import Candidate, Judgement, Tuning, tune
+from flexhinf.design.criterion import Criterion, Figures, pareto_front
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFactory, LawKind
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.responses import worst_of
+from flexhinf.errors import FlexhinfError, NumericalFailure
+
+__all__ = ["TradeOff", "TunedLaw", "Tuner", "best_rival", "figures_of", "own_figures", "trade_offs"]
+
+#: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
+BUDGET = ((15, 6, 14), (10_000, 1, 4))
+
+#: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
+#: seconds. The law itself is judged afterwards.
+MANY_STATES = 15
+
+
+@dataclass(frozen=True, eq=False)
+class TunedLaw:
+    """A law, the loop it runs in, and how it was found.
+
+    Attributes
+    ----------
+    kind : LawKind
+    evaluation : LawEvaluation
+        Of the law with its sensors, its parameters and its estimator's noise levels.
+    figures : Figures
+    cost : float
+        Of the criterion; 1 for the design.
+    feasible : bool
+        Whether every limit is kept.
+    reason : str
+        Which limits are not kept.
+    tried : tuple of Figures
+        Of all candidates that were run.
+    candidates : int
+        How many were tried, those without a run included.
+    """
+
+    kind: LawKind
+    evaluation: LawEvaluation
+    figures: Figures
+    cost: float
+    feasible: bool
+    reason: str = ""
+    tried: tuple[Figures, ...] = ()
+    candidates: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of the law."""
+        return self.kind.name
+
+    @property
+    def setup(self) -> LoopSetup:
+        """The law's own loop."""
+        return self.evaluation.setup
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Tuned values by name; empty for the design's own law."""
+        return self.evaluation.parameters or {}
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Measured signals of the law's estimator; none where the true state is fed back."""
+        s = self.setup.specification
+        return () if s.estimator == "none" else tuple(s.measured)
+
+
+def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
+    """The law beside the design's own with the smallest cost, of those that keep every limit and have no more unstable
+    corners of the tolerances than the design; None if there is none."""
+    own = next((law for law in laws if law.name == REFERENCE), None)
+    allowed = 0 if own is None else _unstable(own)
+    rivals = [law for law in laws if law.name != REFERENCE and law.feasible and _unstable(law) <= allowed]
+    return min(rivals, key=lambda law: law.cost, default=None)
+
+
+def _unstable(law: TunedLaw) -> int:
+    corners = law.evaluation.corners
+    return 0 if corners is None else int(corners.unstable)
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """Where a law is between what it costs and what it holds.
+
+    Attributes
+    ----------
+    name : str
+    point : Figures
+        Of the law as it was tuned.
+    curve : tuple of Figures
+        Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
+        limits of the linear loop. Of the design's own law only its point.
+    feasible : bool
+    """
+
+    name: str
+    point: Figures
+    curve: tuple[Figures, ...]
+    feasible: bool
+
+
+def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:
+    """Peak input against load deviation of every law, as a point and as a curve."""
+    return tuple(
+        TradeOff(law.name, law.figures, pareto_front((*law.tried, law.figures), criterion), law.feasible)
+        for law in laws
+    )
+
+
+def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
+    """What a law is tuned by.
+
+    Parameters
+    ----------
+    evaluation : LawEvaluation
+    criterion : Criterion, optional
+        A linear loop that is far beyond its limits is not run.
+
+    Raises
+    ------
+    FlexhinfError
+        If the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    """
+    found = evaluation.margins
+    if not found.stable:
+        raise NumericalFailure(
+            "The linear loop with its estimator is unstable at the goal.",
+            "expected all eigenvalues inside the unit circle",
+            "other parameters",
+        )
+    linear = Figures(
+        found.peak_sensitivity, found.gain_margin, evaluation.input_noise, found.slowest_bandwidth
+    )
+    return linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation)
+
+
+def own_figures(evaluation: LawEvaluation) -> Figures:
+    """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
+    try:
+        return figures_of(evaluation)
+    except FlexhinfError:
+        return _run(Figures(math.inf, 1.0, math.inf, math.nan), evaluation)
+
+
+def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:
+    jump = evaluation.jump
+    return replace(
+        linear,
+        peak_input=jump.peak_input,
+        settling=jump.settling.value,
+        load_deviation=worst_of(evaluation.load_response.metrics, "peak_deviation").value,
+        move_error=worst_of(evaluation.move.metrics, "largest_error").value,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Tuner:
+    """Tunes laws for the criterion of a comparison.
+
+    Parameters
+    ----------
+    factory : LawFactory
+    own : LawEvaluation
+        Of the design's own law: its loop, and the scenario of all laws.
+    criterion : Criterion
+    same_sensors : bool
+        All laws measure what the design measures, whatever their proponents would choose.
+    """
+
+    factory: LawFactory
+    own: LawEvaluation
+    criterion: Criterion
+    same_sensors: bool = False
+
+    def tune(self, kind: LawKind) -> TunedLaw:
+        """The best law of a kind with each of its sets of sensors; the best of these.
+
+        Raises
+        ------
+        FlexhinfError
+            If no law of this kind can be made and judged at all.
+        """
+        if kind.name == REFERENCE:
+            figures = self.criterion.own
+            return TunedLaw(kind, self.own, figures, self.criterion.cost(figures), True)
+        s = self.own.setup.specification
+        choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
+        return min(
+            (self._tuned(kind, sensors) for sensors in choices or (tuple(s.measured),)),
+            key=lambda law: (not law.feasible, law.cost),
+        )
+
+    @property
+    def _states(self) -> int:
+        return len(self.factory.problem.state_names)
+
+    def _tuned(self, kind: LawKind, sensors: tuple[str, ...]) -> TunedLaw:
+        degree = 2 if self._states > MANY_STATES else None
+        found = self._search(kind, sensors, degree)
+        best = found.best
+        if degree is not None and self.factory.degree(kind) > degree:
+            best = Candidate(best.parameters, self._judged(kind, sensors, best.parameters, None))
+        judgement = best.judgement
+        if not isinstance(judgement.result, Figures):
+            raise NumericalFailure(
+                f"No law {kind.name!r} could be judged.",
+                f"tried {len(found.candidates)} sets of parameters; the first: "
+                f"{found.candidates[0].judgement.reason}",
+                f"leave {kind.name} out of --laws",
+            )
+        tried = (c.judgement.result for c in found.candidates)
+        return TunedLaw(
+            kind,
+            self.evaluation(kind, sensors, best.parameters),
+            judgement.result,
+            judgement.cost,
+            best.feasible,
+            judgement.reason,
+            tuple(f for f in tried if isinstance(f, Figures) and not math.isnan(f.peak_input)),
+            len(found.candidates),
+        )
+
+    def _search(self, kind: LawKind, sensors: tuple[str, ...], degree: int | None) -> Tuning:
+        """Over all parameters; R^v only where there is an estimator."""
+        coarse, simplex = next((a, b) for most, a, b in BUDGET if self._states <= most)
+        start, bounds = self.factory.start(kind), self.factory.bounds(kind)
+        if self.own.setup.specification.estimator == "none":
+            for name in (ESTIMATOR_NOISE, MOTOR_NOISE):
+                start.pop(name, None)
+                bounds.pop(name, None)
+        return tune(
+            lambda values: self._judged(kind, sensors, values, degree),
+            start,
+            bounds,
+            coarse * len(start),
+            simplex * len(start),
+        )
+
+    def _judged(
+        self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None
+    ) -> Judgement:
+        return self.criterion.judge(
+            figures_of(self.evaluation(kind, sensors, values, degree), self.criterion)
+        )
+
+    def evaluation(
+        self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None = None
+    ) -> LawEvaluation:
+        """A law with these sensors and parameters, in the scenario of all laws.
+
+        Parameters
+        ----------
+        kind : LawKind
+        sensors : tuple of str
+            Measured signals.
+        values : mapping of str to float
+            See `LawFactory.start`.
+        degree : int, optional
+            Of V, instead of the law's own.
+
+        Raises
+        ------
+        FlexhinfError
+            If there is no such law.
+        """
+        own = self.own.setup
+        noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
+        motors = noise.motor_velocities * values.get(MOTOR_NOISE, 1.0)
+        setup = replace(
+            own,
+            law=self.factory.make(kind, values, degree),
+            law_at_goal=None,
+            specification=replace(own.specification, measured=sensors),
+            estimator_noise=replace(noise, motor_velocities=motors, source="tuned"),
+            linear_model=kind.name == "lqg",
+        )
+        return LawEvaluation(kind.name, setup, self.own.scenario, dict(values), other_noise=False)

@@ -1,0 +1,338 @@
+"""The problem of a specification: penalty with its source, disturbances and level, by preset.
+
+========  ========================================================================================================
+preset    penalty
+========  ========================================================================================================
+paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
+damped    found for a bandwidth and a damping, see `flexhinf.design.weights.search`
+robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.weights.robust`
+given     the penalty of the specification
+========  ========================================================================================================
+
+Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
+its own; otherwise `paper`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.specification import Specification
+from flexhinf.design.weights.linear_family import LinearFamily, worst_members
+from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
+from flexhinf.design.weights.uncertainty import channels
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import smallest_gamma
+from flexhinf.plant import GeneralisedPlant, Penalty
+
+__all__ = [
+    "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
+]  # fmt: skip
+
+#: Corners among which the worst for the first weights are looked for, to be members of the second search.
+MANY = 400
+
+#: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
+BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """What the channels of the tolerances cost and cover.
+
+    Attributes
+    ----------
+    fraction : float
+        Of the tolerances, for which the problem has a solution.
+    channels : int
+    gamma_star : float
+        Smallest level for every robot within that fraction.
+    nominal_gamma_star : float
+        Of the same penalty without tolerances.
+    nominal_gain, robust_gain : float
+        Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
+    scalings : mapping of str to (float, float)
+        Smallest and largest s of the channels of each quantity.
+    """
+
+    fraction: float
+    channels: int
+    gamma_star: float
+    nominal_gamma_star: float
+    nominal_gain: float
+    robust_gain: float
+    scalings: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignProblem:
+    """What is solved, and who states it.
+
+    Attributes
+    ----------
+    preset : {"paper", "damped", "robust", "given"}
+    penalty : Penalty
+        In the robot's names.
+    source, effort_source : str
+    problem : GeneralisedPlant
+        What is solved, about the goal.
+    nominal : GeneralisedPlant
+        The same without channels of the tolerances.
+    gamma_star, gamma : float
+    target, search : TargetBehaviour, SearchResult or None
+        What weights were searched for, and how; of a preset that searches.
+    robustness : Robustness or None
+    """
+
+    preset: str
+    penalty: Penalty
+    source: str
+    effort_source: str
+    problem: GeneralisedPlant
+    nominal: GeneralisedPlant
+    gamma_star: float
+    gamma: float
+    target: TargetBehaviour | None = None
+    search: SearchResult | None = None
+    robustness: Robustness | None = None
+
+
+def preset_of(robot: Any, s: Specification) -> str:
+    """The preset that is meant.
+
+    Raises
+    ------
+    InvalidInput
+        If the specification contradicts itself.
+    """
+    behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
+    weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
+    if behaviour and weights:
+        raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
+    if s.preset in ("damped", "robust") and weights:
+        raise _contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
+    if s.preset == "paper" and (behaviour or s.penalty is not None):
+        other = (behaviour or ["`penalty`"])[0]
+        advice = "preset='damped'" if behaviour else "leave out `preset`"
+        raise _contradiction(f"preset='paper' and {other}", advice)
+    if s.preset is not None:
+        return s.preset
+    if s.penalty is not None:
+        return "given"
+    return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
+
+
+def required_damping(s: Specification) -> float:
+    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`."""
+    return DAMPING if s.damping is None else s.damping
+
+
+def _contradiction(both: str, advice: str) -> InvalidInput:
+    return InvalidInput(
+        f"{both} contradict each other.",
+        "expected either weights, or a behaviour for which weights are found, or the preset paper; got both",
+        advice,
+    )
+
+
+def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> DesignProblem:
+    """The problem of a specification.
+
+    Raises
+    ------
+    InvalidInput
+        For a contradiction, or a behaviour that cannot be met: which limit binds, and the best found.
+    InfeasibleGamma, NoFeasibleGamma, NotStabilisable, NotDetectable
+        As the synthesis.
+    """
+    preset = preset_of(robot, s)
+    if preset in ("damped", "robust"):
+        return _searched(robot, goal, start, s, preset)
+    penalty, source, priced = _stated(robot, goal, s)
+    problem = _problem(robot, goal, s, penalty)
+    star = smallest_gamma(problem)
+    return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
+
+
+def _stated(robot: Any, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
+    """A penalty that is stated, with the sources of its weights and of R2."""
+    own = robot.penalty
+    if s.penalty is not None:
+        penalty, source, priced = Penalty.of(s.penalty), "option --penalty", "ours"
+        if isinstance(s.penalty, Penalty):
+            priced = source
+        elif own is not None:
+            penalty, priced = replace(penalty, effort=own.effort), "the robot's file"
+    elif own is not None:
+        penalty, source, priced = own, "the robot's file", "the robot's file"
+    else:
+        scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+        weights = scales.weights(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0)
+        kept = ("link_position", "link_position_integral")
+        penalty = Penalty({name: _number(weights[name]) for name in kept}, 1.0)
+        source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
+    if s.effort is not None:
+        penalty, priced = replace(penalty, effort=s.effort), "option --effort"
+    return penalty, source, priced
+
+
+def _number(values: np.ndarray) -> Any:
+    return values.tolist() if len(values) > 1 else float(values[0])
+
+
+def _problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
+    return robot.problem(
+        penalty,
+        pose=goal,
+        measured=s.measured,
+        command=_command(s),
+        disturbances=s.disturbances,
+    )
+
+
+def _command(s: Specification) -> str | None:
+    return "disturbance" if s.command or s.disturbances is None else None
+
+
+def _searched(
+    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str
+) -> DesignProblem:
+    plant, equilibrium = robot.plant(), robot.operating_point(goal)
+    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, equilibrium)
+    target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
+    torques = None
+    if s.disturbances is not None:
+        names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
+        torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
+
+    def nominal(target_frequency: np.ndarray, damping: float) -> LinearProblem:
+        return LinearProblem.of(
+            family, scales.rows(target_frequency, damping), _command(s) is not None, torques
+        )
+
+    def synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        linear = nominal(target_frequency, damping)
+        star = linear.gamma_star()
+        return linear.design(s.gamma_ratio * star, star)
+
+    found, family = _widened(robot, goal, target, family, synthesis, scales.held)
+    source = f"found for {_words(target)}"
+    if preset == "damped":
+        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+        problem = _problem(robot, goal, s, penalty)
+        star = smallest_gamma(problem)
+        return DesignProblem(
+            preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, target, found
+        )
+
+    tolerances = channels(robot, [goal, start])
+    if not tolerances:
+        raise InvalidInput(
+            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+            "expected parameters with a tolerance that changes how the robot moves, got none",
+            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+        )
+    scalings = find_scalings(
+        RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
+    )
+
+    def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
+            s.gamma_ratio, scalings
+        )
+
+    found, family = _widened(robot, goal, target, family, robust_synthesis, scales.held)
+    robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
+    return _robust(robot, goal, s, scales, target, found, robust, scalings)
+
+
+def _widened(
+    robot: Any, goal: np.ndarray, target: TargetBehaviour, family: LinearFamily, synthesis: Any, held: float
+) -> tuple[SearchResult, LinearFamily]:
+    """A search, and again with the worst of many corners among the members."""
+    found = search(target, family, synthesis, held)
+    if len(family.a) == 1:
+        return found, family
+    many = LinearFamily.of(robot, goal, MANY, seed=1)
+    wider = family.with_members(many, worst_members(many, found.chosen.design.gain))
+    return search(target, wider, synthesis, held), wider
+
+
+def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
+    return nominal(found.chosen.target_frequency, found.chosen.damping_weight)
+
+
+def _robust(
+    robot: Any,
+    goal: np.ndarray,
+    s: Specification,
+    scales: JointScales,
+    target: TargetBehaviour,
+    found: SearchResult,
+    robust: RobustProblem,
+    scalings: Scalings,
+) -> DesignProblem:
+    """The nonlinear problem of the robust preset."""
+    star = robust.gamma_star(scalings, 1e-6)
+    gamma = s.gamma_ratio * star
+    enter, seen, price = robust.parts(scalings)
+    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+    nominal = _problem(robot, goal, s, base)
+    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weight), seen])
+    physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    problem = with_channels(nominal.plant, gamma * enter).with_objective(
+        Penalty(rows, nominal.r2 + price),
+        command=_command(s),
+        integrate=nominal.integrate,
+        disturbances=(*physical, *names),
+        equilibrium=robot.operating_point(goal),
+    )
+    lowest = robust.nominal.gamma_star()
+    plain = robust.nominal.design(s.gamma_ratio * lowest, lowest)
+    robustness = Robustness(
+        scalings.fraction,
+        len(robust.channels),
+        star,
+        lowest,
+        robust.nominal.attained(plain.gain),
+        robust.nominal.attained(found.chosen.design.gain),
+        _by_quantity(robust, scalings),
+    )
+    source = f"found for {_words(target)}, beside the channels of the tolerances"
+    return DesignProblem(
+        "robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness
+    )
+
+
+def _by_quantity(robust: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
+    """Smallest and largest s of the channels of each quantity."""
+    values: dict[str, list[float]] = {}
+    for channel, log in zip(robust.channels, scalings.log):
+        values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
+    return {group: (min(found), max(found)) for group, found in values.items()}
+
+
+def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
+    required = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    values = np.atleast_1d(np.asarray(required, dtype=float))
+    if len(values) not in (1, joints):
+        raise InvalidInput(
+            "The bandwidths do not fit the joints.",
+            f"expected one number or {joints}, got {values.tolist()}",
+            "one bandwidth for all joints",
+        )
+    return np.broadcast_to(values, (joints,)).copy()
+
+
+def _words(target: TargetBehaviour) -> str:
+    low, high = target.bandwidth.min(), target.bandwidth.max()
+    band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    return f"{band} rad/s and a damping ratio of {target.damping:.3g}"

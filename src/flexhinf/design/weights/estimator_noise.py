@@ -1,0 +1,218 @@
+"""Noise levels of the estimator, searched for on the running loop.
+
+With the true state fed back the law has wide margins; the estimator takes most of them away, and how much depends on
+R^v alone (R^n is the sensors'). Noise on the motor's velocity, where the input acts, gives the margins back as it grows
+(loop transfer recovery, [doyle1981]), at the price of noise at the motors; noise on the link's velocity makes the
+estimator follow a load on the link.
+
+The search looks at levels q on the motor's velocities and f·q on the links', from small to large, and takes the first
+q, and the f, with the least noise at the motors for which the running loop keeps every limit: peak sensitivity, gain
+margin, damping where one is required, no unstable corner of the tolerances, and a load compliance of at most
+`COMPLIANCE` times that of the law fed the true state. Where no levels keep all limits, those that miss them least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.analysis import EquilibriumLoop, frequency_response, margins, tolerance_corners
+from flexhinf.design.estimators import EstimatorNoise
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.requirements import TOLERANCE, gain_margin_limit, peak_sensitivity_limit
+from flexhinf.errors import FlexhinfError
+
+__all__ = ["COMPLIANCE", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
+
+#: Levels on the motors' velocities that are tried, as multiples of R^n per s²: with R^n = 1e-8, 1e-9 to 1e-3.
+LEVELS = tuple(10.0**k for k in range(-1, 6))
+
+#: Fractions of it on the links' velocities.
+FRACTIONS = (1.0, 0.1, 0.03, 0.01, 0.0)
+
+#: With more states each candidate takes seconds, and fewer are tried.
+MANY_STATES, FEW_LEVELS, FEW_FRACTIONS = 15, (10.0, 1e3, 1e5), (0.1, 0.01)
+
+#: The first level that keeps the limits is refined by so many halvings of its exponent.
+HALVINGS = 2
+
+#: Largest peak of |load torque → link position|, over that of the law fed the true state.
+COMPLIANCE = 1.3
+
+
+@dataclass(frozen=True)
+class NoiseCandidate:
+    """Levels that were tried, and the running loop with them.
+
+    Attributes
+    ----------
+    levels : EstimatorNoise
+    peak_sensitivity, gain_margin, damping : float
+        Infinite, 0 and −1 for an unstable loop.
+    compliance : float
+        Peak of |load torque → link position| over that of the law fed the true state.
+    input_noise : float
+        RMS of the noisiest input, V or N·m.
+    unstable : int or None
+        Corners of the tolerances; None where they were not looked at, because another limit is missed.
+    excess : float
+        Sum of ln(figure/limit) over the limits that are missed; 0 where all are kept.
+    """
+
+    levels: EstimatorNoise
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float
+    compliance: float
+    input_noise: float
+    unstable: int | None
+    excess: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is kept, with no unstable corner."""
+        return self.excess == 0.0
+
+
+@dataclass(frozen=True)
+class NoiseSearch:
+    """The outcome, and the way to it.
+
+    Attributes
+    ----------
+    chosen : NoiseCandidate
+    candidates : tuple of NoiseCandidate
+        In the order of the search.
+    """
+
+    chosen: NoiseCandidate
+    candidates: tuple[NoiseCandidate, ...]
+
+
+def is_free(setup: LoopSetup) -> bool:
+    """Whether the noise levels are free to choose: no option states them, and a Kalman filter uses them."""
+    s = setup.specification
+    return s.estimator in ("ukf", "ekf") and s.process_noise is None and s.torque_noise is None
+
+
+def search_noise(
+    setup: LoopSetup, damping: float | None = None, progress: Callable[[str], None] = lambda text: None
+) -> NoiseSearch | None:
+    """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+        Its law about the goal; the linear part is all that matters.
+    damping : float, optional
+        Required of every oscillation of the running loop.
+    progress : callable
+
+    Returns
+    -------
+    NoiseSearch or None
+        None where the levels are not free, or the loop has no equilibrium at the goal.
+    """
+    if not is_free(setup):
+        return None
+    search = _Search(setup, damping)
+    try:
+        search.run()
+    except FlexhinfError:
+        return None
+    chosen = min(search.tried, key=lambda c: (c.excess, c.input_noise))
+    progress(f"noise levels of the estimator: {len(search.tried)} tried")
+    return NoiseSearch(chosen, tuple(search.tried))
+
+
+class _Search:
+    """Candidates of one loop."""
+
+    def __init__(self, setup: LoopSetup, damping: float | None) -> None:
+        self.setup, self.damping = setup, damping
+        self.loop: EquilibriumLoop = setup.equilibrium_loop()
+        self.many = len(setup.linear_law.state_names) > MANY_STATES
+        self.tried: list[NoiseCandidate] = []
+        self.equilibria: np.ndarray | None = None
+        self.stiff = _compliance(setup.equilibrium_loop(estimated=False))
+
+    def run(self) -> None:
+        """Levels from small to large until one keeps the limits, and then between it and the one before."""
+        scale = self.setup.specification.measurement_noise
+        levels = FEW_LEVELS if self.many else LEVELS
+        fractions = FEW_FRACTIONS if self.many else FRACTIONS
+        before = None
+        for level in levels:
+            here = [self.candidate(scale * level, fraction) for fraction in fractions]
+            feasible = [c for c in here if c.feasible]
+            if feasible:
+                if before is not None and not self.many:
+                    self.refine(before, scale * level, min(feasible, key=lambda c: c.input_noise))
+                return
+            before = scale * level
+
+    def refine(self, low: float, high: float, best: NoiseCandidate) -> None:
+        """Smaller levels of the same fraction."""
+        fraction = best.levels.link_velocities / best.levels.motor_velocities
+        for _ in range(HALVINGS):
+            middle = float(np.sqrt(low * high))
+            feasible = self.candidate(middle, fraction).feasible
+            low, high = (low, middle) if feasible else (middle, high)
+
+    def candidate(self, level: float, fraction: float) -> NoiseCandidate:
+        """The running loop with these levels; the corners are looked at where it keeps everything else."""
+        s = self.setup.specification
+        levels = EstimatorNoise(0.0, fraction * level, level, "searched on the running loop")
+        process = levels.covariance(self.setup.model.states)
+        linear = self.loop.linear(process_noise=process)
+        found = margins(linear)
+        compliance = _compliance(linear) / self.stiff if found.stable else np.inf
+        ratios = [
+            found.peak_sensitivity / peak_sensitivity_limit(s),
+            gain_margin_limit(s) / max(found.gain_margin, 1e-9),
+            compliance / COMPLIANCE,
+        ]
+        if self.damping:
+            ratios.append(self.damping / max(found.damping, 1e-9))
+        if not found.stable:
+            ratios.append(1e9)
+        excess = sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.5 * TOLERANCE)
+        unstable = None
+        if excess == 0.0 and self.setup.robot.uncertain:
+            unstable = self.unstable(process)
+            excess = float(np.log1p(unstable))
+        noise = np.zeros(len(linear.c)) if self.setup.noise is None else self.setup.noise
+        candidate = NoiseCandidate(
+            levels, found.peak_sensitivity, found.gain_margin, found.damping if found.stable else -1.0,
+            compliance, float(np.linalg.norm(found.noise_to_input * noise, axis=1).max()), unstable, excess,
+        )  # fmt: skip
+        self.tried.append(candidate)
+        return candidate
+
+    def unstable(self, process: np.ndarray) -> int:
+        """Unstable corners with this R^v (n, n)."""
+        modes = self.loop.modes(self.corners, process, self.equilibria)
+        self.equilibria = modes.equilibrium
+        return int((modes.rate >= 0.0).sum())
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
+        robot, table = self.setup.robot, self.loop.plant.parameters
+        found = tolerance_corners(self.loop, robot.corner, robot.uncertain, ()).population
+        return self.loop.vectors([table.known(values) for values in found.values[:-1]])
+
+
+def _compliance(loop: object) -> float:
+    """Peak of |load torque → link position|, rad/N·m or m/N."""
+    response = frequency_response(loop)  # type: ignore[arg-type]
+    torques = [k for k, name in enumerate(response.disturbances) if name.startswith("link_torque")]
+    return float(np.linalg.norm(response.disturbance[:, :, torques], 2, axis=(1, 2)).max())
+
+
+def with_levels(setup: LoopSetup, search: NoiseSearch | None) -> LoopSetup:
+    """The loop with the levels that were found."""
+    return setup if search is None else replace(setup, estimator_noise=search.chosen.levels)

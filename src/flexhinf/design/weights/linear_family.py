@@ -1,0 +1,177 @@
+"""The linear part of a design at its goal: the nominal robot, and the same robot within its tolerances.
+
+A search asks for many gains. What does not change with the gain is computed once here: ẋ = A x + B u + G d of every
+member, the integrals of the tracking errors appended, deviations from each member's own equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.modes import modes_of, stiffness_and_inertia
+
+__all__ = ["MEMBERS", "Behaviour", "LinearFamily", "behaviour_of", "worst_members"]
+
+#: Corners of the tolerances that a search looks at, beside the nominal robot.
+MEMBERS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFamily:
+    """Linearisations of N members, the nominal one first.
+
+    Attributes
+    ----------
+    a, b : (N, n, n), (N, n, m)
+        With one integral per joint as last states.
+    torques : (n, 2 joints)
+        Where torques at links and motors enter, nominal.
+    joints : tuple of str
+    energy : (stiffness, inertia)
+        Of the nominal robot, to tell vibrations from other modes.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    torques: np.ndarray
+    joints: tuple[str, ...]
+    energy: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def nominal(self) -> tuple[np.ndarray, np.ndarray]:
+        """(A, B) of the nominal robot."""
+        return self.a[0], self.b[0]
+
+    def with_members(self, other: LinearFamily, places: Any) -> LinearFamily:
+        """The same family with some members of another one."""
+        chosen = sorted(set(places))
+        a, b = np.concatenate([self.a, other.a[chosen]]), np.concatenate([self.b, other.b[chosen]])
+        return replace(self, a=a, b=b)
+
+    @staticmethod
+    def of(robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0) -> LinearFamily:
+        """Of a robot, corners sampled with a fixed seed.
+
+        Parameters
+        ----------
+        robot : Robot
+        goal : (n,)
+            Link positions, rad or m.
+        members : int
+            Corners; none for a robot without tolerances.
+        seed : int
+            Of the corners.
+        """
+        plant, equilibrium = robot.plant(), robot.operating_point(goal)
+        plant.traced_jacobians  # noqa: B018  traced once, shared by all members
+        joints, n = len(robot.joint_names), plant.n
+        corners = [plant.parameters.known(values) for values in _corners(robot, members, seed)]
+        matrices = [plant.linearise(*equilibrium)]
+        for values in corners:
+            changed = plant.with_parameters(**values)
+            matrices.append(changed.linearise(*robot.operating_point(goal, parameters=values)))
+        a = np.zeros((len(matrices), n + joints, n + joints))
+        b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
+        for k, (state, inputs, _, _) in enumerate(matrices):
+            a[k, :n, :n], b[k, :n] = state, inputs
+        a[:, n:, :joints] = np.eye(joints)
+        torques = np.zeros((n + joints, 2 * joints))
+        torques[:n] = matrices[0][2]
+        return LinearFamily(a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium))
+
+
+def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:
+    """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
+    names = sorted(parameter.name for parameter in robot.uncertain)
+    if not names or not count:
+        return []
+    if 2 ** len(names) <= count:
+        signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+    else:
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
+    return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
+
+
+#: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
+PER_DECADE = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Behaviour:
+    """The worst over the members of a family.
+
+    Attributes
+    ----------
+    bandwidth : (n,)
+        Of each joint, rad/s: the smallest.
+    damping : float
+        Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
+    nominal_damping : float
+        Of the nominal robot.
+    """
+
+    bandwidth: np.ndarray
+    damping: float
+    nominal_damping: float
+
+
+def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
+    """Of u = u* + K x, K (m, n)."""
+    loops = family.a + family.b @ gain
+    damping = [_damping(family, loop) for loop in loops]
+    stable = min(damping) > -np.inf
+    joints = len(family.joints)
+    bandwidths = _bandwidths(loops, joints).min(axis=0) if stable else np.zeros(joints)
+    return Behaviour(bandwidths, min(damping), damping[0])
+
+
+def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
+    """The members with the smallest bandwidth of each joint, and with the smallest damping."""
+    loops = family.a + family.b @ gain
+    damping = [_damping(family, loop) for loop in loops]
+    worst = [int(np.argmin(damping))]
+    if min(damping) > -np.inf:
+        worst += [int(k) for k in np.argmin(_bandwidths(loops, len(family.joints)), axis=0)]
+    return worst
+
+
+def _damping(family: LinearFamily, loop: np.ndarray) -> float:
+    modes = modes_of(loop, family.joints, *family.energy)
+    if not all(mode.stable for mode in modes):
+        return -np.inf
+    return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)
+
+
+def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
+    """Of each member and joint, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
+    values, vectors = np.linalg.eig(loops)
+    n = loops.shape[1]
+    command = np.zeros((n, joints))
+    command[n - joints :] = -np.eye(joints)
+    right = np.linalg.solve(vectors, np.broadcast_to(command, (len(loops), n, joints)))
+    residues = vectors[:, :joints].transpose(0, 2, 1) * right  # (members, mode, joint)
+    sizes = np.abs(values)
+    low, high = 0.02 * sizes.min(), 5.0 * sizes.max()
+    frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
+    response = np.empty((len(loops), len(frequencies), joints))
+    for k, member in enumerate(residues):
+        response[k] = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
+    return np.column_stack([_crossing(frequencies, response[:, :, j]) for j in range(joints)])
+
+
+def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Where each row falls below 1/√2, interpolated in log scales; 0 for one that begins below."""
+    limit, found = np.sqrt(0.5), []
+    logs = np.log(frequencies)
+    for row in response:
+        below = np.flatnonzero(row < limit)
+        if not len(below) or below[0] == 0:
+            found.append(0.0 if len(below) else frequencies[-1])
+            continue
+        k = below[0]
+        fraction = np.log(row[k - 1] / limit) / np.log(row[k - 1] / row[k])
+        found.append(float(np.exp(logs[k - 1] + fraction * (logs[k] - logs[k - 1]))))
+    return np.array(found)

@@ -1,0 +1,267 @@
+"""The preset `robust`: a gain that holds for every robot within its tolerances, with constant scalings.
+
+Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
+
+    V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
+
+has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
+[shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
+on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses fraction one)
+ends it. Where no γ does for the whole tolerances, the largest fraction of them is looked for, and told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.weights.linear_problem import ROUGH, LinearDesign, LinearProblem
+from flexhinf.design.weights.uncertainty import Channel
+from flexhinf.errors import NoFeasibleGamma
+from flexhinf.hinf.gamma import is_feasible
+from flexhinf.plant import Plant
+
+__all__ = ["PREFIX", "RobustProblem", "Scalings", "UncertainFlow", "find_scalings", "with_channels"]
+
+#: Largest level that is tried, relative to that of the nominal problem.
+LARGEST = 1e4
+
+#: Shares of the tolerances are found to this width; less than the smallest is none.
+FRACTION_WIDTH, LEAST_FRACTION = 0.02, 0.02
+
+#: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
+BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
+
+
+@dataclass(frozen=True, eq=False)
+class Scalings:
+    """log s of each channel, and the fraction of the tolerances that is covered."""
+
+    log: np.ndarray
+    fraction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobustProblem:
+    """A nominal problem with the channels of the tolerances.
+
+    Attributes
+    ----------
+    nominal : LinearProblem
+    torques : (n, 2 joints)
+        Where torques enter.
+    channels : tuple of Channel
+    """
+
+    nominal: LinearProblem
+    torques: np.ndarray
+    channels: tuple[Channel, ...]
+
+    def parts(self, scalings: Scalings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(L, F, E): torques L w (2 joints, k), rows F x (l, n) and price uᵀ E u of all channels together.
+
+        L Lᵀ = Σ t tᵀ/s², FᵀF = Σ s² c cᵀ, E = Σ s² e eᵀ, each times the fraction.
+        """
+        n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
+        enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
+        for channel, log in zip(self.channels, scalings.log):
+            s2 = float(np.exp(2.0 * log))
+            padded = np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+            enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
+            seen += scalings.fraction * s2 * np.outer(padded, padded)
+            price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
+        return _root(enter), _root(seen).T, price
+
+    def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L."""
+        enter, seen, price = self.parts(scalings)
+        g = self.nominal
+        disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
+        return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
+
+    def feasible(self, gamma: float, scalings: Scalings) -> bool:
+        """Whether the problem of this level has a solution."""
+        return is_feasible(self.scaled(gamma, scalings).linear_part(), gamma)
+
+    def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
+        """Smallest γ for every robot within the fraction of the tolerances.
+
+        Raises
+        ------
+        NoFeasibleGamma
+            If there is none.
+        """
+        low = self.nominal.gamma_star()
+        high = LARGEST * low
+        if not self.feasible(high, scalings):
+            raise NoFeasibleGamma(
+                "No attenuation level holds for the whole tolerances.",
+                f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
+                "tighter tolerances in the robot's file, or the preset damped",
+            )
+        while high > (1.0 + relative) * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if self.feasible(middle, scalings) else (middle, high)
+        return high
+
+    def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
+        """The gain at `ratio` times the smallest level."""
+        star = self.gamma_star(scalings)
+        return self.scaled(ratio * star, scalings).design(ratio * star, star)
+
+    def fraction(self, scalings: Scalings) -> float:
+        """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
+        level = LARGEST * self.nominal.gamma_star()
+        if self.feasible(level, replace(scalings, fraction=1.0)):
+            return 1.0
+        low, high = 0.0, 1.0
+        while high - low > FRACTION_WIDTH:
+            middle = 0.5 * (low + high)
+            fits = self.feasible(level, replace(scalings, fraction=middle))
+            low, high = (middle, high) if fits else (low, middle)
+        return low
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """X (n, k) of full rank with X Xᵀ = matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
+    """Scalings for a problem, found as the head of this file says.
+
+    Parameters
+    ----------
+    problem : RobustProblem
+    ratio : float
+        γ/γ* of the designs in whose loops channels are balanced.
+
+    Raises
+    ------
+    NoFeasibleGamma
+        If not even `LEAST_FRACTION` of the tolerances can be covered.
+    """
+    nominal = problem.nominal.gamma_star()
+    best = _balanced(problem, problem.nominal.design(ratio * nominal, nominal))
+    best = replace(best, fraction=problem.fraction(best))
+    for _ in range(BALANCES):
+        if best.fraction < LEAST_FRACTION:
+            break
+        within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
+        again = _balanced(problem, problem.design(ratio, within))
+        again = replace(again, fraction=problem.fraction(again))
+        if not _better(problem, again, best):
+            break
+        best = again
+    best = _polished(problem, best)
+    if best.fraction < LEAST_FRACTION:
+        raise NoFeasibleGamma(
+            "No attenuation level holds for these tolerances, nor for a part of them.",
+            f"no solution even with {100 * LEAST_FRACTION:g} % of the tolerances",
+            "the preset damped, or another bandwidth or damping",
+        )
+    return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
+
+
+def _better(problem: RobustProblem, one: Scalings, other: Scalings) -> bool:
+    if one.fraction < 1.0 or other.fraction < 1.0:
+        return one.fraction > other.fraction
+    return problem.gamma_star(one) < problem.gamma_star(other)
+
+
+def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
+    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    a, b2, p = problem.nominal.a, problem.nominal.b2, design.p
+    n = len(a)
+    x = solve_continuous_lyapunov(a + b2 @ design.gain, -np.diag(1.0 / np.abs(np.diag(p))))
+    log = np.zeros(len(problem.channels))
+    for k, channel in enumerate(problem.channels):
+        g = p @ (problem.torques @ channel.torque)
+        z = channel.by_input @ design.gain
+        z = z + np.concatenate([channel.by_state, np.zeros(n - len(channel.by_state))])
+        log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
+    return Scalings(log)
+
+
+def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
+    """The best of a simplex search over one factor for each quantity; none with many states."""
+    from scipy.optimize import minimize
+
+    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
+    places = np.array([groups.index(channel.group) for channel in problem.channels])
+    if len(problem.nominal.a) > MOST_STATES:
+        return start
+
+    def moved(factors: np.ndarray) -> Scalings:
+        return replace(start, log=start.log + factors[places])
+
+    def cost(factors: np.ndarray) -> float:
+        found = moved(factors)
+        if start.fraction == 1.0:
+            try:
+                return float(np.log(problem.gamma_star(found)))
+            except NoFeasibleGamma:
+                return np.inf
+        return -problem.fraction(found)
+
+    options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
+    best = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options)
+    found = moved(best.x)
+    found = replace(found, fraction=problem.fraction(found))
+    return found if _better(problem, found, start) else start
+
+
+#: Names of the disturbances that stand for tolerances, numbered from 1.
+PREFIX = "tolerance"
+
+
+@dataclass(frozen=True)
+class UncertainFlow:
+    """ẋ with torques L w at links and motors, beside the robot's own disturbances; L is a parameter.
+
+    Parameters
+    ----------
+    flow : callable
+        The robot's.
+    torques : int
+        Number of the robot's own disturbances: torques at links and motors.
+    """
+
+    flow: Any
+    torques: int
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates of all states, of any element."""
+        own, tolerances = d[: self.torques], d[self.torques :]
+        return self.flow(x, u, own + np.asarray(p.tolerance_channels) @ tolerances, p)
+
+
+def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
+    """The robot's plant with disturbances w that enter as torques L w.
+
+    Parameters
+    ----------
+    plant : Plant
+    enter : (2 joints, k)
+        L.
+    """
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    return Plant(
+        UncertainFlow(plant.flow, len(plant.disturbances)),
+        plant.output,
+        states=plant.states,
+        inputs=plant.inputs,
+        disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter},
+        outputs=plant.outputs,
+        units=plant.units,
+        groups=plant.groups,
+        limits=plant.limits,
+    )

@@ -1,0 +1,109 @@
+"""Poses, units, changes and numbers as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Design
+from flexhinf.design.report.formatting import (
+    Units,
+    amplitude_text,
+    changes_text,
+    finite,
+    pose_text,
+    range_text,
+    settling_text,
+    units_of,
+)
+from flexhinf.design.report.sections.weights import effort_unit, state_weights
+
+Make = Callable[[str], Design]
+
+
+@pytest.mark.parametrize(
+    ("values", "slides", "text"),
+    [
+        ([math.pi / 2], [False], "1.571 rad = 90°"),
+        ([-0.0], [False], "0"),
+        ([0.1], [True], "0.1 m"),
+        ([0.1, -0.5], [True, False], "(0.1 m, −0.5 rad = −28.6°)"),
+        ([0.1] * 4, [False] * 4, "(0.1, 0.1, 0.1, 0.1)"),
+    ],
+)
+def test_poses(values: list[float], slides: list[bool], text: str) -> None:
+    assert pose_text(values, slides) == text
+
+
+def test_poses_of_a_user_who_gave_degrees() -> None:
+    assert pose_text([math.pi / 2], [False], degrees=True) == "90°"
+    assert pose_text([0.1, math.pi], [True, False], degrees=True) == "(0.1 m, 180°)"
+
+
+def test_steps_ranges_and_settling() -> None:
+    assert amplitude_text(math.pi, "rad") == "3.14 rad (180°)"
+    assert amplitude_text(0.5, "m") == "0.5 m"
+    assert amplitude_text(math.inf, "rad") == "any looked at"
+    assert amplitude_text(math.nan, "rad") == "–"
+    assert range_text([2.0, 1.0]) == "1 to 2"
+    assert range_text([2.0, 2.0]) == "2"
+    assert settling_text(1.234) == "1.23 s"
+    assert settling_text(None, 7.5) == "> 7.5 s"
+    assert settling_text(math.inf) == "not settled"
+
+
+def test_what_is_not_finite_becomes_none() -> None:
+    value = {"a": np.array([1.0, np.inf]), "b": (np.nan, {"c": np.float64(2.0)}), "d": True, "e": "text"}
+    assert finite(value) == {"a": [1.0, None], "b": [None, {"c": 2.0}], "d": True, "e": "text"}
+
+
+def test_a_robot_is_described_by_its_largest_changes() -> None:
+    nominal: dict[str, Any] = {"stiffness": 100.0, "mass": 2.0, "inductance": 0.1}
+    changed = {**nominal, "stiffness": 90.0, "mass": 2.06}
+    assert changes_text(changed, nominal, ["joint"], []) == "stiffness −10 %, mass +3 %"
+    changed["inductance"] = 0.2  # no coil in this true plant
+    assert changes_text(changed, nominal, ["joint"], []) == "stiffness −10 %, mass +3 %"
+    assert changes_text(changed, nominal, ["joint"], ["inductance"]).startswith("inductance +1·10²")
+    assert changes_text(nominal, nominal, ["joint"], []) == "the nominal robot"
+    several = changes_text(
+        {"mass": np.array([1.0, 2.2])}, {"mass": np.array([1.0, 2.0])}, ["hip", "knee"], []
+    )
+    assert several == "mass knee +10 %"
+
+
+def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:
+    cart = robot_of("cart")
+    units = Units.of(cart.plant(), cart.joint_names, degrees=True)
+    assert (units.position, units.speed, units.angle, units.scale) == (
+        "m or rad",
+        "m/s or rad/s",
+        "m or rad",
+        1.0,
+    )
+    assert (units.load, units.spring, units.effort) == ("N or N·m",) * 3
+    arm = robot_of("paper")
+    turned = Units.of(arm.plant(), arm.joint_names, degrees=True)
+    assert (turned.angle, turned.rate, turned.effort) == ("°", "°/s", "V")
+    assert turned.scale == pytest.approx(180.0 / math.pi)
+    assert Units.of(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
+
+
+def test_degrees_are_those_of_the_specification(report_design: Make) -> None:
+    assert units_of(report_design("met").evaluation).angle == "°"
+    assert units_of(report_design("rings").evaluation).angle == "rad"
+
+
+@pytest.mark.slow
+def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -> None:
+    problem = report_design("cart").problem
+    found = state_weights(problem, ("belt", "arm"))
+    units = {weight.signal: weight.unit for weight in found}
+    assert units["link_position_belt"] == "1/m"
+    assert units["link_position_arm_integral"] == "1/(rad·s)"
+    assert units["joint_torque_rate_belt"] == "1/(N/s)"
+    assert effort_unit(problem) == "N⁻² or (N·m)⁻²"
+    assert all(weight.value for weight in found)

@@ -1,0 +1,119 @@
+"""Remarks appear exactly when they should."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Design
+from flexhinf.design.report import notes
+from flexhinf.design.report.page import remarks
+
+Make = Callable[[str], Design]
+
+
+def about(design: Design) -> str:
+    """What the remarks are about."""
+    return "; ".join(remark.about for remark in remarks(design))
+
+
+def with_evaluation(design: Design, **parts: object) -> Design:
+    """The same design with other parts of its evaluation."""
+    evaluation = dataclasses.replace(design.evaluation)
+    vars(evaluation).update({**vars(design.evaluation), **parts})
+    return dataclasses.replace(design, evaluation=evaluation)
+
+
+@pytest.mark.parametrize(
+    ("changes", "what", "there"),
+    [
+        ({"delay_margin_s": 0.0029}, "a delay margin of 2.9 ms", True),
+        ({"delay_margin_s": 0.0031}, "a delay margin", False),
+        ({"stable": False}, "the sampled loop is unstable", True),
+        ({"stable": False, "delay_margin_s": 0.0}, "a delay margin", False),
+        ({"noise_to_input": np.array([[1.0]])}, "sensor noise at the motors", False),
+        ({"noise_to_input": np.array([[1e5]])}, "sensor noise at the motors", True),
+    ],
+)
+def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: str, there: bool) -> None:
+    design = report_design("met")
+    found = dataclasses.replace(design.evaluation.margins, **changes)
+    assert (what in about(with_evaluation(design, margins=found))) is there
+
+
+def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design: Make) -> None:
+    assert "a vibration that rings" in about(report_design("rings"))
+    assert "a vibration that rings" not in about(report_design("met"))
+    for name in ("rings", "met"):
+        corners = report_design(name).evaluation.corners
+        assert corners is not None
+        assert (
+            f"{corners.unstable} of {corners.count} corners are unstable" in about(report_design(name))
+        ) is (corners.unstable > 0)
+
+
+def test_a_start_outside_the_region_is_named_in_the_step(report_design: Make) -> None:
+    design = report_design("met")
+    outside, inside = (dataclasses.replace(design, inside=value) for value in (False, True))
+    (text,) = set(notes(outside)) - set(notes(inside))
+    assert "outside the region" in text
+    assert {remark.section for remark in remarks(outside) if remark.plain == text} == {"step"}
+
+
+def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Make) -> None:
+    design = report_design("met")
+    *first, last = design.attenuation.budget
+    for start, spent, there in ((0.5, 0.4, False), (0.5, 0.6, True), (1.1, 0.4, False)):
+        budget = dataclasses.replace(
+            last.budget, level=1.0, start=start, spent=np.array([0.0, spent]), disturbance=np.zeros(2)
+        )
+        terms = (*first, dataclasses.replace(last, budget=budget))
+        changed = dataclasses.replace(
+            design, attenuation=dataclasses.replace(design.attenuation, budget=terms)
+        )
+        assert ("a dissipation budget that is exceeded" in about(changed)) is there
+
+
+def test_a_disturbance_beyond_the_level_is_named(report_design: Make) -> None:
+    design = report_design("met")
+    attained = design.attenuation.attained
+    assert attained is not None
+    assert ("a disturbance beyond γ" in about(design)) is (attained.gain > design.gamma)
+    beyond = dataclasses.replace(attained, gain=1.01 * design.gamma)
+    changed = dataclasses.replace(design.attenuation, attained=beyond)
+    assert "a disturbance beyond γ" in about(dataclasses.replace(design, attenuation=changed))
+
+
+def test_a_search_that_failed_says_why(report_design: Make) -> None:
+    design = report_design("met")
+    failed = dataclasses.replace(design.attenuation, attained=None, failure="A joint limit was reached.")
+    assert "A joint limit was reached." in notes(dataclasses.replace(design, attenuation=failed))
+
+
+def test_the_estimators_start_is_kept_apart_from_the_step(report_design: Make) -> None:
+    design = report_design("met")
+    what = "a peak input at the estimator's start"
+    assert what not in about(design)
+    step = design.evaluation.step
+    signals = dict(step.run.signals)
+    signals["input"] = signals["input"].copy()
+    signals["input"][2] = 100.0
+    changed = dataclasses.replace(step, run=dataclasses.replace(step.run, signals=signals))
+    assert what in about(with_evaluation(design, step=changed))
+
+
+def test_extras_that_the_linear_loop_leaves_out_are_named(report_design: Make) -> None:
+    design = report_design("met")
+    assert "extras left out of the linear loop" not in about(design)
+    s = dataclasses.replace if dataclasses.is_dataclass(design.specification) else None
+    changed = (
+        s(design.specification, extras=("coulomb_friction",))
+        if s
+        else design.specification.model_copy(update={"extras": ("coulomb_friction",)})
+    )
+    setup = dataclasses.replace(design.setup, specification=changed)
+    assert "extras left out of the linear loop" in about(with_evaluation(design, setup=setup))

@@ -1,0 +1,251 @@
+"""Several laws in one scenario: what is refused, what all of them share, and what each row holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.baselines import MotorPD, lqr
+from flexhinf.design import Specification, compare, comparison_stages, pipeline, tuning
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.laws import REFERENCE, law_names
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.result import Comparison
+from flexhinf.errors import InvalidInput, NumericalFailure
+
+QUICK: dict[str, Any] = {
+    "rays": 0, "degrees": (4,), "estimator": "ekf", "draws": 3, "duration": 1.5, "torque_noise": 1e-7,
+}  # fmt: skip
+RIG: dict[str, Any] = {**QUICK, "pose": (0.8,), "start": (0.3,)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Iterator[None]:
+    """Searches of a few candidates: how laws are tuned is tested beside this."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "BUDGET", ((10_000, 1, 1),))
+        yield
+
+
+@pytest.fixture(scope="module")
+def made() -> Callable[..., Comparison]:
+    """A comparison on the vertical rig: names of laws, the way to tune, options of the specification."""
+
+    def make(laws: Sequence[str], tune: str = "peak", **options: Any) -> Comparison:
+        return compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, **options}), laws, tune)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def rig(made: Callable[..., Comparison]) -> Comparison:
+    """Laws of all kinds; nothing may change it."""
+    return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
+
+
+# What is refused, and what is told ------------------------------------------------------------------------
+def test_every_stage_is_told() -> None:
+    robot, s, told = fh.load_robot("vertical-rig"), Specification(**RIG), []
+    compare(robot, s, ["pd"], progress=told.append)
+    assert abs(len(told) - comparison_stages(robot, s, ["pd"])) <= 1
+    assert sum(text.startswith("pd") for text in told) == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "laws", "tune", "words"),
+    [
+        ({}, ["pf"], "peak", "pd"),
+        ({}, ["pd"], "volts", "peak, bandwidth, none"),
+        ({"pose": (0.3,), "start": (0.3,)}, ["pd"], "peak", "nothing to move"),
+    ],
+)
+def test_mistakes_have_three_parts(
+    made: Callable[..., Comparison], options: Any, laws: Any, tune: str, words: str
+) -> None:
+    with pytest.raises(InvalidInput) as error:
+        made(laws, tune, **options)
+    assert words in str(error.value)
+    assert len(str(error.value).splitlines()) == 3
+
+
+def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_so_otherwise(
+    made: Callable[..., Comparison], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = tuning.Tuner.tune
+
+    def tuned(self: tuning.Tuner, kind: Any) -> Any:
+        if kind.name == "pd":
+            raise NumericalFailure("No such law.", "expected springs, got none", "springs")
+        return plain(self, kind)
+
+    monkeypatch.setattr(tuning.Tuner, "tune", tuned)
+    monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))
+    result = compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, "draws": 0}))
+    assert [row.name for row in result.rows] == [REFERENCE, "pd", "lqr"]
+    assert [row.name for row in result.compared] == [REFERENCE, "lqr"]
+    assert "springs" in result.rows[1].failure
+    with pytest.raises(InvalidInput, match="laws without 'pd'") as error:
+        made(["pd", "lqr"], draws=0)
+    assert "does not fit the robot" in str(error.value)
+
+
+# What all laws share --------------------------------------------------------------------------------------
+def test_every_law_gets_the_same_plants_commands_and_loads(rig: Comparison) -> None:
+    own = rig.own.evaluation
+    assert own is not None
+    for row in rig.compared:
+        found = row.evaluation
+        assert found is not None
+        assert found.scenario is rig.scenario
+        np.testing.assert_array_equal(found.jump.positions[0], own.jump.positions[0])
+        np.testing.assert_array_equal(found.move.response.positions[0], own.move.response.positions[0])
+        np.testing.assert_array_equal(found.load_response.load, own.load_response.load)
+        samples = found.jump_samples
+        assert samples is not None
+        assert samples.values == tuple(rig.scenario.robots)
+
+
+def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> None:
+    def noise(row: Any) -> np.ndarray:
+        run = row.evaluation.jump.run
+        return run.signals["output"][:, 0] - run.signals["state"][:, 0]
+
+    same = [row for row in rig.compared if row.tuned and row.tuned.sensors == ("link_position",)]
+    assert len(same) >= 4
+    for row in same[1:]:
+        np.testing.assert_allclose(noise(row), noise(same[0]), atol=1e-12)
+
+
+def test_no_law_begins_its_jump_with_a_preset_integral(rig: Comparison) -> None:
+    """Old code let laws with integrals continue the input: a peak voltage that no other law could have."""
+    for row in rig.compared:
+        found = row.evaluation
+        assert found is not None
+        held = found.setup.equilibrium(found.setup.start)[1]
+        assert np.abs(found.jump.inputs[0] - held).max() > 0.05 * np.abs(held).max(), row.name
+
+
+def test_steps_last_longer_than_the_design_s_own_unless_asked(made: Callable[..., Comparison]) -> None:
+    stated, free = made(["pd"], draws=0), made(["pd"], draws=0, duration=None)
+    assert stated.scenario.step_duration == 1.5
+    ratio = free.scenario.step_duration / free.scenario.load_duration
+    assert ratio == pytest.approx(1.5)  # three times the design's step, and the load runs for two
+    for row in free.compared:
+        assert row.evaluation is not None
+        assert row.evaluation.jump.run.time[-1] == pytest.approx(free.scenario.step_duration, rel=0.01)
+
+
+def test_delay_and_quantisation_reach_all_laws(made: Callable[..., Comparison]) -> None:
+    worn = made(["lqr"], "none", draws=0, delay=0.02, quantisation=1e-3)
+    for row in worn.compared:
+        found = row.evaluation
+        assert found is not None
+        undelayed = replace(found.setup, specification=replace(found.setup.specification, delay=0.0))
+        plain = LawEvaluation("plain", undelayed).margins.delay_margin_s
+        assert plain - found.margins.delay_margin_s == pytest.approx(0.02, abs=1e-4)
+        steps = found.jump.run.signals["output"] / 1e-3
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_rows_are_reproducible(made: Callable[..., Comparison]) -> None:
+    once, again = (made(["pd"]) for _ in range(2))
+    for a, b in zip(once.rows, again.rows, strict=True):
+        assert a.evaluation is not None
+        assert b.evaluation is not None
+        assert dict(a.evaluation.metrics) == dict(b.evaluation.metrics)
+
+
+def test_a_robust_design_is_compared_with_the_plain_weights(made: Callable[..., Comparison]) -> None:
+    result = made(["lqr"], preset="robust", degrees=(2,), draws=0)
+    names = [row.evaluation.setup.law.state_names for row in result.compared if row.evaluation]
+    assert names[0] == names[1]
+
+
+def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any]) -> None:
+    s = Specification(**{**QUICK, "degrees": (2,), "duration": 1.0}, pose=(0.1, 0.4), start=(0.0, 0.3))
+    result = compare(robot_of("cart"), s, ["pd"])
+    units = result.units()
+    assert (units["position"], units["torque"]) == ("rad or m", "N·m or N")
+    assert all(len(row.evaluation.jump.metrics) == 2 for row in result.compared if row.evaluation)
+
+
+@pytest.mark.slow
+def test_seven_links() -> None:
+    s = Specification(rays=0, degrees=(2,), draws=2, duration=1.0, torque_noise=1e-7)
+    result = compare(fh.load_robot("seven-link"), s, ["lqr", "pd", "flatness"])
+    assert [row.name for row in result.compared] == [REFERENCE, "lqr", "pd", "flatness"]
+    for row in result.compared:
+        assert row.tuned is not None
+        assert row.tuned.feasible or row.tuned.reason, row.name
+
+
+# Linear figures of a law in its loop ------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def setup() -> LoopSetup:
+    """The true state fed back at 10 kHz: almost the continuous loop."""
+    robot = fh.load_robot("vertical-rig")
+    s = Specification(pose=(0.8,), start=(0.3,), estimator="none", period=1e-4)
+    law = lqr(robot.problem(pose=(0.8,)))
+    return LoopSetup(robot, s, law, np.array([0.8]), np.array([0.3]))
+
+
+@pytest.mark.oracle
+def test_fast_sampling_of_the_true_state_has_the_damping_of_the_continuous_loop(setup: LoopSetup) -> None:
+    law = MotorPD.tuned(setup.robot.problem(pose=(0.8,)), 8.0)
+    found = LawEvaluation("pd", replace(setup, law=law)).margins
+    values = np.linalg.eigvals(law.closed_loop())
+    assert found.stable
+    assert found.damping == pytest.approx(min(-v.real / abs(v) for v in values if v.imag > 0.0), abs=2e-3)
+
+
+@pytest.mark.oracle
+def test_bandwidth_is_that_of_the_transfer_function_from_the_moved_equilibrium(setup: LoopSetup) -> None:
+    """With x_d moved along the equilibria, ẋ = (A + BK) x − (A + BK) x_d(q): |q(jω)| falls to 1/√2 of that at 0."""
+    problem = setup.robot.problem(pose=(0.8,))
+    law = MotorPD.tuned(problem, 6.0)
+    loop = law.closed_loop()
+    a, b, _, _ = problem.plant.linearise(*law.rest)
+    free = np.linalg.solve(np.hstack([a[:, 1:2], a[:, 2:], b]), -a[:, 0])
+    into = -loop @ np.concatenate([[1.0], free[:3]])  # A x_d + B u_d = 0 along the equilibria
+
+    def size(w: float) -> float:
+        return float(abs(np.linalg.solve(1j * w * np.eye(4) - loop, into)[0]))
+
+    bandwidth = LawEvaluation("pd", replace(setup, law=law)).margins.slowest_bandwidth
+    assert size(1e-6) == pytest.approx(1.0, rel=1e-6)
+    assert size(bandwidth) == pytest.approx(np.sqrt(0.5), rel=5e-3)
+
+
+def test_an_unstable_loop_has_no_margins_but_is_no_mistake(setup: LoopSetup) -> None:
+    law: Any = setup.law
+    found = LawEvaluation("wrong", replace(setup, law=replace(law, gains=-law.gains)))
+    assert not found.margins.stable
+    assert found.margins.delay_margin_s == 0.0
+    assert np.isinf(found.margins.peak_sensitivity)
+    assert found.linear_failure == ""
+
+
+def test_input_noise_is_that_of_a_run_at_the_goal(rig: Comparison) -> None:
+    for name in (REFERENCE, "pd"):
+        found = rig.row(name).evaluation
+        assert found is not None
+        still = replace(found.setup, start=found.setup.goal)
+        settled = still.jump(8.0, sub_steps=rig.scenario.sub_steps).inputs[2000:, 0]
+        assert found.input_noise == pytest.approx(float(settled.std()), rel=0.25)
+
+
+@pytest.mark.oracle
+def test_a_constant_load_leaves_what_the_spring_and_the_gain_give(made: Callable[..., Comparison]) -> None:
+    """PD, the true state fed back: at rest (K + G') δq − K δθ = d, and K δq = (K + K_p) δθ."""
+    result = made(["pd"], estimator="none", draws=0, duration=3.0, load=0.001)
+    found = result.row("pd").evaluation
+    assert found is not None
+    law: Any = found.setup.law
+    k, slope, p = law.joints.stiffness[0], law.joints.gravity_slope[0, 0], law.proportional[0]
+    away = abs(np.linalg.solve([[k + slope, -k], [-k, k + p]], [0.001, 0.0])[0])
+    assert found.metrics["load_remaining"] == pytest.approx(away, rel=0.03)

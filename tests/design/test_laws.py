@@ -1,0 +1,130 @@
+"""The laws that can be compared: names, sensors, parameters, and that each can be made."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.baselines import MotorPD
+from flexhinf.design import Specification
+from flexhinf.design.laws import (
+    DEFAULT_LAWS,
+    ESTIMATOR_NOISE,
+    MOTOR_NOISE,
+    REFERENCE,
+    LawFactory,
+    law_kind,
+    law_names,
+    weighted,
+)
+from flexhinf.design.synthesis import synthesise
+from flexhinf.errors import InvalidInput
+from flexhinf.hinf import solve_hji
+
+NAMES = [name for name in DEFAULT_LAWS if name != REFERENCE]
+
+
+@pytest.fixture(scope="module", params=["paper", "robust"])
+def factory(request: Any) -> LawFactory:
+    s = Specification(
+        pose=(0.8,), start=(0.3,), degrees=(4,), rays=0, preset=request.param, torque_noise=1e-7
+    )
+    return LawFactory(synthesise(fh.load_robot("vertical-rig"), s, lambda text: None), 5.0)
+
+
+def test_the_strongest_rivals_are_in_the_default_set() -> None:
+    assert {"flatness-i", "torque-i", "pid", "pd", "lqr", "nlqr", "hinf"} <= set(law_names())
+
+
+def test_the_design_s_own_law_is_first_and_each_name_is_there_once() -> None:
+    assert law_names(("pd", "lqr", "pd", REFERENCE)) == (REFERENCE, "pd", "lqr")
+    assert law_names(("nl-hinf-4",)) == (REFERENCE, "nl-hinf-4")
+    assert law_names(())[0] == REFERENCE
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("pdd", "pd"), ("flatnes", "flatness"), ("nl-hinf-14", "nl-hinf-4"), ("xyz", "--laws")]
+)
+def test_a_name_that_is_not_known_is_refused_with_the_nearest(name: str, near: str) -> None:
+    with pytest.raises(InvalidInput, match=f"(?s)There is no law .*{near}"):
+        law_names(["pd", name])
+
+
+def test_a_law_on_the_motor_side_measures_the_motor() -> None:
+    """A PD acts on the encoder of its motor, not through a filter on the link."""
+    assert law_kind("pd").sensors == (("motor_position",),)
+    for name in ("pid", "torque", "torque-i", "flatness", "flatness-i"):
+        assert all("motor_position" in sensors for sensors in law_kind(name).sensors)
+    for name in ("lqr", "nlqr", "hinf", "lqg"):
+        assert law_kind(name).sensors == ()
+
+
+def test_a_law_that_integrates_the_link_s_error_measures_the_link() -> None:
+    for name in ("pid", "torque-i", "flatness-i"):
+        assert any("link_position" in sensors for sensors in law_kind(name).sensors)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_law_is_made_at_its_start_and_changes_with_each_parameter(
+    factory: LawFactory, name: str
+) -> None:
+    """All parameters are searched, so each must act."""
+    kind = law_kind(name)
+    start, bounds = factory.start(kind), factory.bounds(kind)
+    plain = factory.make(kind, start)
+    assert plain.input_names == tuple(factory.problem.plant.inputs)
+    assert any(n.endswith("_integral") for n in plain.state_names) == kind.integral
+    for parameter in start:
+        low, high = bounds[parameter]
+        assert low <= start[parameter] <= high
+        changed = factory.make(kind, {**start, parameter: 1.1 * start[parameter]})
+        same = np.allclose(changed.law_data, plain.law_data, rtol=1e-9)
+        assert same == (parameter in (ESTIMATOR_NOISE, MOTOR_NOISE))
+    assert ESTIMATOR_NOISE in start
+
+
+def test_the_design_s_own_weights_and_level_give_the_design_s_own_law(factory: LawFactory) -> None:
+    kind = law_kind("nl-hinf-4")
+    values = {**factory.start(kind), "velocity_weight": 1e-12}
+    own = factory.synthesis.solution
+    np.testing.assert_allclose(factory.make(kind, values).law_data, own.law_data, rtol=1e-6, atol=1e-9)
+    linear = factory.make(law_kind("hinf"), values)
+    np.testing.assert_allclose(linear.gain, own.gain, rtol=1e-6)  # type: ignore[attr-defined]
+    assert factory.make(law_kind(REFERENCE), {}) is factory.synthesis.law
+
+
+def test_a_pd_is_made_from_its_bandwidth_and_damping(factory: LawFactory) -> None:
+    made = factory.make(law_kind("pd"), {"bandwidth": 7.0, "damping": 0.6, ESTIMATOR_NOISE: 1.0})
+    expected = MotorPD.tuned(factory.problem, 7.0, 0.6)
+    np.testing.assert_allclose(made.law_data, expected.law_data)
+
+
+@pytest.mark.oracle
+def test_weights_are_those_of_the_quadratic_form() -> None:
+    """hᵀh and R2 of the changed problem against the paper's, by hand."""
+    problem = fh.paper_arm().problem()
+    changed = weighted(problem, 0.5, 2.0, 0.1)
+    h, names = changed.expand(1).h_parts[1], changed.state_names
+    expected = np.zeros(5)
+    expected[names.index("link_position")] = 60.0**2
+    expected[names.index("link_velocity")] = (0.1 * 60.0) ** 2
+    expected[names.index("link_position_integral")] = (2.0 * 300.0) ** 2
+    np.testing.assert_allclose(h.T @ h, np.diag(expected), atol=1e-9)
+    np.testing.assert_allclose(changed.r2, 0.5 * problem.r2)
+    same = weighted(problem, 1.0, 1.0, 0.0)
+    np.testing.assert_allclose(
+        solve_hji(same, np.inf, 4).law_data, solve_hji(problem, np.inf, 4).law_data, rtol=1e-9
+    )
+
+
+def test_sources_are_in_the_bibliography_or_named() -> None:
+    text = Path("docs/references.bib").read_text().lower()
+    for name in DEFAULT_LAWS:
+        source = law_kind(name).source
+        year = re.search(r"(1\d{3}|20\d{2})", source)
+        assert year is None or year[1] in text

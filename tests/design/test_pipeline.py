@@ -1,0 +1,254 @@
+"""From a robot to a judged design, against a route of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import fsolve
+
+import flexhinf as fh
+from flexhinf.design import Design, Specification, design, design_files, notes, stages, verdict
+from flexhinf.design.estimator import estimator_for, estimator_modes
+from flexhinf.design.modes import closed_loop, stiffness_and_inertia
+from flexhinf.errors import NotDetectable
+
+
+@pytest.fixture(scope="module")
+def two() -> Design:
+    asked = Specification(
+        pose=(0.6, 0.3), start=(0.55, 0.36), measured=("motor_position",), degrees=(2, 4), rays=20, draws=0
+    )
+    return design(fh.load_robot("planar-two-link"), asked)
+
+
+def quick(name: str, **options: object) -> Design:
+    settings = {"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options}
+    return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
+
+
+@pytest.mark.oracle
+def test_a_small_step_is_that_of_the_linear_loop() -> None:
+    """The integrals begin where the input that held the robot at the start goes on: K (x, e) = u(0) − u*."""
+    result = quick(
+        "spatial-three-link", estimator="none", period=1e-4, duration=1.0, start=(-0.02, 0.48, 0.98)
+    )
+    gain = result.solution.gain
+    a = closed_loop(result.problem, gain)
+    x = np.zeros(len(a))
+    at, held = result.robot.operating_point(result.start)
+    x[:12] = at - result.problem.operating_point[:12]
+    x[12:] = np.linalg.solve(gain[:, 12:], held - result.problem.operating_input - gain[:, :12] @ x[:12])
+    assert result.response.run.signals["input"][0] == pytest.approx(held, rel=1e-9)
+    steps, one = [], expm(a * 1e-2)
+    for _ in range(100):
+        steps.append(x[:3])
+        x = one @ x
+    error = result.response.positions[:10000:100] - result.goal - np.array(steps)
+    assert np.abs(error).max() < 0.03 * np.abs(result.start - result.goal).max()
+
+
+def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
+    asked = dataclasses.replace(two.specification, estimator="ekf", compare_rigid=False, rays=0, degrees=(4,))
+    ekf = design(two.robot, asked)
+    true = design(two.robot, dataclasses.replace(asked, estimator="none"))
+    ukf = design(two.robot, dataclasses.replace(asked, estimator="ukf"))
+    for m, other, exact in zip(ukf.response.metrics, ekf.response.metrics, true.response.metrics):
+        assert m["overshoot_percent"] == pytest.approx(other["overshoot_percent"], abs=0.5)
+        assert m["overshoot_percent"] == pytest.approx(exact["overshoot_percent"], abs=2.0)
+        assert m["settling_time_s"] == pytest.approx(exact["settling_time_s"], abs=0.05)
+
+
+def test_the_degree_with_the_largest_step_is_used_and_the_start_is_judged(two: Design) -> None:
+    largest = max(two.choices, key=lambda c: c.step_amplitude)
+    assert two.chosen is largest
+    x, held = two.robot.operating_point(two.start)
+    away = x - two.problem.operating_point[:8]
+
+    def misfit(integrals: np.ndarray) -> np.ndarray:  # the integrals with which the input goes on
+        return two.solution.law(np.append(away, integrals)) + two.problem.operating_input - held
+
+    integrals = fsolve(misfit, np.zeros(2), xtol=1e-12)
+    assert two.bench.departure(two.solution) == pytest.approx(np.append(away, integrals), abs=1e-7)
+    assert two.inside is bool(two.solution.value(np.append(away, integrals)) <= two.chosen.level)
+    assert any("outside the region" in note for note in notes(two)) is not two.inside
+
+
+def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
+    assert two.rigid is not None
+    link, motor = two.rigid.loops
+    assert not link.stable
+    assert motor.stable
+    assert "unstable" in verdict(two)
+    late = link.response.positions[-200:] - two.goal
+    assert np.abs(late).max() > 3 * np.abs(motor.response.positions[-200:] - two.goal).max()
+
+
+def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
+    files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
+    page = files["index.html"]
+    for text in (
+        "A warning.",
+        "--pose 0.6,0.3",
+        "the robot&#x27;s file",
+        "assumption",
+        "command as disturbance",
+    ):
+        assert text in page, text
+    assert "<script" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    numbers = json.loads(files["design.json"])
+    assert numbers["gamma"] == pytest.approx(1.5 * numbers["gamma_star"])
+    assert numbers["step"]["joints"][0]["settling_time_s"] == two.response.metrics[0]["settling_time_s"]
+    assert len(numbers["closed_modes"]) >= 5
+
+
+def test_the_same_specification_gives_the_same_report() -> None:
+    pages = {design_files(quick("vertical-rig", seed=4), ["flexhinf"])["design.json"] for _ in range(2)}
+    assert len(pages) == 1
+
+
+@pytest.mark.slow
+def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
+    start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
+    result = quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
+    assert result.response.diverged_at is None
+    assert all(m["settling_time_s"] is not None for m in result.response.metrics)
+    assert max(m["steady_state_error"] for m in result.response.metrics) < 2e-3
+    assert result.rigid is not None
+    assert result.rigid.loops[0].response.diverged is not None
+    assert min(m.damping for m in result.rigid.loops[1].modes if m.vibration) < 0.01
+    assert min(m.damping for m in result.closed_modes if m.vibration) > 0.1
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("name", "measured", "apart"),
+    [
+        ("planar-two-link", ("motor_position",), 1e-6),
+        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.slow),
+    ],
+)
+def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...], apart: float) -> None:
+    pytest.importorskip("mujoco")
+    result = quick(name, measured=measured, mujoco=True, duration=1.0)
+    assert result.mujoco is not None
+    assert np.abs(result.mujoco.positions - result.response.positions).max() < apart
+    for ours, other in zip(result.response.metrics, result.mujoco.metrics):
+        assert other["overshoot_percent"] == pytest.approx(ours["overshoot_percent"], rel=0.01)
+        assert other["peak_input"] == pytest.approx(ours["peak_input"], rel=0.01)
+    assert "On MuJoCo's plant" in verdict(result)
+    assert "MuJoCo&#x27;s plant" in design_files(result, ["flexhinf"])["index.html"]
+
+
+def test_torques_can_disturb_instead_of_the_command() -> None:
+    result = quick("planar-two-link", disturbances=("link_torque", "motor_torque"))
+    assert result.problem.disturbance_names == (
+        "link_torque_shoulder", "link_torque_elbow", "motor_torque_shoulder", "motor_torque_elbow",
+    )  # fmt: skip
+    both = quick("planar-two-link", disturbances=("link_torque",), command=True)
+    assert both.problem.disturbance_names[0] == "link_position_shoulder_command"
+
+
+def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
+    mixed = quick("planar-two-link", measured=("motor_position", "joint_torque", "link_velocity_elbow"))
+    assert mixed.response.metrics[1]["steady_state_error"] < 1e-2
+    with pytest.raises(NotDetectable, match="joint_torque"):
+        quick("quanser-rotflex", measured=("joint_torque",))
+
+
+@pytest.mark.slow
+def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
+    blind = quick("seven-link", measured=("motor_position",))
+    assert min(mode.damping for mode in blind.estimator_modes if mode.vibration) < 1e-3
+    assert any("hardly sees" in note for note in notes(blind))
+    seen = blind.robot.plant(("motor_position", "joint_torque"))
+    rest = blind.robot.operating_point()
+    ukf = estimator_for("ukf", seen, rest, rest[0], 1e-3, (1e-10, 0.0), 1e-8)
+    energy = stiffness_and_inertia(seen, rest)
+    modes = estimator_modes(ukf, rest, blind.robot.joint_names, *energy)
+    assert min(mode.damping for mode in modes if mode.vibration) > 0.01
+
+
+@pytest.mark.oracle
+def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
+    result = quick("vertical-rig", estimator="ekf")
+    robot, s = result.robot, result.specification
+    rest = robot.operating_point()
+    ekf = fh.ExtendedKalmanFilter(
+        robot.plant(), s.period, np.diag([0.0, 1e-7, 0.0, 1e-7]), s.measurement_noise, rest[0], 1e-6
+    )
+    for _ in range(6000):
+        ekf.predict(rest[1])
+        ekf.correct(rest[0][:1])
+    ekf.predict(rest[1])
+    prior = ekf.covariance  # the error map A (1 − L C), from how the filter answers
+    c = np.array([[1.0, 0, 0, 0]])
+    gain = prior @ c.T / (c @ prior @ c.T + s.measurement_noise)
+    a = robot.plant().linearise(*rest)[0]
+    wanted = np.log(np.linalg.eigvals(expm(a * s.period) @ (np.eye(4) - gain @ c)).astype(complex)) / s.period
+    found = [mode.eigenvalue for mode in result.estimator_modes]
+    assert sorted(abs(v) for v in found) == pytest.approx(
+        sorted(abs(v) for v in wanted if v.imag >= 0), rel=1e-4
+    )
+
+
+def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
+    result = quick(
+        "spatial-three-link", period=0.05, estimator="none", duration=20.0
+    )  # far too slow for 17 Hz
+    assert result.response.diverged is not None
+    assert "diverges" in verdict(result)
+    assert any("diverges" in note for note in notes(result))
+    assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
+        {"degrees": (4,)},
+        {"preset": "damped", "peak_effort": 0.6, "draws": 12},
+        {"preset": "paper", "peak_effort": 40.0},
+        {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
+        {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1},
+    ],
+)
+def test_the_stages_told_are_those_announced(options: dict[str, Any]) -> None:
+    robot, told = fh.load_robot("vertical-rig"), []
+    asked = Specification(**{"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options})
+    design(robot, asked, told.append)
+    assert len(told) == stages(robot, asked)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"gamma_ratio": 0.0}, "gamma ratio"),
+        ({"effort": -1.0}, "effort"),
+        ({"degrees": (1,)}, "degrees"),
+        ({"degrees": ()}, "degrees"),
+        ({"estimator": "kalman"}, "estimator"),
+        ({"period": float("nan")}, "period"),
+        ({"measurement_noise": 0.0}, "measurement noise"),
+        ({"duration": -1.0}, "duration"),
+        ({"rays": -2}, "rays"),
+        ({"delay": 0.5e-3}, "delay"),
+        ({"delay": -1e-3}, "delay"),
+        ({"bandwidth": 0.0}, "bandwidth"),
+        ({"bandwidth": [2.0, -1.0]}, "bandwidth"),
+        ({"damping": 1.0}, "damping"),
+        ({"peak_effort": 0.0}, "peak effort"),
+        ({"overshoot": -5.0}, "overshoot"),
+        ({"preset": "stiff"}, "preset"),
+        ({"torque_noise": -1.0}, "torque noise"),
+        ({"draws": -1}, "draws"),
+    ],
+)
+def test_a_specification_is_checked_where_it_is_made(options: dict[str, object], what: str) -> None:
+    with pytest.raises(fh.InvalidInput, match=what):
+        Specification(**options)  # type: ignore[arg-type]

@@ -1,0 +1,102 @@
+"""A move with feedforward: exact for the nominal robot, within the limits of joints and motors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.move import EFFORT_FRACTION, Move, move_response, planned
+from flexhinf.design.response import Response
+from flexhinf.errors import InvalidInput
+
+Benches = Callable[..., LoopSetup]
+PACE = {"paper": [3.0], "cart": [6.0, 6.0], "planar-two-link": [5.0, 5.0]}
+
+
+@pytest.mark.parametrize(
+    ("name", "goal", "start"),
+    [
+        ("paper", (np.pi / 2,), (0.0,)),
+        ("planar-two-link", (0.4, 0.6), (-0.5, 1.2)),
+        ("cart", (0.4, 0.3), (-0.2, 0.3)),
+    ],
+)
+def test_the_nominal_robot_follows_the_plan_exactly(
+    setup_of: Benches, name: str, goal: tuple[float, ...], start: tuple[float, ...]
+) -> None:
+    """True state, no noise: what is left is that the input is held between samples, so a tenth of it a tenth."""
+    errors = []
+    for period in (1e-3, 1e-4):
+        bench = setup_of(name, goal, start, estimator="none", period=period)
+        plan = planned(bench, np.array(PACE[name]))
+        move = move_response(bench, plan)
+        assert move.response.positions[0] == pytest.approx(start)
+        assert move.response.positions[-1] == pytest.approx(goal, abs=1e-3)
+        way = np.abs(np.subtract(goal, start)).max()
+        errors.append(max(m["largest_error"] for m in move.metrics) / way)
+    assert errors[0] < 2e-3
+    assert errors[1] < 0.15 * errors[0]
+
+
+def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None:
+    bench = setup_of("planar-two-link", (0.4, 0.6), (0.1, 0.8))
+    move = move_response(bench, planned(bench, np.array([5.0, 5.0])))
+    run = move.response.run
+    for joint, metrics in enumerate(move.metrics):
+        wanted = [float(np.reshape(move.plan(t), -1)[joint]) for t in run.time[::10]]
+        error = run.signals["state"][::10, joint] - wanted
+        assert metrics["largest_error"] == pytest.approx(np.abs(error).max(), rel=0.02)
+        assert metrics["rms_error"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02)
+        assert metrics["peak_input"] == np.abs(run.signals["input"][:, joint]).max()
+    assert run.time[-1] == pytest.approx(1.5 * move.plan.duration, abs=2e-3)
+    assert Move(move.plan, Response(run, bench.goal, bench.start, 0.3)).metrics == [{}, {}]
+
+
+def test_a_faster_loop_moves_faster(setup_of: Benches) -> None:
+    bench = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
+    slow, fast = (planned(bench, np.array([w, w])).duration for w in (3.0, 6.0))
+    assert 1.6 < slow / fast < 2.0  # but for the smoothing over a period of the vibration
+
+
+def test_the_plan_stays_between_start_and_goal_and_so_within_the_limits(setup_of: Benches) -> None:
+    bench = setup_of("cart", (0.5, 2.5), (-0.5, -2.5))  # from one end of the joints to the other
+    plan = planned(bench, np.array([6.0, 6.0]))
+    positions = plan(np.linspace(0.0, plan.duration, 2001))
+    assert positions.min(axis=0) == pytest.approx([-0.5, -2.5], abs=1e-12)
+    assert positions.max(axis=0) == pytest.approx([0.5, 2.5], abs=1e-12)
+
+
+def test_a_plan_beyond_the_joints_limits_is_refused(setup_of: Benches) -> None:
+    inside = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
+    with pytest.raises(InvalidInput, match="limits of joint 'belt'"):
+        planned(replace(inside, goal=np.array([0.7, 0.3])), np.array([6.0, 6.0]))
+
+
+@pytest.mark.parametrize("option", ["peak_effort", "saturation"])
+def test_the_feedforward_leaves_room_below_the_limit_of_the_input(setup_of: Benches, option: str) -> None:
+    held = 9.8 / 0.9  # at 90°
+    free = setup_of("paper", (np.pi / 2,), (0.0,))
+    unhurried = planned(free, np.array([6.0])).duration
+    durations = []
+    for limit in (40.0, 15.0, 12.5):
+        bench = setup_of("paper", (np.pi / 2,), (0.0,), **{option: limit})
+        plan = planned(bench, np.array([6.0]))
+        times = np.arange(0.0, plan.duration, 1e-3)
+        motion = [np.reshape(row, (-1, 1)) for row in np.moveaxis(plan.derivatives(times, 4), 0, 0)]
+        inputs = bench.robot.inverse_dynamics(*motion)[1]
+        assert np.abs(inputs).max() <= held + EFFORT_FRACTION * (limit - held) + 1e-9
+        durations.append(plan.duration)
+    assert durations[0] >= unhurried
+    assert durations == sorted(durations)
+    assert durations[-1] > 1.2 * durations[0]
+
+
+def test_no_slower_move_helps_where_the_way_itself_is_too_heavy(setup_of: Benches) -> None:
+    """From hanging to upright the arm passes 90°, which takes 10.9 V however slowly."""
+    bench = setup_of("paper", (np.pi,), (0.0,), peak_effort=9.0)
+    with pytest.raises(InvalidInput, match="asks more of joint 'joint' than its motor gives"):
+        planned(bench, np.array([3.0]))
