@@ -60,9 +60,9 @@ def test_the_whole_table_of_the_regions_page_is_computed_again(repository: Path)
 @pytest.mark.slow
 def test_example_specified_design(repository: Path) -> None:
     design = runpy.run_path(str(repository / "examples" / "specified_design.py"))["main"](20)
-    assert all(line.holds for line in design.met)
-    assert design.tolerances.unstable_anywhere == 0
-    assert design.game.robustness.share == 1.0
+    assert design.met
+    assert design.evaluation.corners.unstable == 0
+    assert design.design_problem.robustness.fraction == 1.0
 
 
 def test_example_moving_reference(repository: Path) -> None:
