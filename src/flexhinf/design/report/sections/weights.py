@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.report.drawing import DASHED, drawn, panels, vertical_line
+from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.result import Design
 from flexhinf.plant import GeneralisedPlant
@@ -160,7 +160,7 @@ def _search_figure(design: Design) -> Figure:
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
     label(left, "smallest damping ratio", "")
     label(right, "γ*", "")
-    return drawn(
+    return figure_block(
         "search", figure,
         "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the damping "
         "weight ζ. The dotted line is the ζ that is used.",
