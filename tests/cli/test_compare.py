@@ -67,12 +67,10 @@ def test_mistakes_come_before_the_work(
 def test_interrupted_nothing_is_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from flexhinf.design.compare import corridor
-
     def stopped(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(corridor, "tuned_law", stopped)
+    monkeypatch.setattr("flexhinf.design.pipeline.synthesise", stopped)
     assert main([*WORDS, "--laws", "pd"]) == 130
     assert "Interrupted" in capsys.readouterr().err
     assert not list(folder.iterdir())

@@ -135,7 +135,7 @@ def test_relaxing_only_gamma_leaves_no_region_with_the_papers_penalty(arm):
 
 @pytest.mark.parametrize("pose", [0.0, np.pi / 2, np.pi])
 def test_the_papers_weights_leave_no_region_by_default(pose):
-    """M = CᵀC − C_cᵀC_c + … vanishes on the kernel of (x1, x5, V_x5): seeds found 73°, 7.0°, 9.0° and 5.5° there."""
+    """M = CᵀC − C_cᵀC_c + … vanishes on the kernel of (x1, x5, V_x5): seeds gave 73°, 7°, 9° and 4°."""
     problem = fh.paper_arm().problem(pose=[pose])
     solution = solve_hji(problem, 1.5 * smallest_gamma(problem), 4)
     assert solution.sampled_region() is None

@@ -26,7 +26,7 @@ class Parameters:
         if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
         raise InvalidInput(
-            f"The model asks for a parameter that it was not given: {name!r}.",
+            f"The model reads a parameter that it does not have: {name!r}.",
             f"expected one of {sorted(self.__dict__)}",
             _nearest(name, self.__dict__),
         )
