@@ -180,7 +180,11 @@ SEEDS = ((0, 500), (1, 20), (2, 2000), (3, 500), (4, 100))  # seed and number of
 
 @pytest.mark.parametrize(
     ("weights", "goal", "degree"),
-    [((65.0, 9, 30, 9, 310), 90, 6), ((75.0, 27, 90, 27, 330), 180, 6), ((65.0, 9, 30, 9, 310), 180, 4)],
+    [
+        ((65.0, 9, 30, 9, 310), 90, 6),
+        pytest.param((75.0, 27, 90, 27, 330), 180, 6, marks=pytest.mark.slow),
+        pytest.param((65.0, 9, 30, 9, 310), 180, 4, marks=pytest.mark.slow),
+    ],
 )
 def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, degree):
     problem = fh.paper_arm().problem(fh.Penalty(weights, effort=10.0), pose=[np.radians(goal)])
