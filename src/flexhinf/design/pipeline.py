@@ -325,6 +325,8 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
         limits["peak_input"] = (s.peak_effort, "--peak-effort")
     elif s.saturation is not None:
         limits["peak_input"] = (s.saturation, "--saturation")
+    if s.damping:
+        limits["damping"] = (s.damping, "--damping")
     if s.bandwidth is not None:
         limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
     assert own.scenario is not None

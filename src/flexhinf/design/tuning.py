@@ -17,7 +17,7 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 __all__ = ["TradeOff", "TunedLaw", "Tuner", "best_rival", "figures_of", "own_figures", "trade_offs"]
 
 #: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
-BUDGET = ((15, 6, 14), (10_000, 1, 4))
+BUDGET = ((15, 8, 18), (10_000, 1, 4))
 
 #: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
 #: seconds. The law itself is judged afterwards.
@@ -142,7 +142,11 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
             "other parameters",
         )
     linear = Figures(
-        found.peak_sensitivity, found.gain_margin, evaluation.input_noise, found.slowest_bandwidth
+        found.peak_sensitivity,
+        found.gain_margin,
+        found.damping,
+        evaluation.input_noise,
+        found.slowest_bandwidth,
     )
     return linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation)
 
@@ -152,7 +156,7 @@ def own_figures(evaluation: LawEvaluation) -> Figures:
     try:
         return figures_of(evaluation)
     except FlexhinfError:
-        return _run(Figures(math.inf, 1.0, math.inf, math.nan), evaluation)
+        return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
 
 
 def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:
