@@ -16,10 +16,12 @@ from flexhinf.analysis import (
     FrequencyResponse,
     GrowthRates,
     Margins,
+    ProcessNoise,
     ToleranceCorners,
     frequency_response,
     growth_rates,
     margins,
+    standard_noises,
     tolerance_corners,
 )
 from flexhinf.design.law_cost import needed_states, operations
@@ -31,6 +33,10 @@ from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError
 
 __all__ = ["LawEvaluation"]
+
+#: Ratios of R^v to R^n with which corners are computed, for up to so many states of the linear loop: with more, one is
+#: all that is affordable. Between two ratios `tolerance_corners` looks for the worst itself.
+RATIOS: tuple[tuple[float, tuple[float, ...]], ...] = ((40, (1e-4, 1.0, 1e4, 1e8)), (np.inf, (1e2,)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,9 +83,7 @@ def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -
         found.append("the step starts outside the sampled region")
     else:
         found.append("the region is sampled, for the law fed the true state")
-    if not worth.budget:
-        found.append("the dissipation budget cannot be computed, as the step diverges")
-    elif not worth.lasts:
+    if not worth.lasts:
         found.append("the dissipation budget of the step does not last")
     return found
 

@@ -14,12 +14,18 @@ margin, damping where one is required, no unstable corner of the tolerances, and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, frequency_response, margins, tolerance_corners
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    FrequencyResponse,
+    LinearLoop,
+    frequency_response,
+    tolerance_corners,
+)
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import TOLERANCE, gain_margin_limit, peak_sensitivity_limit
@@ -38,6 +44,9 @@ MANY_STATES, FEW_LEVELS, FEW_FRACTIONS = 15, (10.0, 1e3, 1e5), (0.1, 0.01)
 
 #: The first level that keeps the limits is refined by so many halvings of its exponent.
 HALVINGS = 2
+
+#: A gain margin and the inverse of a peak that stand for an unstable loop.
+UNSTABLE = 1e-9
 
 #: Largest peak of |load torque → link position|, over that of the law fed the true state.
 COMPLIANCE = 1.3
@@ -137,7 +146,7 @@ class _Search:
         self.many = len(setup.linear_law.state_names) > MANY_STATES
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
-        self.stiff = _compliance(setup.equilibrium_loop(estimated=False))
+        self.stiff = _compliance(frequency_response(setup.equilibrium_loop(estimated=False)))
 
     def run(self) -> None:
         """Levels from small to large until one keeps the limits, and then between it and the one before."""
@@ -168,26 +177,23 @@ class _Search:
         levels = EstimatorNoise(0.0, fraction * level, level, "searched on the running loop")
         process = levels.covariance(self.setup.model.states)
         linear = self.loop.linear(process_noise=process)
-        found = margins(linear)
-        compliance = _compliance(linear) / self.stiff if found.stable else np.inf
+        found = _figures(linear, self.setup.noise)
+        compliance = found.compliance / self.stiff
         ratios = [
             found.peak_sensitivity / peak_sensitivity_limit(s),
-            gain_margin_limit(s) / max(found.gain_margin, 1e-9),
+            gain_margin_limit(s) / max(found.gain_margin, UNSTABLE),
             compliance / COMPLIANCE,
         ]
         if self.damping:
-            ratios.append(self.damping / max(found.damping, 1e-9))
-        if not found.stable:
-            ratios.append(1e9)
+            ratios.append(self.damping / max(found.damping, UNSTABLE))
         excess = sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.5 * TOLERANCE)
         unstable = None
         if excess == 0.0 and self.setup.robot.uncertain:
             unstable = self.unstable(process)
             excess = float(np.log1p(unstable))
-        noise = np.zeros(len(linear.c)) if self.setup.noise is None else self.setup.noise
         candidate = NoiseCandidate(
-            levels, found.peak_sensitivity, found.gain_margin, found.damping if found.stable else -1.0,
-            compliance, float(np.linalg.norm(found.noise_to_input * noise, axis=1).max()), unstable, excess,
+            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise,
+            unstable, excess,
         )  # fmt: skip
         self.tried.append(candidate)
         return candidate
@@ -206,13 +212,45 @@ class _Search:
         return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 
-def _compliance(loop: object) -> float:
+@dataclass(frozen=True)
+class _Figures:
+    """Of one linear loop, on a grid of frequencies with points round every pole: near those of `margins`."""
+
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float
+    compliance: float
+    input_noise: float
+
+
+def _figures(linear: LinearLoop, noise: np.ndarray | None) -> _Figures:
+    if not linear.running.stable:
+        return _Figures(1.0 / UNSTABLE, UNSTABLE, -1.0, 1.0 / UNSTABLE, np.inf)
+    response = frequency_response(linear)
+    rms = linear.part("v", "u").rms() * (0.0 if noise is None else noise)
+    return _Figures(
+        response.peaks[0],
+        _gain_margin(response.input_loops),
+        linear.running.damping[0],
+        _compliance(response),
+        float(np.linalg.norm(rms, axis=1).max()),
+    )
+
+
+def _gain_margin(loops: np.ndarray) -> float:
+    """Smallest factor by which the gain of one input may rise or fall: where L_i (F, m) crosses the negative axis."""
+    found = np.inf
+    for loop in loops.T:
+        before, after = loop[:-1], loop[1:]
+        crosses = np.flatnonzero((before.imag * after.imag <= 0.0) & (before.real + after.real < 0.0))
+        for k in crosses:
+            weight = before[k].imag / (before[k].imag - after[k].imag) if before[k].imag != after[k].imag else 0.0
+            at = abs(before[k].real + weight * (after[k].real - before[k].real))
+            found = min(found, max(at, 1.0 / at) if at > 0.0 else np.inf)
+    return float(found)
+
+
+def _compliance(response: FrequencyResponse) -> float:
     """Peak of |load torque → link position|, rad/N·m or m/N."""
-    response = frequency_response(loop)  # type: ignore[arg-type]
     torques = [k for k, name in enumerate(response.disturbances) if name.startswith("link_torque")]
     return float(np.linalg.norm(response.disturbance[:, :, torques], 2, axis=(1, 2)).max())
-
-
-def with_levels(setup: LoopSetup, search: NoiseSearch | None) -> LoopSetup:
-    """The loop with the levels that were found."""
-    return setup if search is None else replace(setup, estimator_noise=search.chosen.levels)
