@@ -209,7 +209,7 @@ def test_bandwidth_is_that_of_the_transfer_function_from_the_moved_equilibrium(s
     problem = setup.robot.problem(pose=(0.8,))
     law = MotorPD.tuned(problem, 6.0)
     loop = law.closed_loop()
-    a, b, _, _ = problem.plant.linearise(*law.rest)
+    a, b, _, _ = problem.plant.linearise(*law.equilibrium)
     free = np.linalg.solve(np.hstack([a[:, 1:2], a[:, 2:], b]), -a[:, 0])
     into = -loop @ np.concatenate([[1.0], free[:3]])  # A x_d + B u_d = 0 along the equilibria
 
