@@ -12,6 +12,7 @@ import pytest
 
 from flexhinf.design import Design
 from flexhinf.design.report import design_page
+from flexhinf.design.report.formatting import units_of
 from flexhinf.design.report.page import remarks, title_of
 from flexhinf.design.report.sections.corners import corner_cells, corner_rows, corners_text
 from flexhinf.design.report.sections.margins import margin_rows
@@ -139,7 +140,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    rows = spread_rows(design.evaluation, None)  # type: ignore[arg-type]  the unit of the input is not looked at
+    rows = spread_rows(design.evaluation, units_of(design.evaluation))
     for (name, *_, median, high, worst, joint), values in zip(
         rows, (samples.overshoot, samples.settling, samples.peak)
     ):
