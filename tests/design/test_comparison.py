@@ -78,10 +78,10 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
 ) -> None:
     plain = tuning.Tuner.tune
 
-    def tuned(self: tuning.Tuner, kind: Any) -> Any:
+    def tuned(self: tuning.Tuner, kind: Any, others: Any = ()) -> Any:
         if kind.name == "pd":
             raise NumericalFailure("No such law.", "expected springs, got none", "springs")
-        return plain(self, kind)
+        return plain(self, kind, others)
 
     monkeypatch.setattr(tuning.Tuner, "tune", tuned)
     monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))

@@ -9,7 +9,7 @@ exceeds none. The search is short: it finds a good law, not the best there is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, log
 from typing import Any
@@ -124,6 +124,7 @@ def tune(
     samples: int = 16,
     refinements: int = 40,
     seed: int = 0,
+    others: Sequence[Mapping[str, float]] = (),
 ) -> Tuning:
     """Search the parameters of a law for the smallest cost within its limits.
 
@@ -139,6 +140,8 @@ def tune(
         Candidates of the Latin hypercube, and of all simplexes together, at most.
     seed : int
         Of the Latin hypercube.
+    others : sequence of mapping of str to float
+        Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
 
     Returns
     -------
@@ -164,7 +167,8 @@ def tune(
             return UNJUDGED + beyond
         return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
 
-    points = [begin, *_spread(begin, low, high, samples, seed)]
+    given = [np.clip(np.log([values[name] for name in names]), low, high) for values in others]
+    points = [begin, *given, *_spread(begin, low, high, samples, seed)]
     costs = [cost(point) for point in points]
     if names and refinements:
         each = -(-refinements // (STARTS + 1))
