@@ -101,7 +101,7 @@ def test_other_sensors_and_noise_levels_make_another_loop(setup_of: Setups) -> N
     linear = replace(setup, linear_model=True)
     x = np.array([0.3, 1.0, 0.2, -1.0])
     there = linear.estimator(setup.goal).plant
-    a, b = setup.model.linearise(*setup.goal_equilibrium)[:2]
+    a = setup.model.linearise(*setup.goal_equilibrium)[0]
     rest, held = setup.goal_equilibrium
     assert there.derivative(rest + x, held) == pytest.approx(a @ x, abs=1e-9)
 
