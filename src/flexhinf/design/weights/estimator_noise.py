@@ -68,7 +68,8 @@ class NoiseCandidate:
     unstable : int or None
         Corners of the tolerances; None where they were not looked at, because another limit is missed.
     excess : float
-        Sum of ln(figure/limit) over the limits that are missed; 0 where all are kept.
+        Sum of ln(figure/limit) over the limits that are missed; where these are kept, ln(1 + unstable corners); 0 where
+        everything is kept.
     """
 
     levels: EstimatorNoise
@@ -79,6 +80,11 @@ class NoiseCandidate:
     input_noise: float
     unstable: int | None
     excess: float
+
+    @property
+    def misses_margins(self) -> bool:
+        """Whether a limit other than that of the corners is missed."""
+        return self.excess > 0.0 and self.unstable is None
 
     @property
     def feasible(self) -> bool:
@@ -132,7 +138,7 @@ def search_noise(
         search.run()
     except FlexhinfError:
         return None
-    chosen = min(search.tried, key=lambda c: (c.excess, c.input_noise))
+    chosen = min(search.tried, key=lambda c: (c.misses_margins, c.excess, c.input_noise))
     progress(f"noise levels of the estimator: {len(search.tried)} tried")
     return NoiseSearch(chosen, tuple(search.tried))
 
