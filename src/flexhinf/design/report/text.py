@@ -227,6 +227,8 @@ def _regions(design: Design) -> Table:
             sampled = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
             if math.isinf(c.step_amplitude):
                 sampled = ("any", "any", "–")
+            if math.isnan(c.level):
+                sampled = ("none", "–", "–")
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *sampled, f"{c.residual:.0e}", *times)
     return regions
