@@ -31,6 +31,13 @@ def test_example_two_link_arm(repository: Path) -> None:
     assert errors["final_error_rad"] < 0.002 < errors["largest_error_rad"] < 0.4
 
 
+def test_a_row_of_the_regions_page_is_computed_again(repository: Path) -> None:
+    example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
+    page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
+    assert example["largest_steps"](example["ROWS"][0], "command", 90).row in page
+    assert example["largest_steps"](example["ROWS"][1], "command", 90, seed=7).row in page
+
+
 @pytest.mark.slow
 def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
     cases = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))["main"](tmp_path)
@@ -42,11 +49,20 @@ def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_whole_table_of_the_regions_page_is_computed_again(repository: Path) -> None:
+    example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
+    page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
+    rows = [example["largest_steps"](*wanted).row for wanted in example["wanted_rows"]()]
+    assert [row for row in rows if row not in page] == []
+    assert len([line for line in page if line.startswith("| (")]) == len(rows)
+
+
+@pytest.mark.slow
 def test_example_specified_design(repository: Path) -> None:
     design = runpy.run_path(str(repository / "examples" / "specified_design.py"))["main"](20)
-    assert all(line.holds for line in design.met)
-    assert design.tolerances.unstable_anywhere == 0
-    assert design.game.robustness.share == 1.0
+    assert design.met
+    assert design.evaluation.corners.unstable == 0
+    assert design.design_problem.robustness.fraction == 1.0
 
 
 def test_example_moving_reference(repository: Path) -> None:

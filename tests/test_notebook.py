@@ -14,9 +14,9 @@ LONGEST = 600  # characters of a repr: a few lines of a terminal
 @pytest.fixture(scope="module")
 def results() -> dict[str, object]:
     robot = fh.paper_arm()
-    problem = robot.problem()
+    problem = robot.problem([70.0, 18.0, 60.0, 18.0, 320.0])  # on every state, so that there is a region
     solution = fh.linear_law(problem, 1.5 * fh.smallest_gamma(problem))
-    check = solution.sampled_region(penalty=[60.0, 0, 0, 0, 0], gamma=2 * solution.gamma, rays=50)
+    check = solution.sampled_region()
     return {
         "name: paper": robot,
         "link_position": robot.plant(),
@@ -24,6 +24,7 @@ def results() -> dict[str, object]:
         "degrees": problem.expand(3),
         "degree of V": solution,
         "level of V": check,
+        "definite: yes": solution.checked_margin(),
     }
 
 

@@ -48,6 +48,6 @@ def test_an_interruption_has_the_shells_code(
     def stop(*arguments: object) -> None:
         raise raised
 
-    monkeypatch.setattr("flexhinf.design.terminal.robots_table", stop)
+    monkeypatch.setattr("flexhinf.design.report.robots_table", stop)
     assert main(["robots"]) == 130
     assert "nothing was written" in capsys.readouterr().err

@@ -166,6 +166,7 @@ def test_a_robust_design_is_compared_with_the_plain_weights(made: Callable[..., 
     assert names[0] == names[1]
 
 
+@pytest.mark.slow
 def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any]) -> None:
     s = Specification(**{**QUICK, "degrees": (2,), "duration": 1.0}, pose=(0.1, 0.4), start=(0.0, 0.3))
     result = compare(robot_of("cart"), s, ["pd"])

@@ -65,6 +65,7 @@ def papers_setup(robot_of: Named) -> Callable[[str, int, int], LoopSetup]:
 PRESETS, GOALS = ("damped", "robust"), (90, 180)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [2, 6])
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
@@ -215,6 +216,7 @@ def check(result: Design, overshoot: float, peak: float, count: int) -> None:
     assert result.evaluation.corners.unstable == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerances(
     robot_of: Named, preset: str
@@ -227,6 +229,7 @@ def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerance
     check(design(robot_of("planar-two-link"), s), 5.0, 24.0, 200)
 
 
+@pytest.mark.slow
 def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
     """Damping of the springs and dry friction in the true plant, which no model of the design knows."""
     robot, s = robot_of("planar-two-link"), Specification(

@@ -56,6 +56,7 @@ def test_a_small_step_is_that_of_the_linear_loop() -> None:
     assert np.abs(error).max() < 0.03 * np.abs(result.start - result.goal).max()
 
 
+@pytest.mark.slow
 def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
     asked = dataclasses.replace(two.specification, estimator="ekf", compare_rigid=False, rays=0, degrees=(4,))
     ekf = design(two.robot, asked)
@@ -119,6 +120,7 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     assert len(numbers["closed_modes"]) >= 5
 
 
+@pytest.mark.slow
 def test_the_same_specification_gives_the_same_report() -> None:
     pages = {design_files(quick("vertical-rig", seed=4), ["flexhinf"])["design.json"] for _ in range(2)}
     assert len(pages) == 1

@@ -126,7 +126,7 @@ def test_the_feedforward_leaves_room_below_the_limit_of_the_input(setup_of: Benc
 def test_no_slower_move_helps_where_the_way_itself_is_too_heavy(setup_of: Benches) -> None:
     """From hanging to upright the arm passes 90°, which takes 10.9 V however slowly."""
     setup = setup_of("paper", (np.pi,), (0.0,), peak_effort=9.0)
-    with pytest.raises(InvalidInput, match="asks more of joint 'joint' than its motor gives"):
+    with pytest.raises(InvalidInput, match="needs more of joint 'joint' than its motor gives"):
         planned(setup, np.array([3.0]))
 
 

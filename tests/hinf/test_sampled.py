@@ -135,7 +135,7 @@ def test_relaxing_only_gamma_leaves_no_region_with_the_papers_penalty(arm):
 
 @pytest.mark.parametrize("pose", [0.0, np.pi / 2, np.pi])
 def test_the_papers_weights_leave_no_region_by_default(pose):
-    """M = CᵀC − C_cᵀC_c + … vanishes on the kernel of (x1, x5, V_x5): seeds found 73°, 7.0°, 9.0° and 5.5° there."""
+    """M = CᵀC − C_cᵀC_c + … vanishes on the kernel of (x1, x5, V_x5): seeds gave 73°, 7°, 9° and 4°."""
     problem = fh.paper_arm().problem(pose=[pose])
     solution = solve_hji(problem, 1.5 * smallest_gamma(problem), 4)
     assert solution.sampled_region() is None
@@ -180,7 +180,11 @@ SEEDS = ((0, 500), (1, 20), (2, 2000), (3, 500), (4, 100))  # seed and number of
 
 @pytest.mark.parametrize(
     ("weights", "goal", "degree"),
-    [((65.0, 9, 30, 9, 310), 90, 6), ((75.0, 27, 90, 27, 330), 180, 6), ((65.0, 9, 30, 9, 310), 180, 4)],
+    [
+        ((65.0, 9, 30, 9, 310), 90, 6),
+        pytest.param((75.0, 27, 90, 27, 330), 180, 6, marks=pytest.mark.slow),
+        pytest.param((65.0, 9, 30, 9, 310), 180, 4, marks=pytest.mark.slow),
+    ],
 )
 def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, degree):
     problem = fh.paper_arm().problem(fh.Penalty(weights, effort=10.0), pose=[np.radians(goal)])

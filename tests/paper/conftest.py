@@ -5,25 +5,25 @@ from __future__ import annotations
 import pytest
 
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
-from flexhinf.paper.bench import PaperBench
+from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.reproduction import STAGES
 
 
 @pytest.fixture(scope="session")
-def bench() -> PaperBench:
-    """The bench with the default settings."""
-    return PaperBench(PaperSettings())
+def setup() -> PaperSetup:
+    """The setup with the default settings."""
+    return PaperSetup(PaperSettings())
 
 
 @pytest.fixture(scope="session")
-def told() -> list[str]:
+def said() -> list[str]:
     """What the reproduction said while it ran."""
     return []
 
 
 @pytest.fixture(scope="session")
-def reproduction(told: list[str]) -> Reproduction:
+def reproduction(said: list[str]) -> Reproduction:
     """The whole report with the default settings."""
-    result = reproduce(PaperSettings(), progress=told.append)
-    assert len(told) == STAGES
+    result = reproduce(PaperSettings(), progress=said.append)
+    assert len(said) == STAGES
     return result

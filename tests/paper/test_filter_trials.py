@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.filter_trials import Trial, run_trial
+from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.settings import PaperSettings
 
 RUNS = 60
@@ -18,7 +18,7 @@ VOLTS = 20.0 * np.sin(np.arange(300)[:, None] * 0.02)
 
 @pytest.fixture(scope="module")
 def trial() -> Trial:
-    model = PaperBench(PaperSettings()).model
+    model = PaperSetup(PaperSettings()).model
     return Trial("matched", model, 0.01, 1e-6, (1e-6,), (0.1, 0.1, 0.1, 0.1), {})
 
 

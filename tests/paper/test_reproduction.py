@@ -62,16 +62,46 @@ def test_every_claim_of_the_issue_is_judged_once(metrics: dict[str, Any]) -> Non
     ids = [claim["id"] for claim in metrics["claims"]]
     assert len(ids) == len(set(ids))
     assert set(ids) >= {
-        "tracks-180", "tracks-90", "beats-linear", "what-h-infinity-buys", "tracks-sine",
+        "tracks-180", "tracks-90", "beats-linear", "tracks-sine",
         "link-weight-reduces-overshoot", "integral-weight-is-fast", "electrical-pole-negligible", "gain-attained",
         "withstands-tolerances", "withstands-step-disturbance", "withstands-sine-disturbance", "ukf-reconstructs",
         "ukf-bounded", "ukf-better-than-ekf",
     }  # fmt: skip
     for claim in metrics["claims"]:
         assert claim["verdict"] in VERDICTS
+        assert claim["criterion"], claim["id"]
         assert re.search(r"\d", claim["evidence"]), claim["id"]
         if claim["verdict"] == "fails":
             assert claim.get("repair"), claim["id"]
+
+
+def test_our_own_question_is_not_counted_among_the_claims(
+    metrics: dict[str, Any], reproduction: Reproduction
+) -> None:
+    assert [entry["id"] for entry in metrics["our_questions"]] == ["what-h-infinity-buys"]
+    assert "what-h-infinity-buys" not in [claim["id"] for claim in metrics["claims"]]
+    assert f"Of {len(metrics['claims'])} claims" in reproduction.files["index.html"]
+
+
+def test_verdicts_at_the_default_settings(metrics: dict[str, Any]) -> None:
+    verdicts = {claim["id"]: claim["verdict"] for claim in (*metrics["claims"], *metrics["our_questions"])}
+    expected = dict.fromkeys(verdicts, "holds")
+    expected |= {"tracks-sine": "fails", "withstands-tolerances": "fails", "ukf-better-than-ekf": "ties"}
+    assert verdicts == {**expected, "what-h-infinity-buys": "fails"}
+
+
+def test_the_page_says_first_what_it_did_not_do_and_what_fails(reproduction: Reproduction) -> None:
+    page = reproduction.files["index.html"]
+    assert "No printed curve was compared with a computed one" in page.split('class="verdict"')[0]
+    order = re.findall(r'<article class="claim" id="claim-([a-z0-9-]+)"', page)
+    assert set(order[:2]) == {"tracks-sine", "withstands-tolerances"}
+    for article in page.split('<article class="claim"')[1:]:
+        assert article.index("<strong>Criterion.") < article.index('class="badge')
+
+
+def test_nothing_sampled_is_called_guaranteed(reproduction: Reproduction) -> None:
+    words = re.findall(r"[^.<>]*guarantee[^.<>]*", reproduction.files["index.html"])
+    assert all("fast response to a step command" in text for text in words), words  # the paper's own sentence
 
 
 def test_the_cubic_law_beats_the_linear_one_on_steps(metrics: dict[str, Any]) -> None:
@@ -97,14 +127,14 @@ def test_the_page_is_self_contained_and_names_every_figure(reproduction: Reprodu
 
 
 def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
-    from flexhinf.paper.bench import PaperBench
     from flexhinf.paper.experiments import Experiments
     from flexhinf.paper.figures import FIGURES as DRAWINGS
+    from flexhinf.paper.loop_setup import PaperSetup
 
-    again = Experiments(PaperBench(PaperSettings()))
-    for figure in (DRAWINGS[0], DRAWINGS[8]):
-        drawn = figure(again)
-        assert drawn.svg == reproduction.files[f"figure_{drawn.number}.svg"]
+    again = Experiments(PaperSetup(PaperSettings()))
+    for make in (DRAWINGS[0], DRAWINGS[8]):
+        figure = make(again)
+        assert figure.svg == reproduction.files[f"figure_{figure.number}.svg"]
 
 
 @pytest.mark.slow

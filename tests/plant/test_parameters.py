@@ -104,3 +104,17 @@ def test_what_a_table_knows_of_many_values() -> None:
     values = {"stiffness": np.array([3.0, 4.0]), "inductance": 0.1}
     assert list(table.known(values)) == ["stiffness"]
     assert table.known(values)["stiffness"] is values["stiffness"]
+
+
+def test_vectors_of_many_plants_are_those_of_each() -> None:
+    table = ParameterTable({"mass": [1.0, 2.0], "length": 0.5, "friction": 0.1})
+    rows = [{"mass": [1.5, 2.5]}, {}, {"friction": 0.2, "length": 0.4}]
+    assert np.array_equal(table.vectors(rows), [table.replaced(row).vector() for row in rows])
+    assert table.vectors([]).shape == (0, 4)
+
+
+@pytest.mark.parametrize("wrong", [{"weight": 1.0}, {"mass": 1.0}, {"length": np.nan}, {"length": "long"}])
+def test_vectors_refuse_what_one_plant_refuses(wrong) -> None:
+    table = ParameterTable({"mass": [1.0, 2.0], "length": 0.5})
+    with pytest.raises(InvalidInput):
+        table.vectors([{}, wrong])

@@ -64,7 +64,7 @@ def test_parts_and_mappings_agree():
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"f": {**F, (0, 0): [0.0, 0.25]}}, "not at rest.*0.25 in x2"),
+        ({"f": {**F, (0, 0): [0.0, 0.25]}}, "not in equilibrium.*0.25 in x2"),
         ({"h": {**H, (0, 0): [1.0, 0, 0]}}, "does not vanish"),
         ({"f": {**F, (0, 3): [0.0, np.nan]}}, "not finite"),
         ({"f": {**F, (0, 3, 0): [0.0, 1.0]}}, "not an exponent vector"),

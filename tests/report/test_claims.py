@@ -18,6 +18,22 @@ def test_a_verdict_is_told_by_more_than_its_colour(verdict: str, sign: str) -> N
     assert f"</span> {verdict}</span>" in html
 
 
+def test_what_fails_comes_first_and_the_criterion_before_the_verdict() -> None:
+    claims = [
+        report.Claim("a", "A.", "holds", "1 < 2", criterion="at most 2"),
+        report.Claim("b", "B.", "fails", "3 > 2", "less", ("table-b",), "at most 2"),
+    ]
+    html = report.Claims(claims).html()
+    assert html.index("B.") < html.index("A.")
+    table = report.Table(("x",), [(1,)], "numbers", "table-b")
+    evidence = report.ClaimEvidence(claims[1], (table,))
+    parts = [
+        evidence.html().index(text) for text in ("B.", "at most 2", "</span> fails", "3 &gt; 2", "numbers")
+    ]
+    assert parts == sorted(parts)
+    assert evidence.ids() == ("claim-b", "table-b")
+
+
 def test_another_verdict_is_refused() -> None:
     with pytest.raises(InvalidInput, match="expected one of holds, fails, ties, not judged"):
         report.Claim("c", "t", "maybe", "e")  # type: ignore[arg-type]

@@ -115,7 +115,7 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
         page_of(report.Bullets((HOSTILE,))),
         page_of(report.Listing(HOSTILE)),
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
-        page_of(report.Claims([report.Claim("c", HOSTILE, "fails", HOSTILE, HOSTILE)])),
+        page_of(report.ClaimEvidence(report.Claim("c", HOSTILE, "fails", HOSTILE, HOSTILE, (), HOSTILE))),
         page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
         page_of(provenance=report.Provenance([HOSTILE], 0, {HOSTILE: HOSTILE})),
     ],
@@ -136,7 +136,9 @@ def test_an_anchor_used_twice_is_refused() -> None:
 def test_a_claim_that_points_nowhere_is_refused() -> None:
     claim = report.Claim("c", "t", "holds", "e", figures=("figure-03",))
     with pytest.raises(InvalidInput, match="not found: figure-03"):
-        page_of(report.Claims([claim]))
+        page_of(report.ClaimEvidence(claim))
+    with pytest.raises(InvalidInput, match="not found: claim-c"):
+        page_of(report.Claims([claim]))  # its evidence is not on the page
 
 
 def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_html: str) -> None:

@@ -347,8 +347,7 @@ class EquilibriumLoop:
 
     def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Parameter vectors (N, q) of true plants with these values."""
-        table = self.plant.parameters
-        return np.array([table.replaced(v).vector() for v in values]).reshape(len(values), table.size)
+        return self.plant.parameters.vectors(values)
 
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
         return None if process_noise is None else self.gain(process_noise).ravel()

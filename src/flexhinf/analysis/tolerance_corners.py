@@ -267,7 +267,9 @@ def _between(
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
         rates = np.array([each.fastest for each in growth_rates(loop, population, tried, few)])
-        rates = np.clip(rates, -LARGEST, LARGEST)  # infinite where no finite linear loop exists: a peak as well
+        rates = np.clip(
+            rates, -LARGEST, LARGEST
+        )  # infinite where no finite linear loop exists: a peak as well
         higher = rates[1:-1] - PROMINENT * np.abs(rates[1:-1])
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]

@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response, Worst
-from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.design.specification import FIELDS, GAIN_MARGIN, PEAK_SENSITIVITY, Specification
 
 __all__ = [
     "GAIN_MARGIN", "PEAK_SENSITIVITY", "TOLERANCE", "Requirement", "all_met", "behaviour_requirements",
@@ -24,9 +24,6 @@ __all__ = [
 
 #: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
 TOLERANCE = 0.02
-
-#: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
-PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"

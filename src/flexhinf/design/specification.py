@@ -51,6 +51,9 @@ ESTIMATORS: tuple[str, ...] = get_args(Estimator)
 #: link moves it little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
+#: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
+PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
 #: A delay is a whole number of samples, within this fraction of one.
 WHOLE = 1e-6
 
@@ -151,13 +154,13 @@ class Specification:
         "Largest overshoot of every link position, in per cent of the step.", "5", "%")] = 5.0
     peak_sensitivity: Annotated[AboveOne | None, About(BEHAVIOUR,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
-        default="a limit that the report states")] = None
+        default=f"{PEAK_SENSITIVITY:g}")] = None
     gain_margin: Annotated[AboveOne | None, About(BEHAVIOUR,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
-        default="a limit that the report states")] = None
+        default=f"{GAIN_MARGIN:g}")] = None
     penalty: Annotated[Weights | None, About(WEIGHTS,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
-        "link_position=60,link_position_integral=300")] = None
+        "link_position=60,link_position_integral=300", default="by the preset")] = None
     effort: Annotated[Positive | None, About(WEIGHTS, "R2, the weight of the input.", "10", zero="the default",
         default="the robot's own, or 1")] = None
     gamma_ratio: Annotated[AboveOne, About(SYNTHESIS, "γ/γ* of the design.", "1.5")] = 1.5
@@ -185,7 +188,7 @@ class Specification:
         "q of R^v = q I, the variance added to every state per sample.", "1e-10")] = None
     torque_noise: Annotated[NotNegative | None, About(LOOP,
         "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
-        default=f"{TORQUE_NOISE:g} without --process-noise")] = None
+        default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")] = None
     measurement_noise: Annotated[Positive, About(LOOP,
         "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")] = 1e-8
     saturation: Annotated[Positive | None, About(LOOP, "Limit ± of every input.", "24", "V, N·m or N",
@@ -239,14 +242,6 @@ class Specification:
         """The largest allowed input, the smaller of requirement and saturation; None for no limit."""
         limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
         return min(limits, default=None)
-
-    @property
-    def noises(self) -> tuple[float, float]:
-        """Variance per sample on every state, and on the velocities alone."""
-        everywhere, torques = self.process_noise, self.torque_noise
-        if everywhere is None and torques is None:
-            return 0.0, TORQUE_NOISE
-        return everywhere or 0.0, torques or 0.0
 
     @property
     def in_degrees(self) -> bool:

@@ -95,7 +95,7 @@ def work(n: int, k: int) -> float:
 
 @contextmanager
 def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
-    """Yield a callable to be told each degree that is done. Shown on a terminal only, on standard error."""
+    """Yield a callable that reports each finished degree. The bar appears on a terminal only, on standard error."""
     total = sum(work(n, k) for k in range(3, degree + 1))
     if total < _LONG or not sys.stderr.isatty():
         yield lambda degree_done: None

@@ -1,9 +1,9 @@
 """Solve the Hamilton–Jacobi–Isaacs equation, Eq. (8), to any degree about an operating point.
 
-The game
---------
+The problem
+-----------
 For ẋ = f(x) + g1(x) d + g2(x) u, z = (h(x), l(x) u), lᵀl = R2, f(0) = 0, h(0) = 0, a law u = k(x) is wanted with
-∫|z|² dt ≤ γ² ∫|d|² dt from rest. It is one player's strategy in a zero-sum game whose value V ≥ 0 solves
+∫|z|² dt ≤ γ² ∫|d|² dt from x = 0. It is one player's strategy in a zero-sum game whose value V ≥ 0 solves
 [vanderschaft1992, isidori1995]
 
     V_x f + ½ hᵀh + ½ V_x (g1 g1ᵀ/γ² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0,                                              (8)
@@ -79,7 +79,7 @@ _HIGHEST = 200  # degree; far beyond what converges, and even one state would ta
 
 
 def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
-    """Value function and law of the game to the given degree.
+    """Value function and law of the problem to the given degree.
 
     Parameters
     ----------

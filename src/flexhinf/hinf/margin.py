@@ -40,7 +40,7 @@ GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
 PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty
 
 #: The margin is definite where its smallest rate exceeds this fraction of the fastest rate of V̇: rounding in M is far
-#: below, and what is smaller could not be told from a remainder.
+#: below, and what is smaller could not be distinguished from a remainder.
 DEFINITE = 1e-9
 
 _DIFFERENCE = 1e-4  # deviation for the slope of a penalty function
@@ -158,10 +158,10 @@ def checked_pair(
             f"expected gamma ≥ the designed {solution.gamma:.6g}, got {checked!r}",
             "a weaker level than the designed one, for example 1.1 times it",
         )
-    output, words = _checked_penalty(solution, penalty)
+    output, difference = _checked_penalty(solution, penalty)
     infinite = not np.isfinite(solution.gamma)
     level = "gamma = inf" if infinite else f"{checked / solution.gamma:.4g} times the designed gamma"
-    return CheckedPair(float(checked), output, f"{level}, {words}")
+    return CheckedPair(float(checked), output, f"{level}, {difference}")
 
 
 def _checked_penalty(

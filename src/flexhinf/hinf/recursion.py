@@ -80,9 +80,9 @@ def solve_degrees(
     rows: Parts = {1: gradients[2] @ problem.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
-        rest = _channel_rows(problem, gradients, k)
-        if rest is not None:
-            rows[k - 1] = rest
+        known_rows = _channel_rows(problem, gradients, k)
+        if known_rows is not None:
+            rows[k - 1] = known_rows
         known = _known_part(problem, gradients, rows, k)
         if known is None:
             records.append(DegreeRecord(k, "zero by parity", 0.0, perf_counter() - begin))

@@ -29,8 +29,8 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 __all__ = ["SampledCheck", "sample_region"]
 
-_SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation looked at, and its growth from point to point along a ray
-_FINE = 1.02  # the same for the single rays that are looked at again
+_SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation on a ray, and its growth from point to point along a ray
+_FINE = 1.02  # the same for the single rays that are followed again
 _STARTS, _PER_STATE = 64, 8  # starts of an ascent: so many, or so many per state
 _ASCENT = 150  # evaluations of one ascent
 _ROUNDS, _QUIET = 20, 2  # rounds of the search at most, and rounds without a violation after which it ends
@@ -60,7 +60,7 @@ class SampledCheck(Summarised):
         Why it stopped: "inequality", "V stops increasing", or "nothing found".
     rays, seed : int
     largest : float
-        Largest deviation (in any state) that was looked at.
+        Largest deviation (in any state) that was tried.
     """
 
     solution: ValueFunction
@@ -176,7 +176,7 @@ class _Search:
             quiet = 0 if len(found.level) else quiet + 1
             if quiet == _QUIET:
                 break
-        return best
+        return self.touched(best, best)
 
     def march(
         self, directions: np.ndarray, cap: float, growth: float = _GROWTH, start: float | None = None

@@ -60,7 +60,7 @@ class HJISolution(ValueFunction, Law):
         seed: int = 0,
         largest: float = 1e3,
     ) -> SampledCheck | None:
-        """Largest level set on which the dissipation inequality held at the points looked at; not a proof.
+        """Largest level set on which the dissipation inequality held at every point tried; not a proof.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class HJISolution(ValueFunction, Law):
         seed : int
             Of the directions and of the starts.
         largest : float
-            Largest deviation in any state that is looked at.
+            Largest deviation in any state that is tried.
 
         Returns
         -------

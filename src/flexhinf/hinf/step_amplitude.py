@@ -1,4 +1,4 @@
-"""The largest rest-to-rest step whose start lies in a level set of V."""
+"""The largest step between equilibria whose start lies in a level set of V."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["rest_state", "step_amplitude"]
+__all__ = ["equilibrium_state", "step_amplitude"]
 
 _INTEGRAL = "_integral"
 _STEPS = 200  # continuation steps up to the amplitude that the quadratic part predicts
@@ -23,7 +23,7 @@ def step_amplitude(
     moved: str | Mapping[str, float] | None = None,
     integrals: Sequence[str] | None = None,
 ) -> float:
-    """Largest a such that the rest state at −a, seen from the goal, lies in {V ≤ level}, connected to 0.
+    """Largest a such that the equilibrium at −a, seen from the goal, lies in {V ≤ level}, connected to 0.
 
     Parameters
     ----------
@@ -45,18 +45,20 @@ def step_amplitude(
     Notes
     -----
     Followed by continuation from a = 0, because the minimum over the integrals can jump to another
-    component of the level set. At rest every rate but the integrals' vanishes, with some constant input.
+    component of the level set. At an equilibrium every rate but the integrals' vanishes, with some constant input.
     """
     shares, free = _roles(solution.state_names, moved, integrals)
     if not np.isfinite(level) or level <= 0:
         return float(max(level, 0.0))
     probe = 1e-3
-    state = _settled(solution, rest_state(solution, -probe * shares, free), free)
+    state = _settled(solution, equilibrium_state(solution, -probe * shares, free), free)
     step = probe * float(np.sqrt(level / solution.value(state))) / _STEPS
     reached, state = 0.0, np.zeros(len(shares))
     for index in range(1, _LONGEST * _STEPS + 1):
         amplitude = index * step
-        start = rest_state(solution, -amplitude * shares, free, guess=state * amplitude / max(reached, step))
+        start = equilibrium_state(
+            solution, -amplitude * shares, free, guess=state * amplitude / max(reached, step)
+        )
         state = _settled(solution, start, free)
         if solution.value(state) > level:
             return reached
@@ -85,7 +87,7 @@ def _roles(
     return shares, np.array([name in integrals for name in names])
 
 
-def rest_state(
+def equilibrium_state(
     solution: ValueFunction, moved: np.ndarray, integral: np.ndarray, guess: np.ndarray | None = None
 ) -> np.ndarray:
     """Deviation (n,) at which every rate but the integrals' vanishes, given the moved states.
@@ -104,9 +106,9 @@ def rest_state(
         No equilibrium was found there.
     """
     n, _, m, _ = solution.expansion.size
-    held = integral | (moved != 0)
+    given = integral | (moved != 0)
     x = np.where(moved != 0, moved, np.zeros(n) if guess is None else guess)
-    unknown = np.flatnonzero(~held)
+    unknown = np.flatnonzero(~given)
     u = np.zeros(m)
 
     def rates(points: np.ndarray, inputs: np.ndarray) -> np.ndarray:
@@ -129,9 +131,9 @@ def rest_state(
     left = float(np.abs(rates(x[None], u[None])).max())
     if not left <= 1e-6 * max(1.0, float(np.abs(solution.expansion.f_parts[1]).max())):
         raise NumericalFailure(
-            "There is no rest state at the start of the step.",
+            "There is no equilibrium at the start of the step.",
             f"the rates are still {left:.3g} at {dict(zip(solution.state_names, x.tolist(), strict=True))}",
-            "a step of states that can be held, or name the integral states",
+            "a step of states that some input can hold, or name the integral states",
         )
     return x
 

@@ -73,7 +73,7 @@ class ValueFunction:
 
     @cached_property
     def gamma_star(self) -> float:
-        """Smallest feasible attenuation level of the problem (computed when first asked for)."""
+        """Smallest feasible attenuation level of the problem (computed at the first access)."""
         return linear_smallest_gamma(LinearPart.of(self.expansion))
 
     # The polynomial ----------------------------------------------------------------------------

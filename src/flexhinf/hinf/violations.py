@@ -68,7 +68,7 @@ class Landscape:
         return q, q_slope, value, slope @ self.scale
 
     def _inequality(self, x: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """r and its gradient in y: V_xx times the worst closed loop, and differences of the fields with V_x held."""
+        """r and its gradient in y: V_xx times the worst closed loop, and differences of the fields at constant V_x."""
         inequality, (count, n) = self.inequality, x.shape
         fields = inequality.checked_fields(x)
         left = inequality.solution.hamiltonian_terms(slope, fields, inequality.gamma).sum(axis=0)
@@ -81,9 +81,9 @@ class Landscape:
         bend = (ahead - behind) / (2 * small[:, None])
         steps = _DIFFERENCE * self.scale.T  # one row per direction of y
         around = np.concatenate([x[:, None] + steps, x[:, None] - steps], axis=1).reshape(-1, n)
-        held = np.repeat(slope, 2 * n, axis=0)
+        constant = np.repeat(slope, 2 * n, axis=0)
         terms = inequality.solution.hamiltonian_terms(
-            held, inequality.checked_fields(around), inequality.gamma
+            constant, inequality.checked_fields(around), inequality.gamma
         )
         values = terms.sum(axis=0).reshape(count, 2, n)
         by_y = (values[:, 0] - values[:, 1]) / (2 * _DIFFERENCE)

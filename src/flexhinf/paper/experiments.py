@@ -1,4 +1,4 @@
-"""The runs behind Figs. 3–12, each made once."""
+"""The runs behind Figs. 3–12, each made once, and the numbers that are read off them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.loop import Sine, Step
-from flexhinf.paper.bench import Outcome, PaperBench
-from flexhinf.paper.growth import in_two_threads
+from flexhinf.loop import Sine, Step, Trajectory, load_metrics
+from flexhinf.paper.loop_setup import SAMPLED_PLANTS, PaperSetup, in_two_threads
+from flexhinf.plant import Law
 
-__all__ = ["Experiments", "UncertainRun"]
+__all__ = ["Experiments", "ToleranceRun", "load_numbers", "step_numbers", "tracking_numbers"]
 
 #: Length of a step response, s.
 STEP_DURATION = 8.0
@@ -22,33 +22,37 @@ TRACKING_DURATION = 40.0
 #: Tracking is judged after the start from rest has died out, s.
 TRACKING_FROM = 10.0
 #: Length of the runs under tolerances, s; slow growth does not show in 8 s.
-UNCERTAIN_DURATION = 30.0
-PLANTS = 100
+TOLERANCE_DURATION = 30.0
 #: Samples kept of each of these runs.
 SAMPLES = 1500
 #: The command of Figs. 11 and 12 comes after 2 s (Sec. 6); the disturbance once the step has settled.
-COMMAND_AT, DISTURBED_FROM, DISTURBED_DURATION = 2.0, 6.0, 14.0
+COMMAND_AT, LOAD_FROM, LOAD_DURATION = 2.0, 6.0, 14.0
 #: Size of the disturbance torque, N·m: a fifth of the largest gravity torque. The paper gives none.
 TORQUE = 2.0
 #: Frequency of the sinusoidal disturbance, Hz. The paper gives none.
 FREQUENCY = 0.5
+#: Where a torque can act; the paper does not say.
+CHANNELS = ("link_torque", "motor_torque")
 
 
 @dataclass(frozen=True)
-class UncertainRun:
-    """A plant drawn within the tolerances, and what is kept of its run: figures of merit, and some samples.
+class ToleranceRun:
+    """A plant sampled within the tolerances, and what is kept of its run.
 
     Attributes
     ----------
     values : dict of str to float
         Parameters.
     metrics : dict
+        Of the whole run, as `Trajectory.metrics`.
     diverged_at : float or None
         s.
     time, output, estimate : ndarray
         About `SAMPLES` samples of the link position as measured and as estimated, degrees.
     command : float
         Degrees.
+    changes : str
+        From the nominal plant, in per cent.
     """
 
     values: dict[str, float]
@@ -58,25 +62,19 @@ class UncertainRun:
     output: np.ndarray
     estimate: np.ndarray
     command: float
+    changes: str
 
     @staticmethod
-    def of(values: dict[str, float], outcome: Outcome) -> UncertainRun:
+    def of(values: dict[str, float], run: Trajectory, changes: str) -> ToleranceRun:
         """Keep what is needed of a run."""
-        run = outcome.run
-        stride = max(1, round(UNCERTAIN_DURATION / run.settings["period"] / SAMPLES))
+        stride = max(1, round(TOLERANCE_DURATION / run.settings["period"] / SAMPLES))
         kept = [
             np.degrees(run.signal(kind, "link_position")[::stride])
             for kind in ("output", "estimate", "reference")
         ]
-        return UncertainRun(
-            values,
-            outcome.metrics,
-            outcome.diverged_at,
-            run.time[::stride],
-            kept[0],
-            kept[1],
-            float(kept[2][-1]),
-        )
+        time = run.time[::stride]
+        command = float(kept[2][-1])
+        return ToleranceRun(values, run.metrics(), run.diverged_at, time, kept[0], kept[1], command, changes)
 
 
 class Experiments:
@@ -84,68 +82,100 @@ class Experiments:
 
     #: The command of Figs. 7 and 8, π + sin(πt/10).
     reference_sine = Sine(1.0, 1.0 / 20.0, offset=math.pi)
-    tracking_duration = TRACKING_DURATION
 
-    def __init__(self, bench: PaperBench) -> None:
-        self.bench = bench
-        self.laws: dict[str, Any] = {"nonlinear": bench.nonlinear, "linear": bench.linear}
+    def __init__(self, setup: PaperSetup) -> None:
+        self.setup = setup
+        self.laws: dict[str, Any] = {"nonlinear": setup.nonlinear, "linear": setup.linear}
 
-    def _both(self, reference: Any, duration: float, **options: Any) -> dict[str, Outcome]:
-        return {name: self.bench.run(law, reference, duration, **options) for name, law in self.laws.items()}
+    def _both(self, reference: Any, duration: float) -> dict[str, Trajectory]:
+        return {name: self.setup.run(law, reference, duration) for name, law in self.laws.items()}
 
     @cached_property
-    def step_180(self) -> dict[str, Outcome]:
+    def step_180(self) -> dict[str, Trajectory]:
         """Figs. 3 and 4."""
         return self._both(Step(math.pi), STEP_DURATION)
 
     @cached_property
-    def step_90(self) -> dict[str, Outcome]:
+    def step_90(self) -> dict[str, Trajectory]:
         """Figs. 5 and 6."""
         return self._both(Step(math.pi / 2), STEP_DURATION)
 
     @cached_property
-    def tracking(self) -> dict[str, Outcome]:
+    def tracking(self) -> dict[str, Trajectory]:
         """Figs. 7 and 8: π + sin(πt/10)."""
-        return self._both(self.reference_sine, TRACKING_DURATION)
+        return {name: self.track(law) for name, law in self.laws.items()}
+
+    def track(self, law: Law) -> Trajectory:
+        """Follow π + sin(πt/10) from the hanging rest."""
+        return self.setup.run(law, self.reference_sine, TRACKING_DURATION)
 
     @cached_property
-    def uncertain(self) -> list[UncertainRun]:
-        """Figs. 9 and 10: plants drawn uniformly within Tables 1 and 2, coil included, 90° step."""
-        rng = np.random.default_rng(self.bench.settings.seed)
-        drawn = [self.bench.arm.draw(rng) for _ in range(PLANTS)]
+    def sampled_plants(self) -> list[ToleranceRun]:
+        """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
+        population = self.setup.population
 
-        def one(k: int) -> UncertainRun:
-            outcome = self.bench.run(
-                self.bench.nonlinear,
+        def one(k: int) -> ToleranceRun:
+            values = dict(population.values[k])
+            run = self.setup.run(
+                self.setup.nonlinear,
                 Step(math.pi / 2),
-                UNCERTAIN_DURATION,
-                true_values=drawn[k],
+                TOLERANCE_DURATION,
+                true_values=values,
                 inductance=True,
-                seed=self.bench.seed(k),
+                seed=self.setup.seed(k),
             )
-            return UncertainRun.of(drawn[k], outcome)
+            return ToleranceRun.of(values, run, population.describe(k))
 
-        return in_two_threads(one, range(PLANTS))
+        return in_two_threads(one, range(SAMPLED_PLANTS))
 
-    def disturbed(
-        self, law: Any, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
-    ) -> Outcome:
+    def load_response(
+        self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
+    ) -> Trajectory:
         """90° commanded after 2 s, then a disturbance torque."""
         command = Step(math.pi / 2, at=COMMAND_AT)
-        disturbance = {channel: signal}
-        return self.bench.run(law, command, DISTURBED_DURATION, disturbance=disturbance, estimator=estimator)
+        return self.setup.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
 
     @cached_property
-    def step_disturbance(self) -> dict[str, Outcome]:
+    def step_disturbance(self) -> dict[str, Trajectory]:
         """Fig. 11, by channel."""
-        return {c: self.disturbed(self.bench.nonlinear, Step(TORQUE, at=DISTURBED_FROM), c) for c in CHANNELS}
+        law, signal = self.setup.nonlinear, Step(TORQUE, at=LOAD_FROM)
+        return {channel: self.load_response(law, signal, channel) for channel in CHANNELS}
 
     @cached_property
-    def sine_disturbance(self) -> dict[str, Outcome]:
+    def sine_disturbance(self) -> dict[str, Trajectory]:
         """Fig. 12, by channel."""
-        wave = Sine(TORQUE, FREQUENCY, at=DISTURBED_FROM)
-        return {c: self.disturbed(self.bench.nonlinear, wave, c) for c in CHANNELS}
+        law, signal = self.setup.nonlinear, Sine(TORQUE, FREQUENCY, at=LOAD_FROM)
+        return {channel: self.load_response(law, signal, channel) for channel in CHANNELS}
 
 
-#: Where a torque can act; the paper does not say.
-CHANNELS = ("link_torque", "motor_torque")
+# Numbers of a run, named as in metrics.json ------------------------------------------------------------
+def step_numbers(run: Trajectory) -> dict[str, Any]:
+    """Numbers of a step response."""
+    m = run.metrics()
+    return {
+        "overshoot_percent": m["overshoot_percent"],
+        "settling_time_s": m["settling_time_s"],
+        "rise_time_s": m["rise_time_s"],
+        "steady_state_error_rad": m["steady_state_error"],
+        "peak_control_V": m["peak_input"],
+        "estimation_rmse": m["estimation_rmse"],
+        **({} if run.diverged_at is None else {"diverged_at_s": run.diverged_at}),
+    }
+
+
+def tracking_numbers(run: Trajectory) -> dict[str, Any]:
+    """RMS error over the run, and the largest error after the start from rest."""
+    if run.diverged_at is not None:
+        return {"tracking_rmse_rad": None, "largest_error_rad": None, "diverged_at_s": run.diverged_at}
+    error = run.tracked("link_position") - run.signals["reference"][:, 0]
+    late = np.abs(error[run.time >= TRACKING_FROM])
+    return {"tracking_rmse_rad": run.metrics()["tracking_rmse"], "largest_error_rad": float(late.max())}
+
+
+def load_numbers(run: Trajectory) -> dict[str, Any]:
+    """Peak deviation from the command and time of recovery (±2 % of the step) after the disturbance started."""
+    if run.diverged_at is not None:
+        return {"peak_deviation_rad": None, "recovery_time_s": None, "diverged_at_s": run.diverged_at}
+    goal = float(run.signals["reference"][-1, 0])
+    m = load_metrics(run.time, run.tracked("link_position"), command=goal, step=goal, start=LOAD_FROM)
+    return {"peak_deviation_rad": m["peak_deviation"], "recovery_time_s": m["recovery_time_s"]}

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flexhinf.paper.bench import PaperBench
 from flexhinf.paper.claims import JUDGES, Judged
 from flexhinf.paper.experiments import Experiments
-from flexhinf.paper.figures import FIGURES, Drawn
+from flexhinf.paper.figures import FIGURES, PaperFigure
+from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.page import paper_page
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.report import to_json
@@ -60,33 +60,35 @@ def reproduce(
     """
     tell = progress or (lambda text: None)
     tell("synthesis")
-    experiments = Experiments(PaperBench(settings))
-    drawn: list[Drawn] = []
+    experiments = Experiments(PaperSetup(settings))
+    figures: list[PaperFigure] = []
     for figure in FIGURES:
         tell(figure.__name__.replace("_", " ").replace(" 0", " "))
-        drawn.append(figure(experiments))
+        figures.append(figure(experiments))
     judged: list[Judged] = []
     for what, judge in JUDGES:
         tell(f"claim: {what}")
         found = judge(experiments)
         judged += found if isinstance(found, list) else [found]
     tell("report")
-    metrics = _metrics(experiments, drawn, judged)
+    metrics = _metrics(experiments, figures, judged)
     files = {
-        "index.html": paper_page(experiments, drawn, judged, command).html(),
+        "index.html": paper_page(experiments, figures, judged, command).html(),
         "metrics.json": to_json(metrics),
     }
-    files |= {f"figure_{d.number}.svg": d.svg for d in drawn}
+    files |= {f"figure_{d.number}.svg": d.svg for d in figures}
     return Reproduction(files, tuple(judged), metrics)
 
 
-def _metrics(experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[Judged]) -> dict[str, Any]:
-    bench = experiments.bench
-    s = bench.settings
+def _metrics(
+    experiments: Experiments, figures: Sequence[PaperFigure], judged: Sequence[Judged]
+) -> dict[str, Any]:
+    setup = experiments.setup
+    s = setup.settings
     return {
         "version": 1,
-        "gamma_star": bench.gamma_star,
-        "gamma": bench.gamma,
+        "gamma_star": setup.gamma_star,
+        "gamma": setup.gamma,
         "gamma_ratio": s.gamma_ratio,
         "degree": s.degree,
         "period_s": s.period,
@@ -94,6 +96,12 @@ def _metrics(experiments: Experiments, drawn: Sequence[Drawn], judged: Sequence[
         "estimator": s.estimator,
         "process_noise": s.process_noise,
         "measurement_noise": s.measurement_noise,
-        "figures": {d.number: d.numbers for d in drawn},
-        "claims": [{**j.claim.as_dict(), **({"numbers": j.numbers} if j.numbers else {})} for j in judged],
+        "figures": {d.number: d.numbers for d in figures},
+        "claims": [_entry(j) for j in judged if not j.ours],
+        "our_questions": [_entry(j) for j in judged if j.ours],
     }
+
+
+def _entry(judged: Judged) -> dict[str, Any]:
+    """A claim as it stands in ``metrics.json``."""
+    return {**judged.claim.as_dict(), **({"numbers": judged.numbers} if judged.numbers else {})}

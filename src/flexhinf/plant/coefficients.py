@@ -169,7 +169,7 @@ def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -
     excess = offset - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
     worst = int(np.argmax(excess))
     if excess[worst] > 0:
-        what = "The plant is not at rest" if name == "f" else "The penalty does not vanish"
+        what = "The plant is not in equilibrium" if name == "f" else "The penalty does not vanish"
         raise InvalidInput(
             f"{what} at the operating point.",
             f"expected {name} = 0 there, got {constant[worst, 0]:.6g} in {rows[worst]}",

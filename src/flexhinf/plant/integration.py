@@ -1,4 +1,4 @@
-"""Between two samples: the classical Runge–Kutta step, as many times as the fastest mode asks for."""
+"""Between two samples: the classical Runge–Kutta step, as many times as the fastest mode needs."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
         raise InvalidInput(
             "The plant is too fast for this period and an explicit method.",
             f"expected at most {MOST_SUB_STEPS} sub-steps per period of {period:g} s, got a fastest mode of "
-            f"{fastest_mode:.4g} rad/s, which asks for {wanted:.4g}",
+            f"{fastest_mode:.4g} rad/s, which needs {wanted:.4g}",
             "check the units of the parameters; leave out a mode that is far faster than the control",
         )
     return max(1, math.ceil(wanted))

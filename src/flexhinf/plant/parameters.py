@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import keyword
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,7 +26,7 @@ class Parameters:
         if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
         raise InvalidInput(
-            f"The model asks for a parameter that it was not given: {name!r}.",
+            f"The model reads a parameter that it does not have: {name!r}.",
             f"expected one of {sorted(self.__dict__)}",
             _nearest(name, self.__dict__),
         )
@@ -128,6 +128,32 @@ class ParameterTable:
                     "one number for each nominal number",
                 )
         return ParameterTable({**self.values, **changes})
+
+    def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once.
+
+        Raises
+        ------
+        InvalidInput
+            As `replaced`, for the first row that does not fit.
+        """
+        found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        try:
+            for name, value in self.values.items():
+                given = [k for k, row in enumerate(rows) if name in row]
+                if given:
+                    shape = (len(given), *value.shape)
+                    columns = np.array([rows[k][name] for k in given], dtype=float).reshape(shape)
+                    found[given, start : start + value.size] = columns.reshape(len(given), -1)
+                start += value.size
+            fits = np.all(np.isfinite(found)) and all(name in self.values for row in rows for name in row)
+        except (TypeError, ValueError):  # another shape, or no number
+            fits = False
+        if not fits:
+            return np.array(
+                [self.replaced(row).vector() for row in rows]
+            )  # raises, and says which value it is
+        return found
 
 
 def _finite(name: str, value: Any) -> np.ndarray:

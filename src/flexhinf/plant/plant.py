@@ -292,9 +292,9 @@ class GeneralisedPlant(Summarised):
         u, d = ca.SX.sym("u", m), ca.SX.sym("d", k)
         p = self.plant.parameters.vector()
         rate = flow(pack(x + self.operating_point), u, d, ca.DM(p))
-        rest = [ca.DM(self.operating_input), ca.DM.zeros(k)]
+        nominal = [ca.DM(self.operating_input), ca.DM.zeros(k)]
         f, g1, g2 = (
-            ca.substitute(v, ca.vertcat(u, d), ca.vertcat(*rest))
+            ca.substitute(v, ca.vertcat(u, d), ca.vertcat(*nominal))
             for v in (rate, ca.jacobian(rate, d), ca.jacobian(rate, u))
         )
         h = pack(self.penalty_output(x, named(p)))

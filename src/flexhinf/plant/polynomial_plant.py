@@ -212,14 +212,14 @@ class PolynomialPlant(Summarised):
         check_rest("f", parts["f"], names)
         check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
         point = checked_point("state", operating_point, n)
-        rest = checked_point("input", operating_input, len(r2))
+        point_input = checked_point("input", operating_input, len(r2))
         for name, value in parts.items():
             object.__setattr__(self, f"{name}_parts", value)
         object.__setattr__(self, "r2", r2)
         object.__setattr__(self, "state_names", names)
         object.__setattr__(self, "operating_point", point)
         object.__setattr__(self, "input_names", inputs)
-        object.__setattr__(self, "operating_input", rest)
+        object.__setattr__(self, "operating_input", point_input)
 
     @property
     def size(self) -> tuple[int, int, int, int]:

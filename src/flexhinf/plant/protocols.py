@@ -210,13 +210,12 @@ class Estimator(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
-        q, r = (np.sqrt(np.diag(noise)) for noise in (self.process_noise, self.measurement_noise))
         return {
             "states": names_text(tuple(self.plant.states)),
             "measured": names_text(tuple(self.plant.outputs)),
             "period": number_text(self.period, "s"),
-            "process noise": f"standard deviations {', '.join(f'{value:.3g}' for value in q)} per sample",
-            "measurement noise": f"standard deviations {', '.join(f'{value:.3g}' for value in r)}",
+            "process noise": f"{_deviations(self.process_noise)} per sample",
+            "measurement noise": _deviations(self.measurement_noise),
         }
 
     # To be written --------------------------------------------------------------------------------
@@ -282,6 +281,13 @@ class Estimator(Summarised):
             return tuple(self.measurement_update(type(belief)(*parts), y, u, named, noise))
 
         return type(belief)(*run.call(update, y, u, p, measurement_noise, *belief))
+
+
+def _deviations(covariance: np.ndarray) -> str:
+    """Standard deviations of a covariance in a few words."""
+    values = np.sqrt(np.diag(covariance))
+    low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+    return f"standard deviation {low}" if low == high else f"standard deviations {low} to {high}"
 
 
 class BlackBox(abc.ABC):

@@ -1,7 +1,7 @@
 """Figures, tables, one self-contained HTML page, and the folder they are written to as a whole."""
 
 from flexhinf.report.blocks import Bullets, Figure, FigureRow, Listing, Note, Paragraph
-from flexhinf.report.claims import Claim, Claims, summary
+from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
     figure_to_svg,
     house_style,
@@ -27,6 +27,7 @@ __all__ = [
     "SERIES",
     "Bullets",
     "Claim",
+    "ClaimEvidence",
     "Claims",
     "Column",
     "Figure",
@@ -42,6 +43,7 @@ __all__ = [
     "Settings",
     "Status",
     "Table",
+    "by_verdict",
     "check",
     "figure_to_svg",
     "house_style",

@@ -1,4 +1,4 @@
-"""Claims and what became of them: a table with one verdict per claim."""
+"""Claims and what became of them: a table with one verdict per claim, and the evidence of each below."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import check_id
+from flexhinf.report.blocks import Block, check_id
 from flexhinf.report.text import escape, prose
 
-__all__ = ["Claim", "Claims", "Verdict", "summary"]
+__all__ = ["Claim", "ClaimEvidence", "Claims", "Verdict", "by_verdict", "summary"]
 
 Verdict = Literal["holds", "fails", "ties", "not judged"]
 
 _SIGN: dict[str, str] = {"holds": "✓", "fails": "✗", "ties": "≈", "not judged": "○"}
+
+#: The order of a page: what fails first.
+_ORDER: tuple[str, ...] = ("fails", "ties", "not judged", "holds")
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class Claim:
         Where the claim fails: the smallest change that makes it hold.
     figures : tuple of str, optional
         Anchors of the figures that show it.
+    criterion : str, optional
+        By what it is judged, fixed before the result; shown before the verdict.
 
     Raises
     ------
@@ -48,6 +53,7 @@ class Claim:
     evidence: str
     repair: str = ""
     figures: tuple[str, ...] = ()
+    criterion: str = ""
 
     def __post_init__(self) -> None:
         check_id(self.id)
@@ -60,28 +66,69 @@ class Claim:
 
     def as_dict(self) -> dict[str, str]:
         """The claim as it stands in ``metrics.json``."""
-        entry = {"id": self.id, "text": self.text, "verdict": self.verdict, "evidence": self.evidence}
-        return {**entry, "repair": self.repair} if self.repair else entry
+        entry = {"id": self.id, "text": self.text, "criterion": self.criterion, "verdict": self.verdict}
+        entry |= {"evidence": self.evidence, "repair": self.repair}
+        return {key: value for key, value in entry.items() if value or key not in ("criterion", "repair")}
 
 
 @dataclass(frozen=True)
 class Claims:
-    """A table of judged claims; colour is never the only sign of a verdict."""
+    """A table of judged claims, those that fail first; each row leads to the claim's `ClaimEvidence` on the same "
+    "page."""
 
     claims: Sequence[Claim]
 
     def html(self) -> str:
         """The table as HTML."""
-        rows = "".join(_row(claim) for claim in self.claims)
+        rows = "".join(_row(claim) for claim in by_verdict(self.claims))
         return (
-            '<div class="table"><table class="claims"><thead><tr><th scope="col">Verdict</th>'
-            '<th scope="col">Claim</th><th scope="col">Evidence</th></tr></thead>'
+            '<div class="table"><table class="claims"><thead><tr><th scope="col">Claim</th>'
+            '<th scope="col">Criterion</th><th scope="col">Verdict</th></tr></thead>'
             f"<tbody>{rows}</tbody></table></div>"
         )
 
     def ids(self) -> tuple[str, ...]:
-        """One anchor per claim."""
-        return tuple(f"claim-{claim.id}" for claim in self.claims)
+        """No anchors: those are the evidence's."""
+        return ()
+
+
+@dataclass(frozen=True)
+class ClaimEvidence:
+    """One claim with its criterion, its verdict, the numbers behind it, and the tables and figures that show it.
+
+    Parameters
+    ----------
+    claim : Claim
+    blocks : sequence of Block, optional
+    """
+
+    claim: Claim
+    blocks: Sequence[Block] = ()
+
+    def html(self) -> str:
+        """An article; colour is never the only sign of a verdict."""
+        claim = self.claim
+        own = {name for block in self.blocks for name in block.ids()}
+        links = ", ".join(
+            f'<a href="#{name}">{escape(_spoken(name))}</a>' for name in claim.figures if name not in own
+        )
+        seen = f' <span class="seen">See {links}.</span>' if links else ""
+        parts = [f'<article class="claim" id="claim-{claim.id}"><h3>{prose(claim.text)}</h3>']
+        if claim.criterion:
+            parts.append(f"<p><strong>Criterion.</strong> {prose(claim.criterion)}</p>")
+        parts.append(f"<p>{badge(claim.verdict)} {prose(claim.evidence)}{seen}</p>")
+        if claim.repair:
+            parts.append(f'<p class="repair"><strong>Repaired by:</strong> {prose(claim.repair)}</p>')
+        return "\n".join([*parts, *(block.html() for block in self.blocks), "</article>"])
+
+    def ids(self) -> tuple[str, ...]:
+        """The claim's anchor and those of its blocks."""
+        return (f"claim-{self.claim.id}", *(name for block in self.blocks for name in block.ids()))
+
+
+def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
+    """Claims with those that fail first, those that hold last; otherwise in their order."""
+    return sorted(claims, key=lambda claim: _ORDER.index(claim.verdict))
 
 
 def summary(claims: Sequence[Claim]) -> str:
@@ -113,14 +160,9 @@ def badge(verdict: str) -> str:
 
 
 def _row(claim: Claim) -> str:
-    links = ", ".join(f'<a href="#{name}">{escape(_spoken(name))}</a>' for name in claim.figures)
-    seen = f'<span class="seen">{links}</span>' if links else ""
-    repair = (
-        f'<p class="repair"><strong>Repaired by:</strong> {prose(claim.repair)}</p>' if claim.repair else ""
-    )
     return (
-        f'<tr id="claim-{claim.id}"><td>{badge(claim.verdict)}</td>'
-        f"<td>{prose(claim.text)} {seen}</td><td>{prose(claim.evidence)}{repair}</td></tr>"
+        f'<tr><td><a href="#claim-{claim.id}">{prose(claim.text)}</a></td>'
+        f'<td data-label="Criterion">{prose(claim.criterion)}</td><td>{badge(claim.verdict)}</td></tr>'
     )
 
 

@@ -12,7 +12,7 @@ from importlib import resources
 
 from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import Block, check_id
-from flexhinf.report.claims import Claims
+from flexhinf.report.claims import ClaimEvidence, Claims
 from flexhinf.report.palette import DARK, LIGHT
 from flexhinf.report.settings import Provenance, Settings
 from flexhinf.report.text import escape, prose, scalar
@@ -123,7 +123,7 @@ class Page:
     Raises
     ------
     InvalidInput
-        Two parts of the page have the same anchor, or a claim points at a figure that is not there.
+        Two parts of the page have the same anchor, or a claim points at a figure or at evidence that is not there.
     """
 
     title: str
@@ -147,13 +147,14 @@ class Page:
                 "another id",
             )
         blocks = [block for section in self.sections for block in section.blocks]
-        claims = [claim for block in blocks if isinstance(block, Claims) for claim in block.claims]
-        lost = sorted({name for claim in claims for name in claim.figures} - set(names))
+        pointed = {n for b in blocks if isinstance(b, ClaimEvidence) for n in b.claim.figures}
+        pointed |= {f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims}
+        lost = sorted(pointed - set(names))
         if lost:
             raise InvalidInput(
-                "A claim points at a figure that is not on the page.",
+                "A claim points at a figure or at evidence that is not on the page.",
                 f"not found: {', '.join(lost)}",
-                "the id of a figure of this page",
+                "the id of a figure of this page; a ClaimEvidence for each of the Claims",
             )
 
     def html(self) -> str:

@@ -52,9 +52,9 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
     InvalidInput
         For an unknown switch, or one whose number the robot does not state.
     """
-    asked: Iterable[str] = (extras,) if isinstance(extras, str) else extras
-    asked = {*asked, "inductance"} if inductance else set(asked)
-    for name in sorted(asked):
+    requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
+    requested = {*requested, "inductance"} if inductance else set(requested)
+    for name in sorted(requested):
         if name not in EXTRAS:
             raise InvalidInput(
                 f"Nothing that a real joint adds is called {name!r}.",
@@ -67,7 +67,7 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
                 f"expected it beside {sorted(given)}",
                 f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
             )
-    return tuple(name for name in EXTRAS if name in asked)
+    return tuple(name for name in EXTRAS if name in requested)
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:

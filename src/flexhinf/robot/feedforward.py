@@ -29,7 +29,7 @@ __all__ = ["MODELLED", "InverseFlow", "flat_coordinates", "motion_rows", "state_
 MODELLED = ("coulomb_friction", "stribeck_friction")
 
 WHY_NOT = {
-    "inductance": "the coil asks for a fifth derivative",
+    "inductance": "the coil needs a fifth derivative",
     "joint_damping": "a damped spring takes away the flat output: its twist obeys a differential equation",
     "spring_hardening": "the spring would have to be inverted at each time",
     "backlash": "a spring with a dead zone has no inverse",
@@ -135,7 +135,7 @@ def _traced(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) 
 
 
 def motion_rows(motion: tuple[Any, ...], joints: tuple[str, ...]) -> tuple[tuple[np.ndarray, ...], bool]:
-    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is rest.
+    """Positions and derivatives as five (N, n) arrays, and whether they were one point; None is zero.
 
     Raises
     ------

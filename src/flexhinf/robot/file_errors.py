@@ -13,7 +13,7 @@ from flexhinf.robot.schema import TABLES, NumberTable
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-__all__ = ["RobotFileWarning", "check_tolerance", "told"]
+__all__ = ["RobotFileWarning", "check_tolerance", "file_error"]
 
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
@@ -32,7 +32,7 @@ class RobotFileWarning(UserWarning):
     """A robot file says something that is allowed and probably not meant."""
 
 
-def told(error: ValidationError, file: str, data: dict[str, Any]) -> InvalidInput:
+def file_error(error: ValidationError, file: str, data: dict[str, Any]) -> InvalidInput:
     """The first mistake of a file as an error of ours, with the number of the others."""
     mistakes = error.errors(include_url=False)
     first = mistakes[0]

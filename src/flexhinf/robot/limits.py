@@ -1,4 +1,4 @@
-"""Whether a robot can do what is asked of it: positions within the joints' limits, inputs within their own."""
+"""Whether a robot can follow a reference and hold a pose: joints within their limits, inputs within their own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["check_holding", "check_reference"]
 def check_reference(
     robot: Robot, signals: Any, duration: float, effort: Any = None, period: float = 1e-3
 ) -> float:
-    """Refuse a reference that leaves the limits of a joint, or asks for more input than there is.
+    """Refuse a reference that leaves the limits of a joint, or needs more input than there is.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def check_reference(
     signals : sequence, mapping by joint or link position, or one signal with a column per joint
         Commands with ``derivatives`` (`flexhinf.loop.signals.references`), or numbers.
     duration : float
-        s; looked at every `period` seconds, both ends included.
+        s; checked every `period` seconds, both ends included.
     effort : number, (n,) or mapping by joint, optional
         Largest absolute input of each motor, V, or N·m (N): the feedforward along the reference must stay
         below it. Needs signals with four derivatives.
@@ -62,7 +62,7 @@ def check_reference(
     row, joint = divmod(int(np.argmax(share)), share.shape[1])
     if share[row, joint] > 1.0:
         raise InvalidInput(
-            f"The reference asks more of joint {robot.joint_names[joint]!r} than its motor gives.",
+            f"The reference needs more of joint {robot.joint_names[joint]!r} than its motor gives.",
             f"expected at most {limit[joint]:g} {_unit(robot, joint)}, got a feedforward of "
             f"{inputs[row, joint]:.4g} {_unit(robot, joint)} at t = {times[row]:g} s",
             "a slower reference (JerkLimited with lower limits, a longer Quintic), or a larger effort",
@@ -125,14 +125,14 @@ def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) ->
 def _efforts(robot: Robot, effort: Any) -> np.ndarray:
     """One positive limit per joint (n,)."""
     joints = robot.joint_names
-    asked = effort
+    given = effort
     if isinstance(effort, Mapping):
         inputs = dict(zip(signal_names(DRIVES[robot.drive], joints), joints))
         named = {inputs.get(name, name): value for name, value in effort.items()}
-        asked = [named.pop(joint, np.nan) for joint in joints]
-        asked = [np.nan] if named else asked
+        given = [named.pop(joint, np.nan) for joint in joints]
+        given = [np.nan] if named else given
     try:
-        limits = np.broadcast_to(np.asarray(asked, dtype=float), (len(joints),))
+        limits = np.broadcast_to(np.asarray(given, dtype=float), (len(joints),))
     except (TypeError, ValueError):
         limits = np.array([np.nan])
     if not np.all(limits > 0.0):

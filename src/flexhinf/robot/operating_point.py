@@ -1,4 +1,4 @@
-"""Where a robot rests: the springs hold the weight, the motors hold the springs."""
+"""The equilibrium of a robot: the springs hold the weight, the motors hold the springs."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def operating_point(
         twist = _hardened_twist(weight, np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening))
     if "backlash" in extras:
         twist = twist + 0.5 * np.sign(weight) * p.backlash
-    rest = np.zeros(len(q))
-    states = [q, rest, q + twist, rest]
+    still = np.zeros(len(q))
+    states = [q, still, q + twist, still]
     if drive == "torque":
         return np.concatenate(states), np.array(weight, dtype=float)
     current = weight / p.torque_constant

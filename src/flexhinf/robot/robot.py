@@ -138,7 +138,7 @@ class Robot(Summarised):
         inductance: bool = False,
         extras: str | Sequence[str] = (),
     ) -> Plant:
-        """Physics: Spong's model, with what a real joint adds where asked for.
+        """Physics: Spong's model, with what a real joint adds, on request.
 
         The states are all link positions, all link velocities, all motor positions, all motor velocities, and
         with `inductance` all coil currents. With one joint they have these plain names; with several each has
@@ -185,7 +185,7 @@ class Robot(Summarised):
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where the robot rests at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
+        """The equilibrium at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot.assembly import assembled, single_link_robot
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.file_errors import check_tolerance, told
+from flexhinf.robot.file_errors import check_tolerance, file_error
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
 from flexhinf.robot.quantities import INERTIA
@@ -100,7 +100,7 @@ def _read(path: Path) -> tuple[RobotTable, str]:
     try:
         table = RobotTable.model_validate(data)
     except ValidationError as error:
-        raise told(error, path.name, data) from error
+        raise file_error(error, path.name, data) from error
     if not table.name:
         table.name = path.stem
     return table, path.name

@@ -1,7 +1,7 @@
 """Names, units and sensors of the signals of n elastic joints.
 
 With one joint a signal has its plain name, ``link_position``. With several each has the joint's name behind
-it, ``link_position_elbow``, and the plain name stands for all of them, wherever names are asked for.
+it, ``link_position_elbow``, and the plain name stands for all of them, wherever names are expected.
 """
 
 from __future__ import annotations
@@ -69,17 +69,17 @@ def expanded(names: str | Sequence[str], quantities: Sequence[str], joints: Sequ
     InvalidInput
         For no name, an unknown one, or the same signal twice.
     """
-    asked = (names,) if isinstance(names, str) else tuple(names)
+    requested = (names,) if isinstance(names, str) else tuple(names)
     single = {name: (name,) for quantity in quantities for name in signal_names(quantity, joints)}
     known = {**single, **{quantity: signal_names(quantity, joints) for quantity in quantities}}
-    unknown = [name for name in asked if name not in known]
-    if unknown or not asked:
+    unknown = [name for name in requested if name not in known]
+    if unknown or not requested:
         raise InvalidInput(
             f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
-            f"expected one or more of {list(known)}, got {list(asked)}",
+            f"expected one or more of {list(known)}, got {list(requested)}",
             "measured=('link_position',)",
         )
-    found = tuple(name for part in asked for name in known[part])
+    found = tuple(name for part in requested for name in known[part])
     if len(set(found)) != len(found):
         raise InvalidInput(
             "A signal is measured twice.", f"expected distinct signals, got {list(found)}", "each signal once"

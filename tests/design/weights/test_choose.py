@@ -120,7 +120,10 @@ def test_a_robot_without_a_penalty_gets_the_papers_form(robot_of: Named) -> None
     assert np.linalg.eigvals(closed_loop(game.problem, gain)).real.max() < 0.0
 
 
-@pytest.mark.parametrize("name", sorted(fh.catalogue()))
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow if n == "seven-link" else ()) for n in sorted(fh.catalogue())],
+)
 def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     robot_of: Named, name: str
 ) -> None:

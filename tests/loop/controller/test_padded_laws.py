@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import solve_hji
-from flexhinf.loop.controller.schedule import PaddedLaw, of_one_text
+from flexhinf.loop.controller.schedule import PaddedLaw, with_common_monomials
 from flexhinf.robot import paper_arm
 
 
@@ -17,7 +17,7 @@ def poses():
 @pytest.mark.oracle
 def test_a_padded_law_is_the_law(poses):
     assert poses[0].law_key != poses[1].law_key
-    padded = of_one_text(poses)
+    padded = with_common_monomials(poses)
     assert [type(law) for law in padded] == [PaddedLaw, PaddedLaw]
     assert padded[0].law_key == padded[1].law_key
     assert np.size(padded[0].law_data) == np.size(padded[1].law_data) == 5 + 15 + 35
@@ -31,12 +31,12 @@ def test_a_padded_law_is_the_law(poses):
             np.testing.assert_allclose(same.law_table.evaluate(x), expected, rtol=1e-12)
 
 
-def test_laws_of_one_text_or_of_several_degrees_are_left_alone(poses, made):
-    assert of_one_text(poses[:1]) == tuple(poses[:1])
-    assert of_one_text([poses[1], poses[1]]) == (poses[1], poses[1])
+def test_laws_with_common_monomials_or_of_several_degrees_are_left_alone(poses, made):
+    assert with_common_monomials(poses[:1]) == tuple(poses[:1])
+    assert with_common_monomials([poses[1], poses[1]]) == (poses[1], poses[1])
     lower = solve_hji(paper_arm().problem(), gamma=math.inf, degree=2)
-    assert of_one_text([poses[1], lower]) == (poses[1], lower)
-    assert of_one_text([poses[1], made.law]) == (poses[1], made.law)
+    assert with_common_monomials([poses[1], lower]) == (poses[1], lower)
+    assert with_common_monomials([poses[1], made.law]) == (poses[1], made.law)
 
 
 def test_a_class_with_another_meaning_is_left_alone(poses):
@@ -47,4 +47,4 @@ def test_a_class_with_another_meaning_is_left_alone(poses):
     doubled = [object.__new__(Doubled) for _ in poses]
     for new, law in zip(doubled, poses):
         new.__dict__.update(law.__dict__)
-    assert of_one_text(doubled) == tuple(doubled)
+    assert with_common_monomials(doubled) == tuple(doubled)

@@ -237,8 +237,8 @@ def test_misfits_are_refused(made, linear, cubic):
         (lambda: Schedule([linear[0], law(gain=gain * np.nan)]), "not finite"),
         (lambda: Schedule([linear[0], law(states=("a", "da", "c", "dc", "a_integral"))]), "same states"),
         (lambda: Schedule([linear[0], law(inputs=("uc", "ud"))]), "same states"),
-        (lambda: Schedule([linear[0], Other(names, inputs, gain, [0.5, 0, 0, 0, 0])]), "not of one text"),
-        (lambda: Schedule([cubic[0], quintic]), "not of one text"),
+        (lambda: Schedule([linear[0], Other(names, inputs, gain, [0.5, 0, 0, 0, 0])]), "share no formula"),
+        (lambda: Schedule([cubic[0], quintic]), "share no formula"),
         (lambda: Schedule([linear[0], linear[1], linear[0]]), "tell its laws apart"),
         (
             lambda: Schedule([law(states=names[:4], gain=gain[:, :4], point=[0, 0, 0, 0])]),

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 __all__ = [
-    "drawn", "framed", "joint_lines", "limit_lines", "line_style", "panels", "reference_line", "thin", "vertical_line",
+    "figure_block", "framed", "joint_lines", "limit_lines", "line_style", "panels", "reference_line", "thin",
+    "vertical_line",
     "widened",
 ]  # fmt: skip
 
@@ -103,7 +104,7 @@ def panels(
         return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
 
 
-def drawn(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
+def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
     """The figure as a block of a page: anchor ``figure-<name>``, caption in sentences, title before it."""
     caption = sentences if isinstance(sentences, str) else " ".join(text for text in sentences if text)
     return Figure(f"figure-{name}", figure_to_svg(figure), caption, title)

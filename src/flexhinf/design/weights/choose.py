@@ -21,9 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis import LinearCorners
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.linear_family import LinearFamily, worst_members
 from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.products import acting_corners, covering_products, dissipation_of
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
@@ -60,6 +62,13 @@ class Robustness:
         Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
     scalings : mapping of str to (float, float)
         Smallest and largest s of the channels of each quantity.
+    enlarged : float
+        Factor by which the tolerances of the channels were enlarged, so that products of tolerances are covered too.
+    corners, failing_corners : int
+        Corners of the tolerances at which the inequality of the linear part was checked, each at its own equilibrium,
+        and how many of them break it: with any, each tolerance alone is covered, and not all of them together.
+    all_corners : bool
+        Whether these are all corners; otherwise they are sampled.
     """
 
     fraction: float
@@ -69,6 +78,10 @@ class Robustness:
     nominal_gain: float
     robust_gain: float
     scalings: Mapping[str, tuple[float, float]]
+    enlarged: float
+    corners: int
+    failing_corners: int
+    all_corners: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,14 +256,30 @@ def _searched(
         RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
     )
 
-    def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
-        return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
-            s.gamma_ratio, scalings
-        )
+    corners = acting_corners(robot, goal, _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)))
 
-    found, family = _widened(robot, goal, target, family, robust_synthesis, scales.held)
-    robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
-    return _robust(robot, goal, s, scales, target, found, robust, scalings)
+    def covering(factor: float) -> DesignProblem:
+        """With all tolerances enlarged by a factor."""
+        larger = replace(scalings, fraction=factor * scalings.fraction)
+
+        def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+            return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
+                s.gamma_ratio, larger
+            )
+
+        found, _ = _widened(robot, goal, target, family, robust_synthesis, scales.held)
+        robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
+        return _robust(robot, goal, s, scales, target, found, robust, larger, factor, corners)
+
+    first = covering(1.0)
+    if scalings.fraction < 1.0:
+        return first
+    return covering_products(first, covering, _failing)
+
+
+def _failing(made: DesignProblem) -> int:
+    assert made.robustness is not None
+    return made.robustness.failing_corners
 
 
 def _widened(
@@ -278,6 +307,8 @@ def _robust(
     found: SearchResult,
     robust: RobustProblem,
     scalings: Scalings,
+    enlarged: float,
+    corners: LinearCorners,
 ) -> DesignProblem:
     """The nonlinear problem of the robust preset."""
     star = robust.gamma_star(scalings, 1e-6)
@@ -295,16 +326,21 @@ def _robust(
         disturbances=(*physical, *names),
         equilibrium=robot.operating_point(goal),
     )
+    checked = dissipation_of(corners, nominal, problem, gamma)
     lowest = robust.nominal.gamma_star()
     plain = robust.nominal.design(s.gamma_ratio * lowest, lowest)
     robustness = Robustness(
-        scalings.fraction,
+        scalings.fraction / enlarged,
         len(robust.channels),
         star,
         lowest,
         robust.nominal.attained(plain.gain),
         robust.nominal.attained(found.chosen.design.gain),
         _by_quantity(robust, scalings),
+        enlarged,
+        checked.count,
+        checked.failing,
+        checked.complete,
     )
     source = f"found for {_words(target)}, beside the channels of the tolerances"
     return DesignProblem(

@@ -11,9 +11,16 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
 from flexhinf.codegen.steps import Step
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.law_code import LawCode
-from flexhinf.loop.controller.memory import Layout, data_layout, data_values, input_before, memory_layout
+from flexhinf.loop.controller.memory import (
+    Layout,
+    data_layout,
+    data_values,
+    filler,
+    input_before,
+    memory_layout,
+)
 from flexhinf.loop.controller.options import (
     Limits,
     Mode,
@@ -23,7 +30,13 @@ from flexhinf.loop.controller.options import (
     checked_period,
 )
 from flexhinf.loop.controller.schedule import Schedule
-from flexhinf.loop.controller.step import controller_step
+from flexhinf.loop.controller.step import (
+    BAD_MEASUREMENT,
+    BAD_REFERENCE,
+    BAD_RESULT,
+    controller_step,
+    step_failure,
+)
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.controller.transfer import STEPS, fade_time
 from flexhinf.loop.shared import share
@@ -38,7 +51,6 @@ __all__ = ["ONE_TRACE", "Controller", "load_controller"]
 ONE_TRACE = 5_000
 
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
-BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
 
 class Controller(Summarised):
@@ -104,8 +116,12 @@ class Controller(Summarised):
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
         limits = (self.limits.lower, self.limits.upper)
-        ways: Any = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
-        return Controller(self.law, self.estimator, self.period, limits, **ways)
+        return Controller(self.law, self.estimator, self.period, limits, **self._options)
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        """The other arguments by name."""
+        return {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
@@ -118,8 +134,7 @@ class Controller(Summarised):
         InvalidInput
             If the law or the estimator cannot be saved (it is named), or the place cannot be written.
         """
-        options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
-        write_controller(path, self.law, self.estimator, self.period, self.limits, options)
+        write_controller(path, self.law, self.estimator, self.period, self.limits, self._options)
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
@@ -290,7 +305,7 @@ class Controller(Summarised):
         arrays |= {"u": u, "estimate": self._estimate}
         kernel = share(("step", self.code_key), lambda: compile_program(self._program(arrays)))
         reference = self._reference[: len(self.commanded)]
-        return kernel.bind(arrays, {}), _filler(y), _filler(reference), u
+        return kernel.bind(arrays, {}), filler(y), filler(reference), u
 
     def _program(self, arrays: dict[str, np.ndarray]) -> Program:
         roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
@@ -331,7 +346,9 @@ class Controller(Summarised):
             raise self._misfit(y, reference) from error
         code = run()
         if code:
-            raise self._failure(code, y, reference)
+            if code != BAD_RESULT:
+                self._keep_reference()
+            raise step_failure(code, y, reference)
         return u.copy()
 
     @property
@@ -371,21 +388,6 @@ class Controller(Summarised):
             "arrays of these lengths, or plain numbers for one signal",
         )
 
-    def _failure(self, code: int, y: Any, reference: Any) -> NumericalFailure:
-        if code == BAD_RESULT:
-            return NumericalFailure(
-                "The controller's estimate or input is no longer finite.",
-                f"after y={y!r}, reference={reference!r}",
-                "reset(); then check the measurement's unit and the noise covariances",
-            )
-        self._keep_reference()
-        return NumericalFailure(
-            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
-            "nothing was updated.",
-            f"got y={y!r}, reference={reference!r}",
-            "hold the last input for this sample",
-        )
-
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:
     """A controller from a file of `Controller.save`, at its start: its steps are the same, bit by bit.
@@ -396,20 +398,3 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
         If the file is not there, is no such file, is damaged, or is of another version.
     """
     return Controller(**read_controller(path))
-
-
-def _filler(buffer: np.ndarray) -> Callable[[Any], None]:
-    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
-    memory: Any = memoryview(buffer)  # type: ignore[arg-type]
-    shape = buffer.shape
-
-    def fill_one(value: Any) -> None:
-        memory[0] = value if isinstance(value, float) else np.asarray(value, dtype=float).item()
-
-    def fill(value: Any) -> None:
-        array = np.asarray(value, dtype=float)
-        if array.shape != shape:
-            raise ValueError(array.shape)
-        buffer[:] = array
-
-    return fill_one if buffer.size == 1 else fill

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from flexhinf.loop.controller.options import Limits, Mode
 from flexhinf.loop.controller.transfer import inverse_slope
 from flexhinf.plant import Estimator
 
-__all__ = ["Layout", "data_layout", "data_values", "input_before", "memory_layout"]
+__all__ = ["Layout", "data_layout", "data_values", "filler", "input_before", "memory_layout"]
 
 Shape = tuple[int, ...]
 
@@ -169,3 +169,20 @@ def input_before(given: Any, rest: Any, limits: Limits, names: tuple[str, ...]) 
             "the input that acts when the controller takes over",
         )
     return u
+
+
+def filler(buffer: np.ndarray) -> Callable[[Any], None]:
+    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
+    memory: Any = memoryview(buffer)  # type: ignore[arg-type]
+    shape = buffer.shape
+
+    def fill_one(value: Any) -> None:
+        memory[0] = value if isinstance(value, float) else np.asarray(value, dtype=float).item()
+
+    def fill(value: Any) -> None:
+        array = np.asarray(value, dtype=float)
+        if array.shape != shape:
+            raise ValueError(array.shape)
+        buffer[:] = array
+
+    return fill_one if buffer.size == 1 else fill

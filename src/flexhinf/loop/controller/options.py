@@ -40,16 +40,16 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True)
 class Mode:
-    """What the text of a step depends on, beside law and estimator.
+    """Options that change the code of a step, beside law and estimator.
 
     Parameters
     ----------
     moving : bool
         Whether the law acts about a moving reference (x_d, u_d) instead of the operating point.
     start : {"zero", "bumpless"}
-        What the integrals are at the first sample: zero, or such that the input continues from the one before.
+        The integrals at the first sample: zero, or such that the input continues from the one before.
     laws : int
-        How many there are, of which one is active.
+        Number of laws, of which one is active at a time.
 
     Raises
     ------

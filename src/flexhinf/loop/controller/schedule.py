@@ -15,7 +15,7 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import where
 
-__all__ = ["PaddedLaw", "Schedule", "chosen", "of_one_text"]
+__all__ = ["PaddedLaw", "Schedule", "chosen", "with_common_monomials"]
 
 
 class Schedule(Law):
@@ -31,7 +31,7 @@ class Schedule(Law):
     Parameters
     ----------
     laws : sequence of Law
-        Of the same states and inputs, and of the same text: solved to the same degree. Degrees that vanish at one
+        Of the same states and inputs, and of one formula: solved to the same degree. Degrees that vanish at one
         pose only, by symmetry, do not matter.
     hysteresis : float
         At least 0, below 1.
@@ -56,11 +56,11 @@ class Schedule(Law):
 
     @property
     def law_key(self) -> str:
-        """Of the text that the laws share."""
+        """Of the formula that the laws share."""
         return self.laws[0].law_key
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,), of the text that the laws share."""
+        """k(x), (m,), by the formula that the laws share."""
         return self.laws[0].evaluate_law(x, data)
 
 
@@ -133,12 +133,12 @@ def _checked(laws: Any) -> tuple[Law, ...]:
                     f"expected {what} {list(getattr(first, what))}, got {list(getattr(law, what))}",
                     "laws of one problem at several poses",
                 )
-    laws = of_one_text(laws)
+    laws = with_common_monomials(laws)
     text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
     for other in others:
         if text != other:
             raise InvalidInput(
-                "The laws of a schedule are not of one text.",
+                "The laws of a schedule share no formula.",
                 f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
                 f"got {other[0].__name__} {other[1]!r} of {other[2]}",
                 "solve all to the same degree",
@@ -219,7 +219,7 @@ class PaddedLaw(Law):
         return self.polynomial.evaluate(x, np.asarray(data).reshape(self.polynomial.coefficients.shape))
 
 
-def of_one_text(laws: Sequence[Law]) -> tuple[Law, ...]:
+def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
     """The laws, padded if they are polynomials of one class, solved to one degree, whose monomials differ."""
     alike = len({(type(law), law.law_degree) for law in laws}) == 1 and laws[0].law_degree is not None
     tables = [law.law_table for law in laws]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import DIRECT
+from flexhinf.errors import NumericalFailure
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Mode, Source
 from flexhinf.loop.controller.schedule import chosen
@@ -20,7 +21,10 @@ from flexhinf.loop.controller.transfer import continued
 from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
-__all__ = ["controller_step"]
+__all__ = ["BAD_MEASUREMENT", "BAD_REFERENCE", "BAD_RESULT", "controller_step", "step_failure"]
+
+#: How a compiled step ends where a number is not finite.
+BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
 STANDING = Mode()
 
@@ -169,3 +173,19 @@ def _input(
     pushes = growth * ((wanted - u) @ gain)
     choices = zip(pushes, before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
+
+
+def step_failure(code: int, y: Any, reference: Any) -> NumericalFailure:
+    """The error of a compiled step that ended with a code; y and the command are those it was given."""
+    if code == BAD_RESULT:
+        return NumericalFailure(
+            "The controller's estimate or input is no longer finite.",
+            f"after y={y!r}, reference={reference!r}",
+            "reset(); then check the measurement's unit and the noise covariances",
+        )
+    return NumericalFailure(
+        f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
+        "nothing was updated.",
+        f"got y={y!r}, reference={reference!r}",
+        "hold the last input for this sample",
+    )

@@ -1,49 +1,44 @@
-"""The paper's claims, each judged by computing."""
+"""The paper's claims and our own questions, each judged by computing: first the criterion, then the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexhinf.paper.claims.against_linear import judge_against_linear
+from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, tolerances, ukf_against_ekf
 from flexhinf.paper.claims.disturbances import judge_sine_disturbance, judge_step_disturbance
-from flexhinf.paper.claims.h_infinity import judge_h_infinity
-from flexhinf.paper.claims.judged import Judged
+from flexhinf.paper.claims.judgement import Judged
 from flexhinf.paper.claims.reconstruction import judge_reconstruction
-from flexhinf.paper.claims.tracking import judge_sine, judge_steps
+from flexhinf.paper.claims.sine_tracking import judge_sine
+from flexhinf.paper.claims.steps import judge_against_linear, judge_steps
 from flexhinf.paper.claims.weights import judge_integral_weight, judge_link_weight
+from flexhinf.paper.claims.what_h_infinity_buys import judge_h_infinity
 from flexhinf.paper.experiments import Experiments
+from flexhinf.paper.loop_setup import PaperSetup
 
 __all__ = ["JUDGES", "Judged"]
 
 Judge = Callable[[Experiments], Judged | list[Judged]]
 
 
-def _of_bench(module: str) -> Judge:
-    """A judge that needs the bench only; its module is loaded when it is asked."""
-
-    def judge(experiments: Experiments) -> Judged:
-        from importlib import import_module
-
-        return import_module(f"flexhinf.paper.claims.{module}").judge(experiments.bench)
-
-    judge.__name__ = f"judge_{module}"
-    return judge
+def _from_setup(judge: Callable[[PaperSetup], Judged]) -> Judge:
+    """A judge that needs no run of the figures."""
+    return lambda experiments: judge(experiments.setup)
 
 
-#: What is said while it runs, and the judge; in the order of the report.
+#: What the progress bar says while it runs, and the judge; in the order of the report.
 JUDGES: tuple[tuple[str, Judge], ...] = (
     ("steps", judge_steps),
     ("NL-H∞ against L-H∞", judge_against_linear),
-    ("what H∞ buys", judge_h_infinity),
     ("tracking", judge_sine),
     ("weight of x1", judge_link_weight),
     ("weight of x5", judge_integral_weight),
-    ("electrical pole", _of_bench("electrical_pole")),
-    ("attained gain", _of_bench("attained_gain")),
-    ("tolerances", _of_bench("tolerances")),
+    ("electrical pole", _from_setup(electrical_pole.judge)),
+    ("attained gain", _from_setup(attained_gain.judge)),
+    ("tolerances", _from_setup(tolerances.judge)),
     ("step disturbance", judge_step_disturbance),
     ("sinusoidal disturbance", judge_sine_disturbance),
     ("reconstruction", judge_reconstruction),
-    ("bounds", _of_bench("bounded")),
-    ("UKF against EKF", _of_bench("ukf_against_ekf")),
+    ("bounds", _from_setup(bounded.judge)),
+    ("UKF against EKF", _from_setup(ukf_against_ekf.judge)),
+    ("what H∞ buys", judge_h_infinity),
 )

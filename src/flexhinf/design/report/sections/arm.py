@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.design.report.drawing import drawn, panels
+from flexhinf.design.report.drawing import figure_block, panels
 from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, number
 from flexhinf.robot import Robot
 from flexhinf.robot.skeleton import skeleton
@@ -76,7 +76,7 @@ def arm_figure(
             axis.set_aspect("equal")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
     label(axes[0], names[1], "m")
-    return drawn(
+    return figure_block(
         "arm",
         figure,
         "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "

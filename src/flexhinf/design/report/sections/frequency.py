@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse
-from flexhinf.design.report.drawing import DASHED, drawn, line_style, panels, reference_line
+from flexhinf.design.report.drawing import DASHED, figure_block, line_style, panels, reference_line
 from flexhinf.report import INK, MUTED, Figure, house_style, label, legend
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def bode_figure(loops: Sequence[Loop], joints: Sequence[str], load: str, positio
     if len(loops) > 1 or len(joints) > 1:
         legend(command)
     which = "" if len(loops) == 1 or len(joints) == 1 else f" Joint: {joints[_worst(loops)]}."
-    return drawn(
+    return figure_block(
         "bode",
         figure,
         f"{RUNNING} Magnitude and phase from the commanded to the true link position (dotted: 0 dB, and −3 dB, where "
@@ -110,7 +110,7 @@ def sensitivity_figure(loops: Sequence[Loop]) -> Figure:
         "S: how much the loop amplifies a disturbance at the motors (above 0 dB: more than without control)"
     )
     second = "; T: how much an error of the model is amplified" if len(loops) == 1 else ""
-    return drawn(
+    return figure_block(
         "sensitivity", figure, f"{RUNNING} {what}{second}. Dotted: 0 dB.", "Sensitivity"
     )  # fmt: skip
 
@@ -144,7 +144,7 @@ def nyquist_figure(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         f" The dashed circle about −1 has the smallest distance, {radius:.2f}." if np.isfinite(radius) else ""
     )
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    return drawn(
+    return figure_block(
         "nyquist",
         figure,
         f"{RUNNING} The loop opened at one input, positive frequencies, negative feedback.{others}{closest} "

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import REFERENCE
-from flexhinf.design.report.drawing import drawn, line_style, panels, reference_line, thin
+from flexhinf.design.report.drawing import figure_block, line_style, panels, reference_line, thin
 from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TradeOff
@@ -58,7 +58,7 @@ def responses_figure(comparison: Comparison) -> Figure:
         axis.set_xlabel(column.time)
     joints = comparison.robot.joint_names
     which = ", ".join(f"{column.what}: {joints[column.joint]}" for column in columns)
-    return drawn(
+    return figure_block(
         "laws", figure,
         (
             "Errors of the true link position in the nonlinear loop, estimator and noise included. Left: the step, "
@@ -197,7 +197,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
         low, high = max(0.7 * min(values), max(values) / RANGE), 1.4 * max(values)
         axis.set_xlim(low, high) if which is axis.xaxis else axis.set_ylim(low, high)
     label(axis, "largest deviation under the load", comparison.units()["error"])
-    return drawn(
+    return figure_block(
         "trade-off", figure,
         "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned "
         "(hollow: "

@@ -7,7 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.report.drawing import drawn, joint_lines, limit_lines, reference_line, vertical_line
+from flexhinf.design.report.drawing import (
+    figure_block,
+    joint_lines,
+    limit_lines,
+    reference_line,
+    vertical_line,
+)
 from flexhinf.design.report.formatting import Units, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.report.sections.step import effort_limit
@@ -57,7 +63,7 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     label(axes[1], "input", units.effort)
     if len(joints) > 1:
         legend(axes[0])
-    return drawn(
+    return figure_block(
         "load", figure,
         f"The robot is in equilibrium at the goal. At {loaded.at:g} s (dotted) constant torques begin to act on all "
         "links at once. Neither law nor estimator knows of them.",

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.report.drawing import drawn, joint_lines
+from flexhinf.design.report.drawing import figure_block, joint_lines
 from flexhinf.design.report.formatting import Units, range_text, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
@@ -205,6 +205,6 @@ def estimation_figure(e: LawEvaluation, units: Units) -> Figure | None:
         label(axis, titles[k], units.rate if k % 2 else units.angle)
     if n > 1:
         legend(axes[0])
-    return drawn(
+    return figure_block(
         "estimate", figure, "True minus estimated state of every joint in the step.", "Estimation error"
     )

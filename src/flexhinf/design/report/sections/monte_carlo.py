@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.report.drawing import DASHED, drawn, panels, reference_line
+from flexhinf.design.report.drawing import DASHED, figure_block, panels, reference_line
 from flexhinf.design.report.formatting import Units, changes_text, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
@@ -116,7 +116,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
     missing = len(samples) - len(ended)
     gone = f" {missing} that diverged are left out." if missing else ""
     return [
-        drawn(
+        figure_block(
             "draws", figure,
             f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Below {closer}, "
             "with "
@@ -170,7 +170,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
         axis.set_xlabel(f"{name} ({unit})")
     label(axes[0], "robots", "")
     return [
-        drawn(
+        figure_block(
             "spread", figure,
             "How many robots have which overshoot, settling time and peak input (the worst joint of each). The orange "
             "line is the nominal robot, the dashed one a limit that is near or exceeded.",

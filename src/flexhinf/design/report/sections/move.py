@@ -7,7 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.report.drawing import DOTTED, drawn, joint_lines, limit_lines, reference_line, thin
+from flexhinf.design.report.drawing import (
+    DOTTED,
+    figure_block,
+    joint_lines,
+    limit_lines,
+    reference_line,
+    thin,
+)
 from flexhinf.design.report.formatting import Units, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.report.sections.step import effort_limit
@@ -89,7 +96,7 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     label(axes[1], "link position − plan", unit)
     label(axes[2], "input", units.effort)
     legend(axes[0])
-    return drawn(
+    return figure_block(
         "move", figure,
         "Link positions and the plan (dotted), the difference of the two, and the inputs. The inputs jump where the "
         "fourth derivative of the plan does.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.report.drawing import drawn, panels, reference_line, vertical_line
+from flexhinf.design.report.drawing import figure_block, panels, reference_line, vertical_line
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
@@ -66,7 +66,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
             ncols=min(3, len(shown)),
             frameon=False,
         )
-    return drawn(
+    return figure_block(
         "poles",
         figure,
         "Left: poles λ in the s-plane, upper half, near the imaginary axis (faster ones on the right only); dotted "

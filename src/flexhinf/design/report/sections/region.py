@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
-from flexhinf.design.report.drawing import DASHED, drawn, thin
+from flexhinf.design.report.drawing import DASHED, figure_block, thin
 from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
@@ -251,7 +251,7 @@ def _budget_figure(design: Design) -> list[Figure]:
     legend(axis)
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
     return [
-        drawn(
+        figure_block(
             "budget",
             figure,
             f"V along the step of the nominal robot, and its bound.{far}",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.report.drawing import drawn, framed, reference_line, thin
+from flexhinf.design.report.drawing import figure_block, framed, reference_line, thin
 from flexhinf.design.report.formatting import Units, range_text, rounded, units_of
 from flexhinf.design.report.sections.poles import HARDLY_DAMPED, vibration_damping
 from flexhinf.design.report.sections.step import spring_torques
@@ -152,7 +152,7 @@ def _figure(design: Design, units: Units) -> Figure:
     label(axes[2], "input", units.effort)
     legend(axes[0])
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(design.goal) > 1 else ""
-    return drawn(
+    return figure_block(
         "rigid", figure,
         f"The same step with the rigid design{where}, fed the true position and velocity of one side without noise. "
         "Lines "

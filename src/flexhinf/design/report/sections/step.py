@@ -8,7 +8,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import (
-    drawn,
+    figure_block,
     framed,
     joint_lines,
     limit_lines,
@@ -173,7 +173,7 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     if len(joints) > 1:
         legend(axes[0])
     bound = "" if limit is None else (f" (dashed: {name})" if shown else f" ({name}, beyond the panel)")
-    return drawn(
+    return figure_block(
         "step", figure,
         f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}: link positions as distance "
         f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.report.drawing import DASHED, drawn, panels, vertical_line
+from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.result import Design
+from flexhinf.design.weights.choose import Robustness
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Section, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names
@@ -160,7 +161,7 @@ def _search_figure(design: Design) -> Figure:
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
     label(left, "smallest damping ratio", "")
     label(right, "γ*", "")
-    return drawn(
+    return figure_block(
         "search", figure,
         "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the damping "
         "weight ζ. The dotted line is the ζ that is used.",
@@ -186,6 +187,26 @@ def _robust(design: Design) -> Table:
     return Table(columns, rows, "What covering the tolerances costs (linear part)", "table-robust")
 
 
+def _products(r: Robustness) -> str:
+    """What is known of products of tolerances."""
+    which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
+    if r.failing_corners:
+        return (
+            "Products of tolerances (for example mass times length) change a robot by more than its channels: the "
+            f"inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at the "
+            "goal, so it holds for each tolerance alone, and not for all of them together."
+        )
+    enlarged = (
+        f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
+        if r.enlarged > 1.0
+        else ""
+    )
+    return (
+        "Products of tolerances (for example mass times length) change a robot by more than its channels:"
+        f"{enlarged} the inequality of the linear part holds at {which} of the tolerances that act at the goal."
+    )
+
+
 def _robust_text(design: Design) -> str:
     r = design.design_problem.robustness
     assert r is not None
@@ -198,8 +219,7 @@ def _robust_text(design: Design) -> str:
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
         "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, for "
-        "robots that such channels describe. Products of tolerances (for example mass times length) change a robot by "
-        "more than its channels; the corners below compute them. Scalings s of the channels, each seen s times and "
+        f"robots that such channels describe. {_products(r)} Scalings s of the channels, each seen s times and "
         f"acting 1/s times as strongly: {_scalings(design)}."
     )
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.paper.bench import PaperBench
+from flexhinf.paper.disturbance_gain import GainRuns
+from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.paper.worst_disturbance import GainBench
 
 
 @pytest.fixture(scope="module")
-def runs() -> GainBench:
-    bench = PaperBench(PaperSettings())
-    return GainBench(bench, bench.nonlinear)
+def runs() -> GainRuns:
+    setup = PaperSetup(PaperSettings())
+    return GainRuns(setup, setup.nonlinear)
 
 
 def wave(t: np.ndarray) -> np.ndarray:
@@ -21,12 +21,12 @@ def wave(t: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.oracle
-def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainBench) -> None:
-    bench = runs.bench
-    part = bench.problem.expand(1)
+def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainRuns) -> None:
+    setup = runs.setup
+    part = setup.problem.expand(1)
     a, b1, b2, c = part.f_parts[1], part.g1_parts[0][..., 0], part.g2_parts[0][..., 0], part.h_parts[1]
-    k = bench.linear.law(np.eye(5)).T
-    closed, z = a + b2 @ k, np.vstack([c, np.sqrt(float(bench.problem.r2[0, 0])) * k])
+    k = setup.linear.law(np.eye(5)).T
+    closed, z = a + b2 @ k, np.vstack([c, np.sqrt(float(setup.problem.r2[0, 0])) * k])
     norm = max(
         np.linalg.norm(z @ np.linalg.solve(1j * w * np.eye(5) - closed, b1)) for w in np.logspace(-3, 3, 2001)
     )
@@ -34,10 +34,10 @@ def test_small_disturbances_attain_the_norm_of_the_linear_loop(runs: GainBench) 
     assert d is not None
     attained = runs.attained(runs.held(d))
     assert attained.energy == pytest.approx(1e-4, rel=1e-9)
-    assert 0.98 * norm < attained.gain < 1.001 * norm < bench.gamma
+    assert 0.98 * norm < attained.gain < 1.001 * norm < setup.gamma
 
 
-def test_the_search_beats_its_start(runs: GainBench) -> None:
+def test_the_search_beats_its_start(runs: GainRuns) -> None:
     start = runs.search.scaled(wave(runs.times)[:, None], 3.0)[:, 0]
     d = runs.worst(start, 3.0, 10)
     assert d is not None

@@ -33,7 +33,7 @@ OPEN = (
     ("γ", "a multiple of the smallest feasible γ* (option --gamma-ratio)"),
     ("sampling", "estimator and law at one period, the input held between samples (option --period)"),
     ("F of Eq. (9)", "the nominal plant over one period by the classical Runge–Kutta method"),
-    ("R^v, R^n, P0, X̂0", "q I and R^n (options), 1e-4 I, and rest; the tolerance claim is swept over q"),
+    ("Rᵛ, Rⁿ, P0, X̂0", "q I and R^n (options), 1e-4 I, and rest; the tolerance claim is swept over q"),
     ("x5", "the integral of the measured error, trapezoidal, the command held"),
     ("true plant", "nominal without coil in Figs. 3–8, 11, 12; perturbed with coil in Figs. 9 and 10"),
     ("disturbances", "a torque at the link or at the motor; size and frequency are in the captions"),

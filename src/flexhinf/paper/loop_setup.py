@@ -1,15 +1,16 @@
-"""The paper's bench: arm, problem, laws and estimators, and one way to run them against each other."""
+"""The paper's arm, problem, laws and estimators, and one way to run them in a closed loop."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from flexhinf.analysis import Population, corner_population
 from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
@@ -19,32 +20,36 @@ from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
 
-__all__ = ["INITIAL_VARIANCE", "Outcome", "PaperBench"]
+__all__ = [
+    "EFFORT",
+    "GOALS",
+    "INITIAL_VARIANCE",
+    "LONG",
+    "SAMPLED_PLANTS",
+    "PaperSetup",
+    "affordable",
+    "in_two_threads",
+    "name_goal",
+]
 
 #: R2 of Eq. (11).
 EFFORT = 10.0
 #: P0 = 1e-4 I: the arm starts at rest, known to about half a degree.
 INITIAL_VARIANCE = 1e-4
+#: The paper's two commands, rad.
+GOALS = (math.pi / 2, math.pi)
+#: Plants sampled uniformly within the tolerances: those of Figs. 9 and 10.
+SAMPLED_PLANTS = 100
+#: Length of a long run, s: a growth of 0.07/s makes a factor of 8 in it, and 1.7 in the 8 s of a step response.
+LONG = 30.0
+#: Samples that may be spent on a set of runs: 130 runs of 30 s at 1 kHz.
+SAMPLES = 4_000_000
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One run, whole or up to where it diverged."""
-
-    run: Trajectory
-
-    @property
-    def diverged_at(self) -> float | None:
-        """When the run diverged, s; None if it did not."""
-        return self.run.diverged_at
-
-    @property
-    def metrics(self) -> dict[str, Any]:
-        """`Trajectory.metrics`: all None for a run that diverged."""
-        return self.run.metrics()
-
-
-class PaperBench:
+class PaperSetup:
     """What all figures and claims share; everything is computed once, on first use.
 
     Parameters
@@ -65,6 +70,7 @@ class PaperBench:
         self.gamma: float = settings.gamma_ratio * self.gamma_star
         if self.gamma <= self.gamma_star:
             raise InfeasibleGamma(self.gamma, self.gamma_star)
+        self._laws: dict[tuple[Any, ...], HJISolution] = {}
 
     # Laws -------------------------------------------------------------------------------------------------------
     @cached_property
@@ -87,22 +93,17 @@ class PaperBench:
         """LQR of the arm without gravity, with gravity compensation: what a practitioner would try first."""
         return GravityCompensatedLQR.design(self.problem)
 
-    def law(
-        self,
-        weights: Mapping[str, float] | None = None,
-        *,
-        gamma_ratio: float | None = None,
-        degree: int | None = None,
-    ):
-        """NL-H∞ for another penalty (weights by state, R2 kept) at the same ratio of its own γ*."""
-        problem = self.problem if weights is None else self.arm.problem(Penalty(weights, effort=EFFORT))
-        star = smallest_gamma(problem)
-        ratio = self.settings.gamma_ratio if gamma_ratio is None else gamma_ratio
-        return solve_hji(
-            problem, gamma=ratio * star, degree=self.settings.degree if degree is None else degree
-        )
+    def law(self, weights: Mapping[str, float], *, degree: int | None = None) -> HJISolution:
+        """NL-H∞ for another penalty (weights by state, R2 kept) at the same ratio of its own γ*; solved once each."""
+        degree = self.settings.degree if degree is None else degree
+        key = (tuple(sorted(weights.items())), degree)
+        if key not in self._laws:
+            problem = self.arm.problem(Penalty(weights, effort=EFFORT))
+            gamma = self.settings.gamma_ratio * smallest_gamma(problem)
+            self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
+        return self._laws[key]
 
-    # Estimators ---------------------------------------------------------------------------------------------------
+    # Estimators -------------------------------------------------------------------------------------------------
     @cached_property
     def model(self) -> Plant:
         """The plant the estimators believe in: nominal, coil neglected."""
@@ -122,13 +123,23 @@ class PaperBench:
 
     @property
     def feedback(self) -> str:
-        """What the law is fed with, in words."""
+        """What is fed back to the law, for a sentence."""
         kind = self.settings.estimator
         return "the true state" if kind == "none" else f"the {kind.upper()}"
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
         return 1000 * self.settings.seed + k
+
+    # Plants ----------------------------------------------------------------------------------------------------
+    @cached_property
+    def population(self) -> Population:
+        """Plants within Tables 1 and 2: sampled ones, all 2048 corners, each tolerance alone, and the nominal one."""
+        uncertain = len(self.arm.uncertain)
+        corner = self.arm.corner
+        return corner_population(
+            corner, uncertain, 2**uncertain, self.settings.seed, self.arm.draw, SAMPLED_PLANTS
+        )
 
     # Runs -------------------------------------------------------------------------------------------------------
     def run(
@@ -143,17 +154,13 @@ class PaperBench:
         estimator: Any = "settings",
         noise: bool = True,
         seed: int | None = None,
-        initial_state: Any = None,
-    ) -> Outcome:
-        """Simulate one closed loop; a loop that diverges is an outcome, not an error."""
+    ) -> Trajectory:
+        """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
         s = self.settings
         chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
         loop = self.loop(law, chosen, inductance, true_values)
         deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
-        run = loop.run(
-            reference, disturbance, deviation, duration, initial_state, s.seed if seed is None else seed
-        )
-        return Outcome(run)
+        return loop.run(reference, disturbance, deviation, duration, None, s.seed if seed is None else seed)
 
     def loop(
         self, law: Law, estimator: Any, inductance: bool = False, values: Mapping[str, float] | None = None
@@ -167,3 +174,23 @@ class PaperBench:
     @cached_property
     def _true_plants(self) -> dict[bool, Plant]:
         return {coil: self.arm.plant(inductance=coil) for coil in (False, True)}
+
+
+# Many runs -----------------------------------------------------------------------------------------------
+def name_goal(goal: float) -> str:
+    """``90°``."""
+    return f"{math.degrees(goal):.0f}°"
+
+
+def affordable(wanted: int, period: float, duration: float = LONG) -> int:
+    """How many runs to make of those wanted: all of them unless the period is far below 1 ms."""
+    return max(1, min(wanted, int(SAMPLES * period / duration)))
+
+
+def in_two_threads(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """The first alone, which compiles what the others share; compiled runs let the other thread go on."""
+    if not items:
+        return []
+    first = function(items[0])
+    with ThreadPoolExecutor(2) as pool:
+        return [first, *pool.map(function, items[1:])]
