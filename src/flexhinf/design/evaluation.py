@@ -159,8 +159,18 @@ class LawEvaluation:
         robot = self.setup.robot
         if not robot.uncertain:
             return None
-        noises = None if self.other_noise else ()
+        noises = self._other_noises if self.other_noise else ()
         return tolerance_corners(self.loop, robot.corner, robot.uncertain, noises)
+
+    @property
+    def _other_noises(self) -> tuple[ProcessNoise, ...]:
+        """Other R^v with which the corners are computed: in which directions the estimator may be retuned."""
+        if not self.loop.tunable:
+            return ()
+        variance = float(np.diag(self.loop.filter.measurement_noise).min())
+        forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
+        ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
+        return tuple(ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios)
 
     @cached_property
     def state_corners(self) -> GrowthRates | None:
