@@ -107,6 +107,14 @@ def test_a_search_that_is_not_well_posed_is_refused(wrong: dict) -> None:
         tune(lambda p: Judgement(1.0), **settings)
 
 
+def test_candidates_that_are_given_are_tried_within_the_bounds() -> None:
+    others = [{"a": 7.0, "b": 0.3}, {"a": 1e6, "b": 1.0}]
+    found = tune(lambda p: Judgement(1.0), {"a": 1.0, "b": 1.0}, BOUNDS, 0, 0, others=others)
+    tried = [c.parameters for c in found.candidates]
+    assert tried[0] == pytest.approx({"a": 1.0, "b": 1.0})
+    assert tried[1:] == [pytest.approx(others[0]), pytest.approx({"a": 100.0, "b": 1.0})]
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["pd", "lqr"])
 def test_two_laws_use_up_the_same_peak_voltage_and_no_more(made: Any, kind: str) -> None:

@@ -8,7 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import dissipation_budget
 from flexhinf.design import Design, Specification, design
-from flexhinf.design.guarantee import looked_for
+from flexhinf.design.attenuation import searches_disturbance
 
 TORQUES = ("link_torque", "motor_torque")
 
@@ -24,7 +24,7 @@ def made() -> Design:
 
 
 def test_no_disturbance_found_attains_more_than_gamma(made: Design) -> None:
-    found = made.guarantee.attained
+    found = made.attenuation.attained
     assert found is not None
     assert found.largest_value <= made.chosen.level
     assert 0.9 * made.gamma_star < found.gain < made.solution.gamma
@@ -34,7 +34,7 @@ def test_no_disturbance_found_attains_more_than_gamma(made: Design) -> None:
 
 
 def test_the_parts_spend_one_after_the_other(made: Design) -> None:
-    rows = made.guarantee.expenses
+    rows = made.attenuation.budget
     assert [row.name for row in rows] == ["sampling", "delay", "estimator", "saturation"]
     assert all(row.budget.level == made.chosen.level for row in rows)
     totals = [row.budget.total for row in rows]
@@ -45,28 +45,27 @@ def test_the_parts_spend_one_after_the_other(made: Design) -> None:
 
 
 def test_the_last_row_is_the_step_of_the_report_without_extras(made: Design) -> None:
-    bench = made.bench
-    controller = bench.controller(bench.start)
-    loop = bench.loop(controller)
-    x, u = bench.rest(bench.start)
+    setup = made.setup
+    loop = setup.loop(setup.controller(setup.start))
+    x, u = setup.equilibrium(setup.start)
     run = loop.run(
-        noise=bench.noise,
-        duration=made.duration,
+        noise=setup.noise,
+        duration=made.scenario.step_duration,
         initial_state=x,
         initial_input=u,
-        seed=bench.specification.seed,
+        seed=setup.specification.seed,
     )
-    np.testing.assert_array_equal(run.signals["state"], made.response.run.signals["state"])
+    np.testing.assert_array_equal(run.signals["state"], made.evaluation.step.run.signals["state"])
     spent = dissipation_budget(run, loop, made.chosen.level, u).total
-    assert spent == pytest.approx(made.guarantee.expenses[-1].budget.total, rel=1e-9)
+    assert spent == pytest.approx(made.attenuation.budget[-1].budget.total, rel=1e-9)
 
 
 def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
-    assert looked_for(5, 500)
-    assert not looked_for(5, 0)
-    assert not looked_for(35, 50)
+    assert searches_disturbance(5, 500)
+    assert not searches_disturbance(5, 0)
+    assert not searches_disturbance(35, 50)
     asked = Specification(preset="damped", degrees=(2,), rays=0, draws=0, compare_rigid=False)
-    found = design(fh.load_robot("quanser-rotflex"), asked).guarantee
+    found = design(fh.load_robot("quanser-rotflex"), asked).attenuation
     assert found.attained is None
-    assert [row.name for row in found.expenses] == ["sampling", "estimator"]
-    assert all(np.isinf(row.budget.level) for row in found.expenses)
+    assert [row.name for row in found.budget] == ["sampling", "estimator"]
+    assert all(np.isinf(row.budget.level) for row in found.budget)

@@ -78,10 +78,10 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
 ) -> None:
     plain = tuning.Tuner.tune
 
-    def tuned(self: tuning.Tuner, kind: Any) -> Any:
+    def tuned(self: tuning.Tuner, kind: Any, others: Any = ()) -> Any:
         if kind.name == "pd":
             raise NumericalFailure("No such law.", "expected springs, got none", "springs")
-        return plain(self, kind)
+        return plain(self, kind, others)
 
     monkeypatch.setattr(tuning.Tuner, "tune", tuned)
     monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))
@@ -210,7 +210,7 @@ def test_bandwidth_is_that_of_the_transfer_function_from_the_moved_equilibrium(s
     problem = setup.robot.problem(pose=(0.8,))
     law = MotorPD.tuned(problem, 6.0)
     loop = law.closed_loop()
-    a, b, _, _ = problem.plant.linearise(*law.rest)
+    a, b, _, _ = problem.plant.linearise(*law.equilibrium)
     free = np.linalg.solve(np.hstack([a[:, 1:2], a[:, 2:], b]), -a[:, 0])
     into = -loop @ np.concatenate([[1.0], free[:3]])  # A x_d + B u_d = 0 along the equilibria
 

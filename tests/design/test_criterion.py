@@ -11,7 +11,7 @@ import pytest
 from flexhinf.design.criterion import Criterion, Figures, criterion_for, pareto_front
 from flexhinf.errors import InvalidInput
 
-OWN = Figures(1.8, 2.6, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009)
+OWN = Figures(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009)
 LIMITS: dict[str, Any] = {"peak_sensitivity": (2.0, "default"), "gain_margin": (2.0, "default")}
 
 
@@ -49,6 +49,9 @@ def test_a_limit_is_the_wider_of_the_stated_one_and_the_design_s_own() -> None:
     assert (value(fragile, "peak_sensitivity"), value(fragile, "gain_margin")) == (3.7, 1.4)
     assert value(made(peak_input=(400.0, "--peak-voltage")), "peak_input") == 400.0
     assert value(made(), "input_noise") == 0.03
+    assert value(made(), "damping") == 0.1
+    assert value(made(own=replace(OWN, damping=0.001)), "damping") == 0.001
+    assert value(made(damping=(0.15, "--damping")), "damping") == 0.15
 
 
 def test_the_mode_says_what_is_shared() -> None:
@@ -74,6 +77,8 @@ def test_a_design_that_diverges_gives_nothing_to_share() -> None:
     [
         ({"peak_sensitivity": 2.1}, "peak sensitivity"),
         ({"gain_margin": 1.9}, "gain margin"),
+        ({"damping": 0.026}, "damping ratio"),
+        ({"damping": -0.1}, "damping ratio"),
         ({"input_noise": 0.031}, "noise at the motor"),
         ({"peak_input": 265.0}, "peak input"),
         ({"settling": math.inf}, "settles"),
@@ -91,6 +96,7 @@ def test_no_limit_may_be_exceeded_by_any_amount(changed: dict[str, float], name:
 
 def test_a_loop_without_a_gain_limit_is_not_held_against_a_law() -> None:
     assert made().judge(replace(OWN, gain_margin=math.inf)).excess == 0.0
+    assert made().judge(replace(OWN, damping=math.nan)).excess == 0.0
 
 
 def test_only_what_is_far_beyond_a_linear_limit_is_not_run() -> None:
@@ -99,7 +105,7 @@ def test_only_what_is_far_beyond_a_linear_limit_is_not_run() -> None:
     assert criterion.is_far(replace(OWN, peak_sensitivity=4.1))
     assert not criterion.is_far(replace(OWN, peak_input=1e9))
     assert made("bandwidth").is_far(replace(OWN, bandwidth=6.1))
-    linear = Figures(9.0, 1.1, 0.02, 3.0)
+    linear = Figures(9.0, 1.1, 0.2, 0.02, 3.0)
     assert criterion.judge(linear).excess > 0.0
     assert math.isfinite(criterion.judge(linear).excess)
 
@@ -115,7 +121,7 @@ def test_a_front_has_what_no_other_beats_within_the_linear_limits() -> None:
         return replace(OWN, peak_input=volts, load_deviation=sag, **changed)
 
     kept = [at(100.0, 0.05), at(300.0, 0.03), at(200.0, 0.06), at(50.0, 0.08)]
-    beyond = [at(90.0, 0.01, peak_sensitivity=9.0), at(math.inf, math.inf), Figures(1.5, 3.0, 0.01, 3.0)]
+    beyond = [at(90.0, 0.01, peak_sensitivity=9.0), at(math.inf, math.inf), Figures(1.5, 3.0, 0.3, 0.01, 3.0)]
     front = pareto_front([*kept, *beyond], made())
     assert [(f.peak_input, f.load_deviation) for f in front] == [(50.0, 0.08), (100.0, 0.05), (300.0, 0.03)]
 

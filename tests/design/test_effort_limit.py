@@ -11,9 +11,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification, design
+from flexhinf.design.effort_limit import WIDTH, problem_within_effort
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.weights.choose import choose
-from flexhinf.design.within_peak import WIDTH, choose_within_peak
 from flexhinf.errors import InvalidInput
 
 GOAL, START = np.array([np.pi / 2]), np.array([0.0])
@@ -24,18 +24,23 @@ def asked(**options: Any) -> Specification:
     return Specification(**{"preset": "damped", "degrees": (2,), "draws": 0, **options})
 
 
+def choose_within_effort(robot: Any, s: Specification, progress: Any = lambda text: None) -> Any:
+    """The problem of a specification whose step keeps the limit, with the default noise levels of the estimator."""
+    return problem_within_effort(robot, GOAL, START, s, choose(robot, GOAL, START, s), None, progress)
+
+
 def peak_of(robot: Any, s: Specification, bandwidth: float) -> float:
     """Largest input of the step of the nominal robot, for a bandwidth."""
     game = choose(robot, GOAL, START, asked(bandwidth=bandwidth))
     law = fh.solve_hji(game.problem, game.gamma, 2)
-    run = LoopSetup(robot, s, game.nominal.plant, law, GOAL, START).step(6.0).run
+    run = LoopSetup(robot, s, law, GOAL, START).step(6.0).run
     return float(np.abs(run.signals["input"]).max())
 
 
 def test_a_default_bandwidth_is_lowered_to_about_the_largest_that_keeps_the_limit(robot_of: Named) -> None:
     robot, s = robot_of("paper"), asked(peak_effort=14.0)
-    free = choose_within_peak(robot, GOAL, START, asked(peak_effort=60.0), lambda text: None)
-    game = choose_within_peak(robot, GOAL, START, s, lambda text: None)
+    free = choose_within_effort(robot, asked(peak_effort=60.0))
+    game = choose_within_effort(robot, s)
     assert free.target is not None
     assert game.target is not None
     found, whole = game.target.bandwidth[0], free.target.bandwidth[0]
@@ -48,10 +53,7 @@ def test_a_default_bandwidth_is_lowered_to_about_the_largest_that_keeps_the_limi
 def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     """Some of them need more volts than the nominal robot, so the bandwidth is lower."""
     robot = robot_of("paper")
-    alone, drawn = (
-        choose_within_peak(robot, GOAL, START, asked(peak_effort=15.0, draws=n), lambda text: None)
-        for n in (0, None)
-    )
+    alone, drawn = (choose_within_effort(robot, asked(peak_effort=15.0, draws=n)) for n in (0, None))
     assert alone.target is not None
     assert drawn.target is not None
     assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
@@ -60,7 +62,7 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:
     robot = robot_of("paper")
     with pytest.raises(InvalidInput) as refused:
-        choose_within_peak(robot, GOAL, START, asked(peak_effort=14.0, bandwidth=4.0), lambda text: None)
+        choose_within_effort(robot, asked(peak_effort=14.0, bandwidth=4.0))
     what, found, advice = str(refused.value).splitlines()
     assert what == "The specification cannot be met: the peak of the input binds."
     assert "expected at most 14; with a bandwidth of 4 rad/s" in found
@@ -68,9 +70,7 @@ def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named)
     assert f"bandwidth={best:.3g}" in advice
     takes = float(re.search(r"takes ([\d.]+)", found).group(1))  # type: ignore[union-attr]
     assert takes == pytest.approx(peak_of(robot, asked(), 4.0), rel=1e-3)
-    again = choose_within_peak(
-        robot, GOAL, START, asked(peak_effort=14.0, bandwidth=0.98 * best), lambda text: None
-    )
+    again = choose_within_effort(robot, asked(peak_effort=14.0, bandwidth=0.98 * best))
     assert again.target is not None
     assert again.target.bandwidth[0] == pytest.approx(0.98 * best)
 
@@ -78,10 +78,8 @@ def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named)
 def test_a_limit_that_hardly_holds_the_arm_is_refused(robot_of: Named) -> None:
     """10.9 V hold it; within the tolerances more."""
     with pytest.raises(InvalidInput, match="peak of the input binds") as refused:
-        choose_within_peak(
-            robot_of("paper"), GOAL, START, asked(peak_effort=10.95, draws=12), lambda text: None
-        )
-    assert "no slower loop" in str(refused.value)
+        choose_within_effort(robot_of("paper"), asked(peak_effort=10.95, draws=12))
+    assert "no loop down to" in str(refused.value)
 
 
 @pytest.mark.parametrize("option", ["peak_effort", "saturation"])
@@ -99,8 +97,6 @@ def test_a_pose_that_the_motor_cannot_hold_is_refused_before_any_work(
 
 def test_without_a_limit_or_a_search_nothing_is_tried(robot_of: Named) -> None:
     told: list[str] = []
-    choose_within_peak(robot_of("paper"), GOAL, START, asked(), told.append)
-    choose_within_peak(
-        robot_of("paper"), GOAL, START, Specification(preset="paper", peak_effort=12.0), told.append
-    )
+    choose_within_effort(robot_of("paper"), asked(), told.append)
+    choose_within_effort(robot_of("paper"), Specification(preset="paper", peak_effort=12.0), told.append)
     assert told == []

@@ -10,7 +10,6 @@ from flexhinf.analysis import corner_population
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.weights.choose import choose
-from flexhinf.design.resting import resting_loop
 from flexhinf.hinf import solve_hji
 
 ARM = fh.paper_arm()
@@ -21,20 +20,20 @@ def setup_of(preset: str, goal: float, **asked: object) -> LoopSetup:
     s = Specification(preset=preset, extras=("inductance",), **asked)  # type: ignore[arg-type]
     game = choose(ARM, np.array([goal]), START, s)
     law = solve_hji(game.problem, game.gamma, 4)
-    return LoopSetup(ARM, s, game.nominal.plant, law, np.array([goal]), START)
+    return LoopSetup(ARM, s, law, np.array([goal]), START)
 
 
 def away_from_rest(
-    bench: LoopSetup, values: dict[str, object], rest: np.ndarray
+    setup: LoopSetup, values: dict[str, object], rest: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and distances of the link from the goal in a run of 30 s without noise that begins near the rest."""
-    plant = bench.true_plant.with_parameters(**values)
+    plant = setup.true_plant.with_parameters(**values)
     start = rest[: plant.n].copy()
     start[0] += 1e-5
-    run = bench.loop(bench.controller(bench.goal), plant).run(
-        duration=30.0, initial_state=start, initial_input=bench.rest(bench.goal)[1]
+    run = setup.loop(setup.controller(setup.goal), plant).run(
+        duration=30.0, initial_state=start, initial_input=setup.equilibrium(setup.goal)[1]
     )
-    return run.time, np.abs(run.signals["state"][:, 0] - bench.goal[0])
+    return run.time, np.abs(run.signals["state"][:, 0] - setup.goal[0])
 
 
 def largest(time: np.ndarray, away: np.ndarray, begin: float) -> float:
@@ -44,13 +43,13 @@ def largest(time: np.ndarray, away: np.ndarray, begin: float) -> float:
 @pytest.mark.parametrize("goal", [np.pi / 2, np.pi])
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 def test_growth_in_the_run_is_that_of_the_eigenvalues(preset: str, goal: float) -> None:
-    bench = setup_of(preset, goal)
+    setup = setup_of(preset, goal)
     population = corner_population(ARM.corner, len(ARM.uncertain), 60)
-    modes = resting_loop(bench, bench.law).modes(population.values)
+    modes = setup.equilibrium_loop().modes(population.values)
     order = np.argsort(modes.rate)
     for k in (order[0], order[len(order) // 2], order[-2], order[-1]):
         rate = modes.rate[k]
-        time, away = away_from_rest(bench, population.values[k], modes.equilibrium[k])
+        time, away = away_from_rest(setup, population.values[k], modes.equilibrium[k])
         if rate < -0.7:  # at rest long before the end
             assert largest(time, away, 25.0) < 1e-6 * largest(time, away, 0.0)
             continue

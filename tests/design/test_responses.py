@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.response import LONGEST, SHORTEST, SLIDE, TURN, default_start, run_length
+from flexhinf.design.modes import closed_loop
+from flexhinf.design.responses import LoadResponse, Response, Worst, worst_of
+from flexhinf.hinf import HJISolution
 
 Benches = Callable[..., LoopSetup]
 
@@ -41,8 +44,8 @@ def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: f
 def test_figures_of_merit_are_those_of_the_trajectory(
     setup_of: Benches, name: str, goal: tuple[float, ...], start: tuple[float, ...]
 ) -> None:
-    bench = setup_of(name, goal, start)
-    response = bench.step(4.0)
+    setup = setup_of(name, goal, start)
+    response = setup.step(4.0)
     assert response.diverged_at is None
     run = response.run
     for joint, metrics in enumerate(response.metrics):
@@ -53,6 +56,7 @@ def test_figures_of_merit_are_those_of_the_trajectory(
             start[joint],
             goal[joint],
         )
+        assert metrics.pop("joint") == setup.joints[joint]
         assert metrics == pytest.approx(wanted, rel=1e-9)
         assert metrics["settling_time_s"] < 4.0
     assert response.positions[0] == pytest.approx(start)
@@ -62,32 +66,87 @@ def test_figures_of_merit_are_those_of_the_trajectory(
 def test_the_step_begins_without_a_jump_of_the_input(setup_of: Benches) -> None:
     """The first input is what holds the robot at the start, whatever the estimator."""
     for estimator in ("ukf", "ekf", "none"):
-        bench = setup_of("paper", (np.pi / 2,), (0.4,), estimator=estimator)
-        held = bench.robot.operating_point([0.4])[1]
-        assert bench.step(0.5).run.signals["input"][0] == pytest.approx(held, rel=2e-3)
+        setup = setup_of("paper", (np.pi / 2,), (0.4,), estimator=estimator)
+        held = setup.robot.operating_point([0.4])[1]
+        assert setup.step(0.5).run.signals["input"][0] == pytest.approx(held, rel=2e-3)
 
 
 def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(setup_of: Benches) -> None:
-    bench = setup_of(
+    setup = setup_of(
         "paper", (np.pi / 2,), (0.0,), degree=4, game={"bandwidth": 6.0, "damping": 0.1}, period=0.2
     )
-    response = bench.step(20.0)
-    assert response.diverged is not None
-    assert 0.0 < response.diverged < 20.0
-    assert response.diverged == response.run.time[-1]
-    assert response.metrics == [{}]
+    response = setup.step(20.0)
+    assert response.diverged_at is not None
+    assert 0.0 < response.diverged_at < 20.0
+    assert response.diverged_at == response.run.time[-1]
+    assert response.metrics == []
+    assert response.overshoot == Worst(np.inf, "")
 
 
-def test_a_default_step_is_small_and_towards_the_middle(robot_of: Callable[[str], Any]) -> None:
-    cart = robot_of("cart")
-    assert default_start(cart, np.array([0.2, 0.3])) == pytest.approx([0.2 - SLIDE, 0.3 - TURN])
-    assert default_start(cart, np.array([-0.2, -0.3])) == pytest.approx([-0.2 + SLIDE, -0.3 + TURN])
-    assert default_start(cart, np.array([0.5, -2.5])) == pytest.approx([0.5 - SLIDE, -2.5 + TURN])
-    assert default_start(robot_of("paper"), np.array([-1.0])) == pytest.approx([-1.0 - TURN])  # no limits
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("name", "goal", "load"),
+    [("paper", (np.pi / 2,), (0.02,)), ("planar-two-link", (0.4, 0.6), (0.03, -0.01))],
+)
+def test_a_small_torque_moves_the_links_as_the_linear_loop(
+    setup_of: Benches, name: str, goal: tuple[float, ...], load: tuple[float, ...]
+) -> None:
+    """ẋ = (A + B K) x + G d from the torque's beginning on, by the matrix exponential."""
+    setup = setup_of(name, goal, estimator="none", period=1e-4)
+    assert isinstance(setup.law, HJISolution)
+    found = setup.load_response(np.array(load), 2.0)
+    problem = setup.robot.problem(setup.law.problem.penalty, pose=goal)  # type: ignore[union-attr]
+    a, n = closed_loop(problem, setup.law.gain), len(goal)
+    g = setup.model.linearise(*setup.robot.operating_point(goal))[2][:, :n] @ load
+    step = 1e-2
+    whole = np.zeros((len(a) + 1, len(a) + 1))
+    whole[: len(a), : len(a)], whole[: len(g), -1] = a, g
+    one, x, wanted = expm(step * whole), np.append(np.zeros(len(a)), 1.0), []
+    for _ in range(180):
+        wanted.append(x[:n])
+        x = one @ x
+    first = int(np.searchsorted(found.response.run.time, found.at - 1e-9))
+    moved = found.response.positions[first : first + 18_000 : 100] - np.array(goal)
+    assert found.at == pytest.approx(0.2)
+    assert np.abs(moved - np.array(wanted)).max() < 0.01 * np.abs(wanted).max()
+    assert np.abs(found.response.positions[: first + 1] - np.array(goal)).max() < 1e-9
 
 
-def test_runs_last_as_long_as_the_slowest_mode_needs() -> None:
-    assert run_length(2.0) == 4.0  # eight time constants
-    assert run_length(1e3) == SHORTEST
-    assert run_length(1e-3) == LONGEST
-    assert run_length(0.0) == run_length(-1.0) == LONGEST
+def test_figures_of_a_load_are_those_of_the_trajectory(setup_of: Benches) -> None:
+    setup = setup_of("cart", (0.1, 0.3))
+    found = setup.load_response(np.array([30.0, 0.5]), 4.0)
+    time, q = found.response.run.time, found.response.run.signals["state"][:, :2]
+    for joint, metrics in enumerate(found.metrics):
+        away = [abs(v - setup.goal[joint]) for t, v in zip(time, q[:, joint]) if t >= found.at]
+        after = [t for t in time if t >= found.at]
+        band = 0.02 * abs(setup.goal[joint] - setup.start[joint])  # of the step from start to goal
+        back = max(t for t, v in zip(after, away) if v > band) - found.at
+        assert metrics["peak_deviation"] == max(away)
+        assert metrics["recovery_time_s"] == pytest.approx(back)
+        assert metrics["remaining_error"] == pytest.approx(
+            max(abs(v - setup.goal[joint]) for v in q[-(len(q) // 10) :, joint])
+        )
+        assert metrics["load"] == (30.0, 0.5)[joint]
+        assert metrics["remaining_error"] < 0.05 * metrics["peak_deviation"]  # integrals: nothing remains
+
+
+def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
+    """Looked at before the integrals had the time."""
+    found = setup_of("cart", (0.1, 0.3)).load_response(np.array([30.0, 0.5]), 0.1)
+    assert [metrics["recovery_time_s"] for metrics in found.metrics] == [None, None]
+
+
+def test_a_loaded_run_that_diverges_has_no_figures(setup_of: Benches) -> None:
+    setup = setup_of("cart", (0.1, 0.3))
+    run = setup.load_response(np.array([30.0, 0.5]), 0.1).response.run
+    broken = Response(replace(run, diverged_at=0.1), setup.goal, setup.goal, setup.joints)
+    assert LoadResponse(broken, np.array([30.0, 0.5]), 0.01, np.ones(2)).metrics == []
+
+
+def test_the_worst_of_all_joints_is_named() -> None:
+    rows = [{"joint": "a", "x": 1.0}, {"joint": "b", "x": 3.0}, {"joint": "c"}]
+    assert worst_of(rows, "x") == Worst(3.0, "b")
+    rows[0]["x"] = None  # such as a settling time that is not reached
+    assert worst_of(rows, "x") == Worst(np.inf, "a")
+    assert worst_of([{"joint": "c"}], "x") == Worst(0.0, "")
+    assert worst_of([], "x") == Worst(np.inf, "")

@@ -138,6 +138,16 @@ def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
     assert set(found.parameters) == {"bandwidth", "damping"}
 
 
+def test_a_law_that_contains_another_one_is_not_tuned_worse(rig: Tuner, pd: Any, short: None) -> None:
+    """Torque feedback with the real rotor is a PD; a search of its own once ended at 1.24 where a PID had 0.97."""
+    kind = replace(law_kind("torque"), sensors=law_kind("pd").sensors)
+    found = rig.tune(kind, [rig.tune(law_kind(REFERENCE)), pd])
+    alike = {**rig.factory.start(kind), **pd.parameters, "rotor_inertia": 1.0}
+    same = rig.criterion.judge(figures_of(rig.evaluation(kind, ("motor_position",), alike)))
+    assert same.cost == pytest.approx(pd.cost, rel=0.1)
+    assert found.cost <= same.cost or same.excess > 0.0
+
+
 def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -91,7 +91,7 @@ def frequency_response(
     loop : EquilibriumLoop or LinearLoop
     frequencies : (F,) array, optional
         rad/s, positive and at most π/T. By default a logarithmic grid from a decade below the slowest pole to π/T,
-        with points around every pole, so that no resonance is missed.
+        with points around every pole of the running and of the opened loop, so that no resonance is missed.
     values, process_noise
         As for `EquilibriumLoop.linear`.
 
@@ -126,7 +126,7 @@ def _grid(linear: LinearLoop) -> np.ndarray:
     top = np.pi / linear.period
     slowest = float(sizes[sizes > 1e-6 * top].min(initial=top))
     low = slowest / 10.0**BELOW
-    near = linear.running.frequencies()
+    near = np.concatenate([linear.running.frequencies(), linear.opened().frequencies()])
     return np.unique(np.concatenate([np.geomspace(low, top, POINTS), near[(near >= low) & (near <= top)]]))
 
 

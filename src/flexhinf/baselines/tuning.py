@@ -1,14 +1,15 @@
 """A law tuned over all its parameters for one cost, within stated limits.
 
 The parameters are positive and searched on a logarithmic scale: first a Latin hypercube about the start, then the
-simplex of [nelder1965] from the best two of it, because settling times jump and leave several local minima. A limit
-that is exceeded adds to the cost by its relative excess, so the simplex can slide along it; what is returned is the
-cheapest candidate that exceeds none. The search is short: it finds a good law, not the best there is.
+simplex of [nelder1965] from the best two of it, because settling times jump and leave several local minima, and once
+more from the best that was found, because a simplex may collapse on a limit. A limit that is exceeded adds to the
+cost by its relative excess, so the simplex can slide along it; what is returned is the cheapest candidate that
+exceeds none. The search is short: it finds a good law, not the best there is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, log
 from typing import Any
@@ -28,7 +29,7 @@ PENALTY = 10.0
 #: Cost of a candidate that could not be judged: more than that of any that could.
 UNJUDGED = 1e6
 
-#: How many of the best coarse candidates a simplex begins from.
+#: A simplex begins from each of so many of the best coarse candidates, and another one from the best of all.
 STARTS = 2
 
 #: Factor by which each parameter is moved to begin the simplex.
@@ -123,6 +124,7 @@ def tune(
     samples: int = 16,
     refinements: int = 40,
     seed: int = 0,
+    others: Sequence[Mapping[str, float]] = (),
 ) -> Tuning:
     """Search the parameters of a law for the smallest cost within its limits.
 
@@ -135,9 +137,11 @@ def tune(
     bounds : mapping of str to (lower, upper)
         Of each parameter, with the start between them.
     samples, refinements : int
-        Candidates of the Latin hypercube, and of both simplexes together, at most.
+        Candidates of the Latin hypercube, and of all simplexes together, at most.
     seed : int
         Of the Latin hypercube.
+    others : sequence of mapping of str to float
+        Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
 
     Returns
     -------
@@ -163,10 +167,13 @@ def tune(
             return UNJUDGED + beyond
         return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
 
-    points = [begin, *_spread(begin, low, high, samples, seed)]
+    given = [np.clip(np.log([values[name] for name in names]), low, high) for values in others]
+    points = [begin, *given, *_spread(begin, low, high, samples, seed)]
     costs = [cost(point) for point in points]
-    for place in np.argsort(costs)[:STARTS] if names and refinements else ():
-        _simplex(cost, points[place], low, high, -(-refinements // STARTS))
+    if names and refinements:
+        each = -(-refinements // (STARTS + 1))
+        ends = [_simplex(cost, points[place], low, high, each) for place in np.argsort(costs)[:STARTS]]
+        _simplex(cost, min(ends, key=lambda end: end[1])[0], low, high, each)
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
 
 
@@ -203,7 +210,8 @@ def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, 
 
 def _simplex(
     cost: Callable[[np.ndarray], float], best: np.ndarray, low: np.ndarray, high: np.ndarray, refinements: int
-) -> None:
+) -> tuple[np.ndarray, float]:
+    """The point where a simplex ends, and its cost."""
     from scipy.optimize import minimize
 
     step = np.log(SIMPLEX)
@@ -214,4 +222,5 @@ def _simplex(
         "xatol": 1e-3,
         "fatol": 1e-4,
     }
-    minimize(cost, best, method="Nelder-Mead", options=options)
+    found = minimize(cost, best, method="Nelder-Mead", options=options)
+    return found.x, float(found.fun)

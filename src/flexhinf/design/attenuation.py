@@ -36,7 +36,8 @@ class Attenuation:
         The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, with the
         true state fed back; None if none was searched for, or the search failed.
     budget : tuple of BudgetTerm
-        Of the step; the level is infinite where no region was sampled. Empty where the step diverges.
+        Of the step; the level is infinite where there is no region. Empty where the step diverges, and with more than
+        `MOST_STATES` states where there is no region: each term takes a compiled loop of its own.
     failure : str
         Why the search for a disturbance failed; empty where it did not.
     """
@@ -84,6 +85,8 @@ def _budget(
     setup: LoopSetup, synthesis: Synthesis, level: float | None, duration: float
 ) -> tuple[BudgetTerm, ...]:
     s = setup.specification
+    if level is None and len(synthesis.solution.state_names) > MOST_STATES:
+        return ()
     x, u = setup.robot.operating_point(setup.start)
     try:
         return tuple(

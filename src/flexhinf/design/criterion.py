@@ -4,10 +4,10 @@ Criterion: the mean of three ratios to the design's own law, each of the same ru
 of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
 largest error in following the jerk-limited reference. The design has 1; less is better.
 
-Limits: peak sensitivity and gain margin of the sampled loop with its estimator, and the measurement noise that reaches
-the motor, each at most the limit of the specification or what the design itself has, whichever is wider; and the
-one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose loop
-cannot be linearised, diverges, or does not settle is not feasible.
+Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
+that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
+and the one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose
+loop cannot be linearised, diverges, or does not settle is not feasible.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ MODES = ("peak", "bandwidth", "none")
 #: A limit of the linear loop that is exceeded by more than this factor is judged without a run: it is far off.
 FAR = 2.0
 
+#: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
+LEAST_DAMPING = 0.1
+
 #: A run that does not settle counts as so many times its length, in the order of candidates that keep no limit.
 UNSETTLED = 2.0
 
@@ -40,6 +43,9 @@ class Figures:
     peak_sensitivity : float
     gain_margin : float
         Smallest factor by which the gain of one input may not rise or fall.
+    damping : float
+        Smallest damping ratio of all oscillations of the running loop, the estimator's among them; NaN where there
+        is none.
     input_noise : float
         RMS of the noisiest input, V or N·m.
     bandwidth : float
@@ -54,6 +60,7 @@ class Figures:
 
     peak_sensitivity: float
     gain_margin: float
+    damping: float
     input_noise: float
     bandwidth: float
     peak_input: float = math.nan
@@ -90,7 +97,9 @@ class Limit:
         value = getattr(figures, self.figure)
         if not self.least:
             return excess(value, self.value)
-        return 0.0 if math.isinf(value) else excess(self.value, value)
+        if math.isnan(value) or value >= self.value:
+            return 0.0
+        return excess(self.value, value) if value > 0.0 else math.inf
 
     @property
     def text(self) -> str:
@@ -183,8 +192,8 @@ def criterion_for(
     length : float
         Of the step, s.
     limits : mapping of str to (value, origin)
-        Of the specification, by figure: peak_sensitivity, gain_margin, and peak_input or bandwidth where they were
-        asked for.
+        Of the specification, by figure: peak_sensitivity, gain_margin, damping, and peak_input or bandwidth where
+        they were asked for.
     unit : str
         Of the inputs.
 
@@ -197,6 +206,8 @@ def criterion_for(
         raise InvalidInput(
             "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", "--tune peak"
         )
+
+    limits = {"damping": (LEAST_DAMPING, "default"), **limits}
 
     def wider(figure: str, label: str, unit: str, least: bool = False) -> Limit | None:
         given, mine = limits.get(figure), getattr(own, figure)
@@ -211,6 +222,7 @@ def criterion_for(
     linear = (
         wider("peak_sensitivity", "peak sensitivity", ""),
         wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
+        wider("damping", "damping ratio of every oscillation", "", least=True),
         wider("input_noise", "noise at the motor, rms,", unit),
     )
     shared = {

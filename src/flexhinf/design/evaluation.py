@@ -16,10 +16,12 @@ from flexhinf.analysis import (
     FrequencyResponse,
     GrowthRates,
     Margins,
+    ProcessNoise,
     ToleranceCorners,
     frequency_response,
     growth_rates,
     margins,
+    standard_noises,
     tolerance_corners,
 )
 from flexhinf.design.law_cost import needed_states, operations
@@ -31,6 +33,10 @@ from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError
 
 __all__ = ["LawEvaluation"]
+
+#: Ratios of R^v to R^n with which corners are computed, for up to so many states of the linear loop: with more, one is
+#: all that is affordable. Between two ratios `tolerance_corners` looks for the worst itself.
+RATIOS: tuple[tuple[float, tuple[float, ...]], ...] = ((40, (1e-4, 1.0, 1e4, 1e8)), (np.inf, (1e2,)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +159,18 @@ class LawEvaluation:
         robot = self.setup.robot
         if not robot.uncertain:
             return None
-        noises = None if self.other_noise else ()
+        noises = self._other_noises if self.other_noise else ()
         return tolerance_corners(self.loop, robot.corner, robot.uncertain, noises)
+
+    @property
+    def _other_noises(self) -> tuple[ProcessNoise, ...]:
+        """Other R^v with which the corners are computed: in which directions the estimator may be retuned."""
+        if not self.loop.tunable:
+            return ()
+        variance = float(np.diag(self.loop.filter.measurement_noise).min())
+        forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
+        ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
+        return tuple(ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios)
 
     @cached_property
     def state_corners(self) -> GrowthRates | None:

@@ -287,8 +287,10 @@ def compare(
     own = linear.in_scenario(scenario)
     criterion = _criterion(tune, own, _unit(synthesis))
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
-    rows = tuple(_row(tuner, kind, laws is not None, progress) for kind in kinds)
-    return Comparison(robot, s, synthesis, criterion, rows, scenario)
+    rows: list[ComparedLaw] = []
+    for kind in kinds:
+        rows.append(_row(tuner, kind, [row.tuned for row in rows if row.tuned], laws is not None, progress))
+    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario)
 
 
 def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
@@ -325,17 +327,21 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
         limits["peak_input"] = (s.peak_effort, "--peak-effort")
     elif s.saturation is not None:
         limits["peak_input"] = (s.saturation, "--saturation")
+    if s.damping:
+        limits["damping"] = (s.damping, "--damping")
     if s.bandwidth is not None:
         limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
     assert own.scenario is not None
     return criterion_for(mode, own_figures(own), own.scenario.step_duration, limits, unit)
 
 
-def _row(tuner: Tuner, kind: LawKind, asked: bool, progress: Progress) -> ComparedLaw:
-    """One law, from its tuning to its requirements."""
+def _row(
+    tuner: Tuner, kind: LawKind, others: Sequence[TunedLaw], asked: bool, progress: Progress
+) -> ComparedLaw:
+    """One law, from its tuning, which begins from the other laws too, to its requirements."""
     progress(f"{kind.name}: tune")
     try:
-        tuned = tuner.tune(kind)
+        tuned = tuner.tune(kind, others)
     except FlexhinfError as error:
         text = " ".join(str(error).split())
         if asked:

@@ -26,6 +26,7 @@ from flexhinf.design.weights.choose import DesignProblem
 from flexhinf.design.weights.estimator_noise import NoiseSearch
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
+from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["ComparedLaw", "Comparison", "Design"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Design:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Design(Summarised):
     """A synthesised law, its evaluation in the loop, and whether it is what was asked for.
 
     Attributes
@@ -74,9 +75,19 @@ class Design:
     requirements: tuple[Requirement, ...]
     status: Status
 
-    def __repr__(self) -> str:
-        state = "met" if self.met else "not met"
-        return f"Design({self.robot.name!r}, degree {self.chosen.degree}, gamma {self.gamma:.4g}, {state})"
+    def summary(self) -> dict[str, str]:
+        """Robot, whether the requirements are met, degree and level, and the step in numbers."""
+        step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
+        unit = self.setup.model.unit(self.setup.model.inputs[0])
+        settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
+        return {
+            "robot": self.robot.name,
+            "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
+            "degree of V": str(self.chosen.degree),
+            "γ": f"{self.gamma:.4g}",
+            "settling": settling,
+            "peak input": f"{step.peak_input:.3g} {unit}",
+        }
 
     @property
     def met(self) -> bool:
@@ -208,8 +219,8 @@ class ComparedLaw:
         return {} if self.evaluation is None else self.evaluation.metrics
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Summarised):
     """Several laws, each tuned for the same criterion and evaluated in the same scenario.
 
     Attributes
@@ -231,8 +242,11 @@ class Comparison:
     rows: tuple[ComparedLaw, ...]
     scenario: Scenario
 
-    def __repr__(self) -> str:
-        return f"Comparison({self.robot.name!r}, {', '.join(row.name for row in self.rows)})"
+    def summary(self) -> dict[str, str]:
+        """Robot, and the laws by the criterion (less is better)."""
+        tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
+        costs = (f"{law.name} {law.cost:.3g}{'' if law.feasible else ' (a limit not kept)'}" for law in tuned)
+        return {"robot": self.robot.name, "laws by the criterion": ", ".join(costs)}
 
     @property
     def own(self) -> ComparedLaw:

@@ -12,10 +12,16 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.synthesis import Synthesis
 
-__all__ = ["Status", "status_of"]
+__all__ = ["FEW_PERIODS", "NOISE_FRACTION", "Status", "status_of"]
 
 #: An oscillation of the running loop with a smaller damping ratio than this is called hardly damped.
 HARDLY_DAMPED = 0.05
+
+#: A loop that tolerates less extra delay than so many periods is at risk from a late computation and a slow bus.
+FEW_PERIODS = 3.0
+
+#: Sensor noise that moves a motor by more than this fraction of the step's peak input, rms, wears it out.
+NOISE_FRACTION = 0.05
 
 
 @dataclass(frozen=True)
@@ -83,9 +89,7 @@ def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -
         found.append("the step starts outside the sampled region")
     else:
         found.append("the region is sampled, for the law fed the true state")
-    if not worth.budget:
-        found.append("the dissipation budget cannot be computed, as the step diverges")
-    elif not worth.lasts:
+    if not worth.lasts:
         found.append("the dissipation budget of the step does not last")
     return found
 
@@ -102,4 +106,13 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
     judged = any(line.what.startswith("damping") for line in lines)
     if damping < HARDLY_DAMPED and not slow and not judged:
         found.append(f"an oscillation of the running loop is damped by {damping:.2g} only")
+    margins, period = evaluation.margins, evaluation.setup.specification.period
+    if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
+        found.append(
+            f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
+            f"{margins.delay_margin_s / period:.2g} periods"
+        )
+    noise, peak = evaluation.input_noise, evaluation.step.peak_input
+    if margins.stable and noise > NOISE_FRACTION * peak:
+        found.append(f"sensor noise at a motor is {100.0 * noise / peak:.2g} % of the step's peak input, rms")
     return found

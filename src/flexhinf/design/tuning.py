@@ -17,7 +17,10 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 __all__ = ["TradeOff", "TunedLaw", "Tuner", "best_rival", "figures_of", "own_figures", "trade_offs"]
 
 #: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
-BUDGET = ((15, 6, 14), (10_000, 1, 4))
+BUDGET = ((15, 6, 15), (10_000, 1, 4))
+
+#: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ far above γ*.
+CONTAINED = {"rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": 50.0}
 
 #: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
 #: seconds. The law itself is judged afterwards.
@@ -142,7 +145,11 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
             "other parameters",
         )
     linear = Figures(
-        found.peak_sensitivity, found.gain_margin, evaluation.input_noise, found.slowest_bandwidth
+        found.peak_sensitivity,
+        found.gain_margin,
+        found.damping,
+        evaluation.input_noise,
+        found.slowest_bandwidth,
     )
     return linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation)
 
@@ -152,7 +159,7 @@ def own_figures(evaluation: LawEvaluation) -> Figures:
     try:
         return figures_of(evaluation)
     except FlexhinfError:
-        return _run(Figures(math.inf, 1.0, math.inf, math.nan), evaluation)
+        return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
 
 
 def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:
@@ -185,8 +192,15 @@ class Tuner:
     criterion: Criterion
     same_sensors: bool = False
 
-    def tune(self, kind: LawKind) -> TunedLaw:
+    def tune(self, kind: LawKind, tuned: Sequence[TunedLaw] = ()) -> TunedLaw:
         """The best law of a kind with each of its sets of sensors; the best of these.
+
+        Parameters
+        ----------
+        kind : LawKind
+        tuned : sequence of TunedLaw
+            Other laws. The search also begins from those that have no parameter which this kind has not, so that a
+            law which contains another one (torque feedback a PD, say) is hardly tuned worse.
 
         Raises
         ------
@@ -199,7 +213,7 @@ class Tuner:
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
         return min(
-            (self._tuned(kind, sensors) for sensors in choices or (tuple(s.measured),)),
+            (self._tuned(kind, sensors, tuned) for sensors in choices or (tuple(s.measured),)),
             key=lambda law: (not law.feasible, law.cost),
         )
 
@@ -207,9 +221,9 @@ class Tuner:
     def _states(self) -> int:
         return len(self.factory.problem.state_names)
 
-    def _tuned(self, kind: LawKind, sensors: tuple[str, ...]) -> TunedLaw:
+    def _tuned(self, kind: LawKind, sensors: tuple[str, ...], tuned: Sequence[TunedLaw]) -> TunedLaw:
         degree = 2 if self._states > MANY_STATES else None
-        found = self._search(kind, sensors, degree)
+        found = self._search(kind, sensors, degree, [law.parameters for law in tuned if law.parameters])
         best = found.best
         if degree is not None and self.factory.degree(kind) > degree:
             best = Candidate(best.parameters, self._judged(kind, sensors, best.parameters, None))
@@ -233,7 +247,13 @@ class Tuner:
             len(found.candidates),
         )
 
-    def _search(self, kind: LawKind, sensors: tuple[str, ...], degree: int | None) -> Tuning:
+    def _search(
+        self,
+        kind: LawKind,
+        sensors: tuple[str, ...],
+        degree: int | None,
+        known: Sequence[Mapping[str, float]],
+    ) -> Tuning:
         """Over all parameters; R^v only where there is an estimator."""
         coarse, simplex = next((a, b) for most, a, b in BUDGET if self._states <= most)
         start, bounds = self.factory.start(kind), self.factory.bounds(kind)
@@ -241,12 +261,14 @@ class Tuner:
             for name in (ESTIMATOR_NOISE, MOTOR_NOISE):
                 start.pop(name, None)
                 bounds.pop(name, None)
+        contained = {**start, **{name: value for name, value in CONTAINED.items() if name in start}}
         return tune(
             lambda values: self._judged(kind, sensors, values, degree),
             start,
             bounds,
             coarse * len(start),
             simplex * len(start),
+            others=[{**contained, **values} for values in known if values.keys() <= start.keys()],
         )
 
     def _judged(

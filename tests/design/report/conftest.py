@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design import Comparison, Design, Specification, compare, design
+from flexhinf.design import Comparison, Design, Specification, compare, design, tuning
 
 
 @pytest.fixture(scope="session")
@@ -62,4 +62,6 @@ def report_comparison(robot_of: Callable[[str], Any], only_uncertain: Callable[.
         pose=[math.pi / 2], start=[math.pi / 2 - 0.3], preset="damped", bandwidth=3.0, damping=0.2,
         torque_noise=1e-5, degrees=(2,), rays=0, draws=2, duration=3.0,
     )  # fmt: skip
-    return compare(robot, s, ["lqr", "pd", "pid"])
+    with pytest.MonkeyPatch.context() as patch:  # how laws are tuned is tested elsewhere
+        patch.setattr(tuning, "BUDGET", ((10_000, 1, 1),))
+        return compare(robot, s, ["hinf", "lqr", "pd", "pid"])

@@ -122,3 +122,29 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert best_of(deviation, [1.0, 1.0]) == (False, False)
     lines = table_lines(report_comparison, report_comparison.compared)
     assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
+
+
+def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) -> None:
+    first, second = (comparison_page(report_comparison, ["flexhinf"]).html() for _ in range(2))
+    assert first == second
+
+
+def test_a_linear_design_is_said_to_be_the_linear_law(report_comparison: Comparison) -> None:
+    assert any("The design chose degree 2" in note for note in comparison_notes(report_comparison))
+
+
+def test_a_law_that_could_not_be_made_is_named_with_its_reason(report_comparison: Comparison) -> None:
+    lost = ComparedLaw(report_comparison.rows[-1].kind, failure="No gain holds the goal.")
+    found = dataclasses.replace(report_comparison, rows=(*report_comparison.rows[:-1], lost))
+    assert f"{lost.name} was not compared: No gain holds the goal." in comparison_notes(found)
+    html = comparison_page(found, ["flexhinf"]).html()
+    assert "No gain holds the goal." in html
+    law = comparison_numbers(found)["laws"][-1]
+    assert (law["compared"], law["failure"], law["figures"]) == (False, "No gain holds the goal.", {})
+
+
+def test_alone_there_is_nothing_to_compare(report_comparison: Comparison) -> None:
+    alone = dataclasses.replace(report_comparison, rows=report_comparison.rows[:1])
+    assert comparison_verdict(alone) == "No other law could be compared with nl-hinf."
+    ids = [section.id for section in comparison_page(alone, ["flexhinf"]).sections]
+    assert "trade-off" not in ids

@@ -12,6 +12,7 @@ import pytest
 
 from flexhinf.design import Design
 from flexhinf.design.report import design_page
+from flexhinf.design.report.formatting import units_of
 from flexhinf.design.report.page import remarks, title_of
 from flexhinf.design.report.sections.corners import corner_cells, corner_rows, corners_text
 from flexhinf.design.report.sections.margins import margin_rows
@@ -20,6 +21,7 @@ from flexhinf.design.report.sections.region import level_rows
 from flexhinf.design.report.sections.requirements import found_text, limit_text, requirement_table
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
 from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
 from flexhinf.design.status import Status
 
 Make = Callable[[str], Design]
@@ -139,7 +141,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    rows = spread_rows(design.evaluation, None)  # type: ignore[arg-type]  the unit of the input is not looked at
+    rows = spread_rows(design.evaluation, units_of(design.evaluation))
     for (name, *_, median, high, worst, joint), values in zip(
         rows, (samples.overshoot, samples.settling, samples.peak)
     ):
@@ -242,3 +244,25 @@ def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(repo
     for line in design.requirements:
         if line.what in ("overshoot", "peak input", "bandwidth"):
             assert line.joint in ("belt", "arm"), line
+
+
+def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None:
+    design = report_design("rings")
+    e = design.evaluation
+
+    def cut(response: Response) -> Response:
+        run = response.run
+        signals = {kind: values[:50] for kind, values in run.signals.items()}
+        gone = dataclasses.replace(run, time=run.time[:50], signals=signals, diverged_at=0.05)
+        return dataclasses.replace(response, run=gone)
+
+    load = dataclasses.replace(e.load_response, response=cut(e.load_response.response))
+    move = dataclasses.replace(e.move, response=cut(e.move.response))
+    gone = with_evaluation(design, step=cut(e.step), load_response=load, move=move)
+    page = design_page(gone, ["flexhinf"])
+    assert page.verdict.startswith("The step diverges at 0.05 s.")
+    assert "until it diverged" in text_of(gone, "specification")
+    assert {"the step diverges", "the load run diverges", "the move diverges"} <= {
+        r.about for r in remarks(gone)
+    }
+    assert not re.search(r"\bnan\b", re.sub(r"<svg.*?</svg>", "", page.html(), flags=re.DOTALL))

@@ -64,6 +64,18 @@ def test_a_start_outside_the_region_is_named_in_the_step(report_design: Make) ->
     assert {remark.section for remark in remarks(outside) if remark.plain == text} == {"step"}
 
 
+def test_a_law_without_a_region_says_why(report_design: Make) -> None:
+    design = report_design("met")
+    nothing = dataclasses.replace(
+        design.chosen, level=np.nan, step_amplitude=np.nan, limit="the margin is not definite."
+    )
+    synthesis = dataclasses.replace(design.synthesis, chosen=nothing, choices=(nothing,))
+    changed = dataclasses.replace(design, synthesis=synthesis, inside=False)
+    found = [remark.plain for remark in remarks(changed) if remark.section in ("region", "step")]
+    assert "The sampled check gives no region for the law that is used: the margin is not definite." in found
+    assert not any("outside the region" in text for text in found)
+
+
 def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Make) -> None:
     design = report_design("met")
     *first, last = design.attenuation.budget

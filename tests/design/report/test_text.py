@@ -55,5 +55,7 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
 
 
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
-    assert len(repr(report_design("met"))) < 200
-    assert len(repr(report_comparison)) < 300
+    for result in (report_design("met"), report_comparison):
+        assert len(repr(result)) < 300
+        assert result._repr_html_().startswith("<table>")
+    assert "requirements: met" in repr(report_design("met"))

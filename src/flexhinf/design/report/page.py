@@ -160,9 +160,9 @@ def _headline(design: Design) -> str:
     before, after = (poles.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
     if after:
         parts.append(
-            f"The law raises the damping ratio of the vibrations from {range_text(before, 2)} to "
-            f"{range_text(after, 2)}; "
-            f"the smallest of the running loop, estimator included, is {number(e.margins.damping, 2)}."
+            f"Damping ratio of the vibrations: {range_text(before, 2)} without control, {range_text(after, 2)} with "
+            "the law; "
+            f"smallest of the running loop, estimator included: {number(e.margins.damping, 2)}."
         )
     if samples is not None and len(samples):
         parts.append(_sampled(design, units))

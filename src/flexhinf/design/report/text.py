@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from flexhinf.design.report.formatting import law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
@@ -152,10 +150,10 @@ def _corners(design: Design) -> Table:
         return table
     table = _table(title + "\nUnstable corners over Rᵛ = q on:", "q/Rⁿ", *(FORMS[form] for form in forms))
     by = {(row.form, row.ratio): row for row in rows}
-    for ratio in dict.fromkeys(row.ratio for row in rows if row.ratio is not None):
+    for ratio in sorted({row.ratio for row in rows if row.ratio is not None}):
         found = [by.get((form, ratio)) for form in forms]
         cells = ("–" if row is None else str(row.unstable) for row in found)
-        table.add_row(f"1e{round(float(np.log10(ratio)))}", *cells)
+        table.add_row(number(ratio, 2), *cells)
     return table
 
 
@@ -229,6 +227,8 @@ def _regions(design: Design) -> Table:
             sampled = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
             if math.isinf(c.step_amplitude):
                 sampled = ("any", "any", "–")
+            if math.isnan(c.level):
+                sampled = ("none", "–", "–")
         times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
         regions.add_row(str(c.degree), law, *sampled, f"{c.residual:.0e}", *times)
     return regions

@@ -5,21 +5,28 @@ R^v alone (R^n is the sensors'). Noise on the motor's velocity, where the input 
 (loop transfer recovery, [doyle1981]), at the price of noise at the motors; noise on the link's velocity makes the
 estimator follow a load on the link.
 
-The search looks at levels q on the motor's velocities and f·q on the links', from small to large, and takes the first
-q, and the f, with the least noise at the motors for which the running loop keeps every limit: peak sensitivity, gain
-margin, damping where one is required, no unstable corner of the tolerances, and a load compliance of at most
-`COMPLIANCE` times that of the law fed the true state. Where no levels keep all limits, those that miss them least.
+The default levels (`EstimatorNoise.stated`) are kept where the running loop keeps every limit with them. Otherwise the
+search looks at levels q on the motors' velocities and f·q on the links', from the default level up, and takes the first
+q, and the f, with the least noise at the motors for which every limit is kept: peak sensitivity, gain margin, damping
+where one is required, no unstable corner of the tolerances, and a load compliance of at most `COMPLIANCE` times that of
+the law fed the true state. Where no levels keep all limits, those that miss them least.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, frequency_response, margins, tolerance_corners
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    FrequencyResponse,
+    LinearLoop,
+    frequency_response,
+    tolerance_corners,
+)
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import TOLERANCE, gain_margin_limit, peak_sensitivity_limit
@@ -27,20 +34,28 @@ from flexhinf.errors import FlexhinfError
 
 __all__ = ["COMPLIANCE", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
 
-#: Levels on the motors' velocities that are tried, as multiples of R^n per s²: with R^n = 1e-8, 1e-9 to 1e-3.
-LEVELS = tuple(10.0**k for k in range(-1, 6))
+#: Levels on the motors' velocities that are tried, as multiples of R^n per s²: with R^n = 1e-8, 1e-7 to 1e-3. A slower
+#: estimator than the default one takes dry friction for a slow motion.
+LEVELS = tuple(10.0**k for k in range(1, 6))
 
 #: Fractions of it on the links' velocities.
 FRACTIONS = (1.0, 0.1, 0.03, 0.01, 0.0)
 
 #: With more states each candidate takes seconds, and fewer are tried.
-MANY_STATES, FEW_LEVELS, FEW_FRACTIONS = 15, (10.0, 1e3, 1e5), (0.1, 0.01)
+MANY_STATES, FEW_LEVELS, FEW_FRACTIONS = 15, (1e2, 1e4), (0.1, 0.01)
 
 #: The first level that keeps the limits is refined by so many halvings of its exponent.
 HALVINGS = 2
 
-#: Largest peak of |load torque → link position|, over that of the law fed the true state.
-COMPLIANCE = 1.3
+#: A gain margin and the inverse of a peak that stand for an unstable loop.
+UNSTABLE = 1e-9
+
+#: Largest peak of |load torque → link position|, over that of the law fed the true state; both up to so many times the
+#: law's bandwidth, below the vibrations.
+COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
+
+#: What a decade of noise at the motors counts, beside the limits that are missed, where no levels keep all of them.
+NOISE_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,9 +72,10 @@ class NoiseCandidate:
     input_noise : float
         RMS of the noisiest input, V or N·m.
     unstable : int or None
-        Corners of the tolerances; None where they were not looked at, because another limit is missed.
+        Corners of the tolerances; None where they were not looked at, because a margin is missed.
     excess : float
-        Sum of ln(figure/limit) over the limits that are missed; 0 where all are kept.
+        Sum of ln(figure/limit) over the limits that are missed, and the fraction of unstable corners (1 where they were
+        not looked at); 0 where everything is kept.
     """
 
     levels: EstimatorNoise
@@ -75,6 +91,12 @@ class NoiseCandidate:
     def feasible(self) -> bool:
         """Whether every limit is kept, with no unstable corner."""
         return self.excess == 0.0
+
+    @property
+    def score(self) -> float:
+        """What is minimised: the noise where everything is kept, otherwise mainly what is missed."""
+        noise = NOISE_WEIGHT * float(np.log10(max(self.input_noise, 1e-12)))
+        return self.input_noise if self.feasible else self.excess + noise
 
 
 @dataclass(frozen=True)
@@ -123,7 +145,7 @@ def search_noise(
         search.run()
     except FlexhinfError:
         return None
-    chosen = min(search.tried, key=lambda c: (c.excess, c.input_noise))
+    chosen = min(search.tried, key=lambda c: (not c.feasible, c.score))
     progress(f"noise levels of the estimator: {len(search.tried)} tried")
     return NoiseSearch(chosen, tuple(search.tried))
 
@@ -137,10 +159,15 @@ class _Search:
         self.many = len(setup.linear_law.state_names) > MANY_STATES
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
-        self.stiff = _compliance(setup.equilibrium_loop(estimated=False))
+        fed_back = frequency_response(setup.equilibrium_loop(estimated=False))
+        self.top = COMPLIANT_BAND * _bandwidth(fed_back)
+        self.stiff = _compliance(fed_back, self.top)
 
     def run(self) -> None:
         """Levels from small to large until one keeps the limits, and then between it and the one before."""
+        stated = EstimatorNoise.stated(self.setup.specification)
+        if self.candidate(stated.motor_velocities, 1.0).feasible:
+            return
         scale = self.setup.specification.measurement_noise
         levels = FEW_LEVELS if self.many else LEVELS
         fractions = FEW_FRACTIONS if self.many else FRACTIONS
@@ -163,31 +190,26 @@ class _Search:
             low, high = (low, middle) if feasible else (middle, high)
 
     def candidate(self, level: float, fraction: float) -> NoiseCandidate:
-        """The running loop with these levels; the corners are looked at where it keeps everything else."""
+        """The running loop with these levels; the corners are looked at where it keeps its margins."""
         s = self.setup.specification
         levels = EstimatorNoise(0.0, fraction * level, level, "searched on the running loop")
         process = levels.covariance(self.setup.model.states)
-        linear = self.loop.linear(process_noise=process)
-        found = margins(linear)
-        compliance = _compliance(linear) / self.stiff if found.stable else np.inf
+        found = _figures(self.loop.linear(process_noise=process), self.setup.noise, self.top)
         ratios = [
             found.peak_sensitivity / peak_sensitivity_limit(s),
-            gain_margin_limit(s) / max(found.gain_margin, 1e-9),
-            compliance / COMPLIANCE,
+            gain_margin_limit(s) / max(found.gain_margin, UNSTABLE),
         ]
         if self.damping:
-            ratios.append(self.damping / max(found.damping, 1e-9))
-        if not found.stable:
-            ratios.append(1e9)
-        excess = sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.5 * TOLERANCE)
-        unstable = None
-        if excess == 0.0 and self.setup.robot.uncertain:
-            unstable = self.unstable(process)
-            excess = float(np.log1p(unstable))
-        noise = np.zeros(len(linear.c)) if self.setup.noise is None else self.setup.noise
+            ratios.append(self.damping / max(found.damping, UNSTABLE))
+        compliance = found.compliance / self.stiff
+        excess, unstable = _excess(ratios), None
+        if self.setup.robot.uncertain:
+            unstable = None if excess else self.unstable(process)
+            excess += 1.0 if unstable is None else unstable / len(self.corners)
+        excess += _excess([compliance / COMPLIANCE])
         candidate = NoiseCandidate(
-            levels, found.peak_sensitivity, found.gain_margin, found.damping if found.stable else -1.0,
-            compliance, float(np.linalg.norm(found.noise_to_input * noise, axis=1).max()), unstable, excess,
+            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise,
+            unstable, excess,
         )  # fmt: skip
         self.tried.append(candidate)
         return candidate
@@ -206,13 +228,61 @@ class _Search:
         return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 
-def _compliance(loop: object) -> float:
-    """Peak of |load torque → link position|, rad/N·m or m/N."""
-    response = frequency_response(loop)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class _Figures:
+    """Of one linear loop, on a grid of frequencies with points round every pole: near those of `margins`."""
+
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float
+    compliance: float
+    input_noise: float
+
+
+def _excess(ratios: Sequence[float]) -> float:
+    """Sum of ln(figure/limit) over the limits that are missed by more than a requirement allows."""
+    return sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.9 * TOLERANCE)
+
+
+def _bandwidth(response: FrequencyResponse) -> float:
+    """Of the fastest joint, rad/s: where |command → position| is 3 dB below its value at the lowest frequency."""
+    followed = np.abs(np.diagonal(response.command, axis1=1, axis2=2))
+    below = followed < followed[0] / np.sqrt(2.0)
+    first = np.where(below.any(axis=0), below.argmax(axis=0), len(below) - 1)
+    return float(response.frequencies[first.max()])
+
+
+def _figures(linear: LinearLoop, noise: np.ndarray | None, top: float) -> _Figures:
+    if not linear.running.stable:
+        return _Figures(1.0 / UNSTABLE, UNSTABLE, -1.0, 1.0 / UNSTABLE, np.inf)
+    response = frequency_response(linear)
+    rms = linear.part("v", "u").rms() * (0.0 if noise is None else noise)
+    return _Figures(
+        response.peaks[0],
+        _gain_margin(response.input_loops),
+        linear.running.damping[0],
+        _compliance(response, top),
+        float(np.linalg.norm(rms, axis=1).max()),
+    )
+
+
+def _gain_margin(loops: np.ndarray) -> float:
+    """Smallest factor by which the gain of one input may rise or fall: where L_i (F, m) crosses the negative axis."""
+    found = np.inf
+    for loop in loops.T:
+        before, after = loop[:-1], loop[1:]
+        crosses = np.flatnonzero((before.imag * after.imag <= 0.0) & (before.real + after.real < 0.0))
+        for k in crosses:
+            weight = (
+                before[k].imag / (before[k].imag - after[k].imag) if before[k].imag != after[k].imag else 0.0
+            )
+            at = abs(before[k].real + weight * (after[k].real - before[k].real))
+            found = min(found, max(at, 1.0 / at) if at > 0.0 else np.inf)
+    return float(found)
+
+
+def _compliance(response: FrequencyResponse, top: float) -> float:
+    """Peak of |load torque → link position| up to a frequency, rad/N·m or m/N."""
     torques = [k for k, name in enumerate(response.disturbances) if name.startswith("link_torque")]
-    return float(np.linalg.norm(response.disturbance[:, :, torques], 2, axis=(1, 2)).max())
-
-
-def with_levels(setup: LoopSetup, search: NoiseSearch | None) -> LoopSetup:
-    """The loop with the levels that were found."""
-    return setup if search is None else replace(setup, estimator_noise=search.chosen.levels)
+    band = response.disturbance[response.frequencies <= top][:, :, torques]
+    return float(np.linalg.norm(band, 2, axis=(1, 2)).max())

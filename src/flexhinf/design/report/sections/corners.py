@@ -123,14 +123,15 @@ def _how(found: ToleranceCorners) -> str:
 def _retuning(found: ToleranceCorners) -> str:
     """In which directions the noise of the estimator may be changed."""
     free = [f"“{form}”" for form in found.retunable]
-    parts = []
-    for form in found.forms:
-        stable = found.stable_ratios(form)
-        if form not in found.retunable:
-            tried = count_text(len(found.of_form(form)), "ratio")
-            parts.append(f"with “{form}” at {len(stable)} of {tried} tried")
+    parts = [
+        f"with “{form}” at {len(found.stable_ratios(form))} of {count_text(len(found.of_form(form)), 'ratio')} only"
+        for form in found.forms
+        if form not in found.retunable
+    ]
     may = f"With Rᵛ of the form {' or '.join(free)} no corner is unstable at any ratio tried." if free else ""
-    some = f" No corner is unstable {'; '.join(parts)}." if parts else ""
+    some = f" Otherwise that holds {', '.join(parts)}." if parts and free else ""
+    if parts and not free:
+        some = f"No form keeps every corner stable at all ratios tried: that holds {', '.join(parts)}."
     return (
         "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on its "
         f"ratio q/Rⁿ and on where q stands. {may}{some} Forms that are not listed were not tried."
@@ -160,7 +161,7 @@ def _row(form: str, ratio: float | None, rates: GrowthRates) -> CornerRow:
 def corner_cells(found: ToleranceCorners) -> list[tuple[str, ...]]:
     """q / R^n, then for each form of R^v the corners that are unstable and the growth rate of the worst."""
     by_form = [found.of_form(form) for form in found.forms]
-    ratios = list(dict.fromkeys(ratio for rates in by_form for ratio in rates))
+    ratios = sorted({ratio for rates in by_form for ratio in rates})
     return [
         (_power(ratio), *(text for rates in by_form for text in _cells(rates.get(ratio)))) for ratio in ratios
     ]

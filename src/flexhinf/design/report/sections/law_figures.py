@@ -198,9 +198,8 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
     found.append(_plain("limits kept", "", kept))
     for lines in zip(*(row.requirements for row in rows)):
         first = lines[0]
-        brief = ", sampled" if "robots sampled" in first.where else ""
-        where = brief if short else f" ({first.where})"
-        label = f"{first.what} {limit_text(first)}{where}"
+        sampled = ", sampled" if "robots sampled" in first.where else ""
+        label = f"{first.what} {limit_text(first)}{sampled}"
         found.append(_plain(label, "", ["met" if line.met else "not met" for line in lines]))
     for group in GROUPS:
         figures = [

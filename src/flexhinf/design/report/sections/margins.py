@@ -14,15 +14,10 @@ from flexhinf.design.report.formatting import Units, range_text, units_of
 from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.result import Design
+from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.report import Column, Figure, Paragraph, Section, Table, label, legend, new_figure, number
 
 __all__ = ["estimation_figure", "margin_rows", "remarks", "section"]
-
-#: A loop that tolerates less extra delay than so many periods is risky.
-FEW_PERIODS = 3.0
-
-#: Sensor noise that costs the motors more than this fraction of the step's peak input is risky.
-NOISE_FRACTION = 0.05
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3

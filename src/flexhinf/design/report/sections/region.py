@@ -60,6 +60,12 @@ def remarks(design: Design) -> Iterator[Remark]:
             "a degree that shrinks the region",
             f"Degree {high} allows a smaller step than degree {low}.",
         )
+    if design.chosen.looked and math.isnan(design.chosen.level):
+        yield Remark(
+            "region",
+            "no region",
+            f"The sampled check gives no region for the law that is used: {design.chosen.limit.rstrip('.')}.",
+        )
     if design.attenuation.failure:
         yield Remark("region", "no worst disturbance", design.attenuation.failure)
     found = design.attenuation.attained
@@ -116,7 +122,7 @@ def _regions(design: Design) -> Table:
             c.degree,
             law_name(c.degree),
             "used" if c is design.chosen else "",
-            _level(c.level),
+            _level(c.level) if c.looked else "–",
             amplitude_text(c.step_amplitude, unit),
             c.limit,
             f"{c.residual:.0e}",
@@ -142,7 +148,7 @@ def _regions(design: Design) -> Table:
 
 def _level(value: float) -> str:
     if math.isnan(value):
-        return "–"
+        return "none"
     return "everything sampled" if math.isinf(value) else f"{value:.4g}"
 
 

@@ -65,7 +65,7 @@ def remarks(design: Design) -> Iterator[Remark]:
     started = _estimator_start(e, units_of(e))
     if started:
         yield Remark("step", "a peak input at the estimator's start", started)
-    if design.inside is False:
+    if design.inside is False and not np.isnan(design.chosen.level):
         yield Remark(
             "step", "a start outside the sampled region",
             "The step starts outside the region in which the sampled check found no violation, so the region says "

@@ -1,0 +1,30 @@
+"""A report's folder: page, numbers, the controller, and every run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import flexhinf as fh
+from flexhinf.design import Design
+
+Make = Callable[[str], Design]
+
+
+def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
+    design = report_design("met")
+    folder = design.save(tmp_path / "report")
+    names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    runs = {f"runs/{name}.nc" for name in ("step", "load", "move")}
+    assert names == {"index.html", "design.json", "controller", "flexhinf-report.json", *runs}
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert all(f"<code>{name}</code>" in page for name in {"design.json", "controller", *runs})
+    assert "Written from Python" in page
+    with xr.open_dataset(folder / "runs" / "step.nc") as run:
+        assert np.array_equal(run["input"].values, design.evaluation.step.inputs)
+    ours, loaded = design.controller(), fh.load_controller(folder / "controller")
+    y = np.array([0.01])
+    assert loaded.step(y, np.asarray(design.goal)) == ours.step(y, np.asarray(design.goal))

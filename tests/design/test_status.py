@@ -1,0 +1,54 @@
+"""What a reader must know first: what is not met, not proved and risky."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.status import Status, status_of
+
+
+def judged(lines: tuple[Requirement, ...] = (), inside: bool | None = True, **changes: float) -> Status:
+    """The status of a loop that is fine but for what is given."""
+    margins = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
+    noise = margins.pop("noise", 0.0)
+    evaluation: Any = SimpleNamespace(
+        estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
+        setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3)), step=SimpleNamespace(peak_input=10.0),
+    )  # fmt: skip
+    synthesis: Any = SimpleNamespace(chosen=SimpleNamespace(looked=inside is not None, level=1.0))
+    worth: Any = SimpleNamespace(budget=(1,), lasts=True)
+    return status_of(lines, evaluation, synthesis, worth, inside)
+
+
+def test_a_loop_without_faults_has_only_what_is_not_proved() -> None:
+    assert judged() == Status((), ("the region is sampled, for the law fed the true state",), ())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"damping": 0.04}, "damped by 0.04 only"),
+        ({"delay_margin_s": 0.0029}, "tolerates 2.9 ms of extra delay, 2.9 periods"),
+        ({"noise": 0.51}, "sensor noise at a motor is 5.1 % of the step's peak input"),
+    ],
+)
+def test_what_is_risky_is_named_with_its_number(changes: dict[str, float], words: str) -> None:
+    (risk,) = judged(**changes).risky
+    assert words in risk
+
+
+@pytest.mark.parametrize("changes", [{"damping": 0.06}, {"delay_margin_s": 0.0031}, {"noise": 0.49}])
+def test_what_is_not_risky_is_not_named(changes: dict[str, float]) -> None:
+    assert judged(**changes).risky == ()
+
+
+def test_failures_come_first_in_the_line() -> None:
+    line = Requirement("overshoot", 5.0, 9.0, "%", True, "the step", "", joint="elbow")
+    status = judged((line,), inside=False, noise=1.0)
+    assert not status.met
+    assert status.line.startswith("Not met: overshoot 9 % in elbow (required ≤ 5 %). Risky: sensor noise")
+    assert status.line.endswith("Not proved: the step starts outside the sampled region.")
