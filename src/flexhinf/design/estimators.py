@@ -7,6 +7,7 @@ the running loop.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +91,7 @@ class EstimatorNoise:
             self.source,
         )
 
-    def diagonal(self, states: tuple[str, ...]) -> np.ndarray:
+    def diagonal(self, states: Sequence[str]) -> np.ndarray:
         """Diagonal (n,) of R^v for a plant with these states."""
         values = []
         for name in states:
@@ -102,7 +103,7 @@ class EstimatorNoise:
             values.append(level)
         return np.array(values)
 
-    def covariance(self, states: tuple[str, ...]) -> np.ndarray:
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) for a plant with these states."""
         return np.diag(self.diagonal(states))
 
