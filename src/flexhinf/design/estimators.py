@@ -205,5 +205,5 @@ def _check_detectable(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) 
                 "The sensors do not show every mode that does not decay, so no estimator can know it.",
                 f"measured: {list(plant.outputs)}; hidden: a mode at {abs(value) / (2 * np.pi):.3g} Hz, mainly in "
                 f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
-                "--measured link_position or motor_position",
+                "measured='link_position' or measured='motor_position'",
             )
