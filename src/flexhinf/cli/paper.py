@@ -29,7 +29,7 @@ def paper(
         int, typer.Option(help="Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.")
     ] = 4,
     period: Annotated[float, typer.Option(help="Sampling period of estimator and law, s.")] = 1e-3,
-    seed: Annotated[int, typer.Option(help="Seed of noise and of the drawn plants.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of noise and of the sampled plants.")] = 0,
     estimator: Annotated[str, typer.Option(help="ukf, ekf, or none (feeds back the true state).")] = "ukf",
     process_noise: Annotated[
         float, typer.Option(help="q of R^v = q I, variance added to each state per sample.")
@@ -51,7 +51,7 @@ def paper(
     with Progress(STAGES) as tell:
         result = reproduce(settings, _words(settings, out), tell)
     folder = write(out, result.files)
-    _print_claims([judged.claim for judged in result.judged], result.metrics)
+    _print_claims(result.judged, result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")
 
 
@@ -63,19 +63,27 @@ def _words(settings: Any, out: Path) -> list[str]:
     return words if out == FOLDER else [*words, "--out", out.name]
 
 
-def _print_claims(claims: Sequence[Any], metrics: dict[str, Any]) -> None:
-    """A short table of the verdicts."""
+def _print_claims(judged: Sequence[Any], metrics: dict[str, Any]) -> None:
+    """A table of the paper's claims, what fails first, and our own questions below it."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
-    from flexhinf.report import summary
+    from flexhinf.report import by_verdict, summary
 
     colours = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
-    table = Table(title=f"γ* = {metrics['gamma_star']:.4f}, γ = {metrics['gamma']:.4f}", title_justify="left")
-    table.add_column("verdict")
-    table.add_column("claim")
-    for claim in claims:
-        table.add_row(f"[{colours[claim.verdict]}]{claim.verdict}[/]", claim.text)
+    title = (
+        f"γ* of the paper's problem = {metrics['gamma_star']:.4f}, γ of its law here = {metrics['gamma']:.4f}"
+    )
     console = Console()
-    console.print(table)
-    console.print(summary(claims))
+    for ours in (False, True):
+        claims = by_verdict([one.claim for one in judged if one.ours == ours])
+        table = Table(title="Our own question" if ours else title, title_justify="left", show_lines=True)
+        table.add_column("claim, and by what it is judged")
+        table.add_column("verdict", no_wrap=True)
+        for claim in claims:
+            text = f"{escape(claim.text)}\n[dim]{escape(claim.criterion)}[/]"
+            table.add_row(text, f"[{colours[claim.verdict]}]{claim.verdict}[/]")
+        console.print(table)
+        if not ours:
+            console.print(f"{summary(claims)} No printed curve was compared with a computed one.")

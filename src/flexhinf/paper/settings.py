@@ -27,7 +27,7 @@ class PaperSettings:
     period : float
         Sampling period of estimator and controller, s.
     seed : int
-        Of measurement noise and of the drawn plants.
+        Of measurement noise and of the sampled plants.
     estimator : {"ukf", "ekf", "none"}
         "none" feeds back the true state.
     process_noise : float

@@ -63,7 +63,7 @@ WORST, EVERY = 8, 10
 #: Below this RMS velocity, rad/s, a run has decayed to rounding and its rate says nothing.
 ROUNDING = 1e-9
 
-#: Rates nearer to zero than this, 1/s, are not told apart by a run of 30 s.
+#: Rates nearer to zero than this, 1/s, cannot be distinguished by a run of 30 s.
 UNDECIDED = 2e-3
 
 #: Early and late part of a run, as fractions of it.
