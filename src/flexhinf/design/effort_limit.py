@@ -139,11 +139,11 @@ def _limit_exceeded(
     s: Specification, bandwidth: np.ndarray, peak: float, best: DesignProblem | None, fraction: float
 ) -> InvalidInput:
     found = f"no loop down to {LEAST:g} of it keeps the limit either"
-    advice = "a larger --peak-effort, or a shorter step (--from-pose)"
+    advice = "a larger `peak_effort`, or a shorter step (`start`)"
     if best is not None:
         slower = fraction * float(np.min(bandwidth))
         found = f"the best found within the limit is a bandwidth of {slower:.3g} rad/s"
-        advice = f"--bandwidth {slower:.3g}, or {advice}"
+        advice = f"bandwidth={slower:.3g}, or {advice}"
     demands = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
     return InvalidInput(
         "The specification cannot be met: the peak of the input binds.",

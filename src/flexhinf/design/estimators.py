@@ -7,6 +7,7 @@ the running loop.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +91,7 @@ class EstimatorNoise:
             self.source,
         )
 
-    def diagonal(self, states: tuple[str, ...]) -> np.ndarray:
+    def diagonal(self, states: Sequence[str]) -> np.ndarray:
         """Diagonal (n,) of R^v for a plant with these states."""
         values = []
         for name in states:
@@ -102,7 +103,7 @@ class EstimatorNoise:
             values.append(level)
         return np.array(values)
 
-    def covariance(self, states: tuple[str, ...]) -> np.ndarray:
+    def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) for a plant with these states."""
         return np.diag(self.diagonal(states))
 
@@ -204,5 +205,5 @@ def _check_detectable(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) 
                 "The sensors do not show every mode that does not decay, so no estimator can know it.",
                 f"measured: {list(plant.outputs)}; hidden: a mode at {abs(value) / (2 * np.pi):.3g} Hz, mainly in "
                 f"{plant.states[int(np.argmax(np.abs(right[-1])))]!r}",
-                "--measured link_position or motor_position",
+                "measured='link_position' or measured='motor_position'",
             )

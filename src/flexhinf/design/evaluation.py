@@ -273,7 +273,7 @@ class LawEvaluation:
         }
 
     @cached_property
-    def linear_metrics(self) -> Mapping[str, float | None]:
+    def linear_metrics(self) -> dict[str, float | None]:
         """Figures of the running loop: damping, delay_margin_s, peak_sensitivity, gain_margin, input_noise,
         bandwidth_rad_s and unstable_corners; empty where the loop has no equilibrium."""
         if self.linear_failure:

@@ -23,8 +23,9 @@ SPRING_FRACTION = 0.25
 #: A sampled mode whose multiplier is smaller than this is gone after one sample and has no rate.
 DEADBEAT = 1e-12
 
-#: A mode slower than this fraction of the fastest one is at rest: rounding.
-STANDS_STILL = 1e-9
+#: A mode slower than this, relative to the fastest one, is at rest: a double zero eigenvalue is only found to the square
+#: root of the rounding.
+STANDS_STILL = 1e-7
 
 
 @dataclass(frozen=True)
