@@ -126,6 +126,28 @@ def test_the_page_is_self_contained_and_names_every_figure(reproduction: Reprodu
         assert reproduction.files[f"figure_{number}.svg"].lstrip().startswith("<?xml")
 
 
+def test_axes_have_names_and_units(reproduction: Reproduction) -> None:
+    for number in FIGURES:
+        drawing = reproduction.files[f"figure_{number}.svg"]
+        assert "(°)" in drawing or "motor voltage (V)" in drawing
+        assert "time (s)" in drawing
+    for number in ("11", "12"):
+        drawing = reproduction.files[f"figure_{number}.svg"]
+        assert all(name in drawing for name in ("link − command (°)", "disturbance torque (N·m)"))
+    for number in ("09", "10"):
+        drawing = reproduction.files[f"figure_{number}.svg"]
+        assert all(name in drawing for name in ("largest overshoot", "settles last"))
+
+
+def test_the_worst_runs_are_the_worst(reproduction: Reproduction, metrics: dict[str, Any]) -> None:
+    nine = metrics["figures"]["09"]["nonlinear"]
+    page = reproduction.files["index.html"]
+    table = page[page.index('id="table-1"') :].split("</table>")[0]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
+    assert float(rows[0][1]) == pytest.approx(nine["overshoot_percent"][2], abs=0.006)
+    assert float(rows[1][2]) == pytest.approx(nine["settling_time_s"][2], abs=0.006)
+
+
 def test_the_same_settings_give_the_same_bytes(reproduction: Reproduction) -> None:
     from flexhinf.paper.experiments import Experiments
     from flexhinf.paper.figures import FIGURES as DRAWINGS

@@ -45,9 +45,11 @@ OPEN = (
 
 def misprint_table() -> Table:
     """Misprints of the text."""
-    return Table(("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints")
+    return Table(
+        ("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True
+    )
 
 
 def open_table() -> Table:
     """What is not given."""
-    return Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open")
+    return Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True)

@@ -128,7 +128,7 @@ def growth_by_hand(setup: PaperSetup, p: dict[str, float], goal: float) -> float
 
     start = np.append(believed[:4], 0.0)
     start[4] = fsolve(lambda q: setup.nonlinear.law(np.append(start[:4], q))[0] - volts, 0.0)[0]
-    rest = fsolve(residual, start, xtol=1e-12)
+    rest = np.asarray(fsolve(residual, start, xtol=1e-12))
     k = slopes(setup.nonlinear.law, rest)[0]
     a, b = sampled(p, x, volts, s.period)
     a_m, b_m = sampled(nominal, rest[:4], volts, s.period)

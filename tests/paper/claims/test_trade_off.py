@@ -51,7 +51,7 @@ def test_at_the_same_voltage_the_nonlinear_lqr_deviates_less(experiments: Experi
     )
     ours = curve.points[0].figures
     assert peak(curve.points[0].law) == ours["peak_180"]
-    factor = brentq(lambda f: peak(lqr(f)) - ours["peak_180"], 0.05, 1.0, xtol=1e-3)
+    factor = float(np.asarray(brentq(lambda f: peak(lqr(f)) - ours["peak_180"], 0.05, 1.0, xtol=1e-3)))
     rival = measure_law(experiments, lqr(factor))
     assert all(ours[case] > rival[case] for case in CASES)
     interpolated = ratios_at_equal_peak(

@@ -9,7 +9,7 @@ import numpy as np
 from flexhinf.loop import Step
 from flexhinf.paper.claims.judgement import NOT_BY_THE_PENALTY, Judged
 from flexhinf.paper.experiments import STEP_DURATION, Experiments
-from flexhinf.report import Claim, Column, Table
+from flexhinf.report import Claim, Column, Table, number
 
 __all__ = ["judge_reconstruction"]
 
@@ -53,6 +53,7 @@ def judge_reconstruction(experiments: Experiments) -> Judged:
         ("figure-03", "table-reconstruction"),
         CRITERION,
     )
+    variance = number(setup.settings.measurement_noise)
     table = Table(
         (
             "state",
@@ -61,7 +62,7 @@ def judge_reconstruction(experiments: Experiments) -> Judged:
             Column("error / range", "%", 3),
         ),
         rows,
-        f"UKF on the nominal 180° step, link position measured with Rⁿ = {setup.settings.measurement_noise:g} rad².",
+        f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².",
         "table-reconstruction",
     )
     return Judged(claim, (table,))

@@ -74,7 +74,8 @@ def judge(setup: PaperSetup) -> Judged:
     """withstands-tolerances."""
     study = ToleranceStudy.of(setup, setup.nonlinear)
     agreement = _agreement(setup, study)
-    figures, blocks = ["table-tolerances"], [_table(study)]
+    figures = ["table-tolerances"]
+    blocks: list[Any] = [_table(study)]
     if study.estimated:
         blocks.append(_share_figure(study))
         figures.append("figure-tolerances")

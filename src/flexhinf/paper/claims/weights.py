@@ -34,7 +34,7 @@ METRICS = (
 #: Largest equal weight of x2 and x4 that is tried as a repair.
 LARGEST_VELOCITY = 64.0
 
-Row = dict[str, Any]
+Row = dict[Any, Any]
 
 
 def sweep_weights(

@@ -95,7 +95,7 @@ def measure_law(experiments: Experiments, law: Law) -> dict[str, float]:
 def measure_gain(experiments: Experiments, law: HJISolution) -> dict[str, float]:
     """Gains from the paper's d to the paper's z (R2 = 10, whatever R2 the law was made for), true state fed back.
 
-    ``norm``: H∞ norm of the linear loop at the hanging rest; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
+    ``norm``: H∞ norm of the linear loop in the hanging equilibrium; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
     disturbances that keep the link within ±180°.
     """
     runs = GainRuns(experiments.setup, law)
@@ -233,12 +233,6 @@ def _evidence(
 
 
 # Present ---------------------------------------------------------------------------------------------------
-def _value(curve: TradeOffCurve, value: float) -> str:
-    if curve.parameter.startswith("R2"):
-        return f"R2 = {EFFORT * value:g}"
-    return "γ = ∞ (LQR)" if math.isinf(value) else f"γ = {value:g} γ*"
-
-
 def _degrees(value: float) -> float | None:
     return math.degrees(value) if math.isfinite(value) else None
 
@@ -246,19 +240,21 @@ def _degrees(value: float) -> float | None:
 def _table(curves: Mapping[str, TradeOffCurve]) -> Table:
     rows = [
         (
-            name,
-            _value(curve, p.value),
+            "nonlinear LQR" if math.isinf(p.law.gamma) else "NL-H∞",
+            "∞" if math.isinf(p.law.gamma) else f"{p.law.gamma / p.law.gamma_star:g}",
+            EFFORT * (p.value if curve.parameter.startswith("R2") else 1.0),
             *(_finite(p.figures[k]) for k in ("peak_90", "peak_180", "overshoot_90", "overshoot_180")),
             *(_degrees(p.figures[case]) for case in CASES),
             _finite(p.figures["norm"]),
             _finite(p.figures["gain"]),
         )
-        for name, curve in curves.items()
+        for curve in curves.values()
         for p in curve.points
     ]
     columns = (
-        "family",
         "law",
+        "γ/γ*",
+        Column("R2"),
         *(Column(f"{name_goal(g)} peak", "V", 1) for g in GOALS),
         *(Column(f"{name_goal(g)} overshoot", "%", 2) for g in GOALS),
         *(Column(name, "°", 2) for name in CASES.values()),
