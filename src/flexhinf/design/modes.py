@@ -23,8 +23,8 @@ SPRING_FRACTION = 0.25
 #: A sampled mode whose multiplier is smaller than this is gone after one sample and has no rate.
 DEADBEAT = 1e-12
 
-#: A mode slower than this, relative to the fastest one, is at rest: a double zero eigenvalue is only found to the square
-#: root of the rounding.
+#: A mode slower than this, relative to the fastest one, is at rest: a double zero eigenvalue is found only to the
+#: square root of the rounding.
 STANDS_STILL = 1e-7
 
 
