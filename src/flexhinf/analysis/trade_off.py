@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.plant import GeneralisedPlant
+from flexhinf.plant import GeneralisedPlant, Law
 
 __all__ = ["TradeOffCurve", "TradeOffPoint", "scaled_effort", "sweep_effort", "sweep_gamma"]
 
@@ -29,13 +29,13 @@ class TradeOffPoint:
     ----------
     value : float
         Of the parameter that is swept: R2 over the problem's own, or γ over γ*.
-    law : HJISolution
+    law : Law
     figures : mapping of str to float
         What the caller measured, SI units.
     """
 
     value: float
-    law: HJISolution
+    law: Law
     figures: Mapping[str, float]
 
 

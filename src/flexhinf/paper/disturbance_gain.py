@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import DisturbanceSearch
-from flexhinf.hinf import HJISolution
 from flexhinf.paper.loop_setup import PaperSetup
+from flexhinf.plant import Law
 
 __all__ = ["Attained", "GainRuns", "stated_disturbances"]
 
@@ -61,10 +61,10 @@ class GainRuns:
     Parameters
     ----------
     setup : PaperSetup
-    law : HJISolution
+    law : Law
     """
 
-    def __init__(self, setup: PaperSetup, law: HJISolution) -> None:
+    def __init__(self, setup: PaperSetup, law: Law) -> None:
         self.setup = setup
         self.search = DisturbanceSearch(setup.problem, law, None, setup.settings.period, HORIZON)
 

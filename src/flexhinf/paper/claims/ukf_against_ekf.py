@@ -22,7 +22,7 @@ from flexhinf.paper.claims.judgement import NOT_BY_THE_PENALTY, Judged
 from flexhinf.paper.filter_trials import Scores, Trial, run_trial
 from flexhinf.paper.loop_setup import INITIAL_VARIANCE, PaperSetup, affordable
 from flexhinf.plant import Plant
-from flexhinf.report import Claim, Column, Paragraph, Table
+from flexhinf.report import Claim, Column, Paragraph, Table, number
 
 __all__ = ["judge"]
 
@@ -42,7 +42,7 @@ CRITERION = (
 
 REASON = (
     "With the link position measured, sin x1 is the arm's only nonlinearity and a function of what is measured: "
-    "the spread of x1 is always small, and over it the sine is straight. Nothing is left for sigma points to see."
+    "the spread of x1 is always small, and over it the sine is straight. So both filters compute the same."
 )
 
 
@@ -93,7 +93,8 @@ def judge(setup: PaperSetup) -> Judged:
     largest = max((abs(p.difference) for p in known), default=math.nan)
     wins = [p for p in others if p.verdict == "better"]
     evidence = (
-        f"With the link position measured the RMS errors differ by at most {100 * largest:.1g} %. {_loops(setup)} "
+        f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
+        f"{_loops(setup)} "
         + (
             f"The UKF wins with other sensors: {'; '.join(_win(p) for p in wins)}."
             if wins
@@ -214,7 +215,8 @@ def _loops(setup: PaperSetup) -> str:
         gaps.append(float(np.degrees(np.abs(positions[0] - positions[1]).max())))
     if not gaps:
         return f"Closed loops: all {count} pairs diverged."
-    return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {max(gaps):.1g}°."
+    largest = number(max(gaps), 1)
+    return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {largest}°."
 
 
 def _table(found: Sequence[Paired]) -> Table:

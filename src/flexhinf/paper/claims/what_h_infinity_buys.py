@@ -1,8 +1,8 @@
 """What H∞ itself buys against a nonlinear LQR, at equal effort: our question, not the paper's.
 
 A smaller γ and a smaller R2 both make a loop stiffer and both take more volts, so a pair of laws of the same weights
-says nothing. Three families are swept, H∞ over γ, nonlinear LQR (γ = ∞) over R2, and H∞ over R2 at the γ/γ* of the
-settings, and compared where they take the same peak voltage.
+says nothing. Three families are swept: H∞ over γ, nonlinear LQR (γ = ∞) over R2, and H∞ over R2 at the γ/γ* of the
+settings, and compared where they take the same peak voltage. LQR with gravity compensation over R2 stands beside them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from flexhinf.analysis.trade_off import TradeOffCurve, sweep_effort, sweep_gamma
+from flexhinf.analysis.trade_off import (
+    TradeOffCurve,
+    TradeOffPoint,
+    scaled_effort,
+    sweep_effort,
+    sweep_gamma,
+)
+from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Sine, Step, Trajectory
 from flexhinf.paper.claims.judgement import Judged
@@ -92,7 +99,7 @@ def measure_law(experiments: Experiments, law: Law) -> dict[str, float]:
     return found
 
 
-def measure_gain(experiments: Experiments, law: HJISolution) -> dict[str, float]:
+def measure_gain(experiments: Experiments, law: Law) -> dict[str, float]:
     """Gains from the paper's d to the paper's z (R2 = 10, whatever R2 the law was made for), true state fed back.
 
     ``norm``: H∞ norm of the linear loop in the hanging equilibrium; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
@@ -120,35 +127,40 @@ def _rms_late(run: Trajectory) -> float:
 
 
 def trade_off_curves(experiments: Experiments) -> dict[str, TradeOffCurve]:
-    """H∞ over γ, nonlinear LQR over R2, H∞ over R2."""
+    """H∞ over γ, nonlinear LQR over R2, H∞ over R2, and the simplest rival over R2."""
     setup = experiments.setup
     degree, ratio = setup.settings.degree, setup.settings.gamma_ratio
 
     known: dict[bytes, dict[str, float]] = {}  # two of the curves share a law
 
-    def measure(law: HJISolution) -> Mapping[str, float]:
+    def measure(law: Law) -> Mapping[str, float]:
         key = law.law_data.tobytes()
         if key not in known:
             known[key] = {**measure_law(experiments, law), **measure_gain(experiments, law)}
         return known[key]
 
     most = EFFORTS[:5]  # the others take more volts than the smallest γ does
+    simple = []
+    for factor in most:
+        law = GravityCompensatedLQR.design(scaled_effort(setup.problem, factor))
+        simple.append(TradeOffPoint(factor, law, measure(law)))
     return {
         "NL-H∞ over γ": sweep_gamma(setup.problem, RATIOS, degree, measure),
         "nonlinear LQR over R2": sweep_effort(setup.problem, EFFORTS, degree, measure),
         f"NL-H∞ of γ = {ratio:g} γ* over R2": sweep_effort(setup.problem, most, degree, measure, ratio),
+        "LQR + gravity compensation over R2": TradeOffCurve(
+            "LQR", "R2 over the problem's own", tuple(simple)
+        ),
     }
 
 
 def ratios_at_equal_peak(ours: TradeOffCurve, rival: TradeOffCurve, cost: str = COST) -> np.ndarray:
     """Deviation of each law of a curve over that of the rival at the same peak voltage, (laws, cases).
 
-    Laws of γ = ∞, and those outside the rival's range of voltages, are left out.
+    Laws outside the rival's range of voltages are left out.
     """
     found = []
     for point in ours.points:
-        if math.isinf(point.law.gamma):
-            continue
         others = [rival.at_cost(cost, case, point.figures[cost]) for case in CASES]
         if all(other is not None for other in others):
             pairs = zip(CASES, others, strict=True)
@@ -160,7 +172,7 @@ def ratios_at_equal_peak(ours: TradeOffCurve, rival: TradeOffCurve, cost: str = 
 def judge_h_infinity(experiments: Experiments) -> Judged:
     """what-h-infinity-buys."""
     curves = trade_off_curves(experiments)
-    over_gamma, lqr, over_effort = curves.values()
+    over_gamma, lqr, over_effort, simple = curves.values()
     ratios = ratios_at_equal_peak(over_gamma, lqr)
     if not len(ratios):
         verdict = "not judged"
@@ -172,7 +184,7 @@ def judge_h_infinity(experiments: Experiments) -> Judged:
         "what-h-infinity-buys",
         TEXT,
         verdict,
-        _evidence(ratios, ratios_at_equal_peak(over_effort, lqr), over_gamma, lqr),
+        _evidence(ratios, over_gamma, lqr, over_effort, simple),
         "" if verdict != "fails" else _repair(ratios),
         ("figure-trade-off", "table-trade-off", "table-laws"),
         CRITERION,
@@ -212,7 +224,11 @@ def _per_cent(ratios: np.ndarray) -> str:
 
 
 def _evidence(
-    ratios: np.ndarray, same_gamma: np.ndarray, over_gamma: TradeOffCurve, lqr: TradeOffCurve
+    ratios: np.ndarray,
+    over_gamma: TradeOffCurve,
+    lqr: TradeOffCurve,
+    over_effort: TradeOffCurve,
+    simple: TradeOffCurve,
 ) -> str:
     if not len(ratios):
         return "The sweeps share no range of peak voltages: 0 laws could be compared."
@@ -223,8 +239,14 @@ def _evidence(
     at_90 = ratios_at_equal_peak(over_gamma, lqr, "peak_90")
     if len(at_90):
         text += f" At equal peak voltage of the 90° step it is {_per_cent(at_90)}."
+    same_gamma, others = (ratios_at_equal_peak(curve, lqr) for curve in (over_effort, simple))
     if len(same_gamma):
         text += f" NL-H∞ over R2 deviates {_per_cent(same_gamma)}."
+    if len(others):
+        text += (
+            f" The simplest rival, LQR with gravity compensation over R2, deviates {_per_cent(others)} than the "
+            "nonlinear LQR."
+        )
     pairs = [(p.figures["norm"], lqr.at_cost(COST, "norm", p.figures[COST])) for p in over_gamma.points]
     gains = [ours / other for ours, other in pairs if other is not None and math.isfinite(ours)]
     if gains:
@@ -236,6 +258,15 @@ def _evidence(
 
 
 # Present ---------------------------------------------------------------------------------------------------
+def _law_and_ratio(law: Law) -> tuple[str, str | None]:
+    """Name, and γ over γ* of the law's own problem."""
+    if not isinstance(law, HJISolution):
+        return "LQR + gravity", None
+    if math.isinf(law.gamma):
+        return "NL-LQR", "∞"
+    return "NL-H∞", f"{law.gamma / law.gamma_star:g}"
+
+
 def _degrees(value: float) -> float | None:
     return math.degrees(value) if math.isfinite(value) else None
 
@@ -243,8 +274,7 @@ def _degrees(value: float) -> float | None:
 def _table(curves: Mapping[str, TradeOffCurve]) -> Table:
     rows = [
         (
-            "nonlinear LQR" if math.isinf(p.law.gamma) else "NL-H∞",
-            "∞" if math.isinf(p.law.gamma) else f"{p.law.gamma / p.law.gamma_star:g}",
+            *_law_and_ratio(p.law),
             EFFORT * (p.value if curve.parameter.startswith("R2") else 1.0),
             *(_finite(p.figures[k]) for k in ("peak_90", "peak_180", "overshoot_90", "overshoot_180")),
             *(_degrees(p.figures[case]) for case in CASES),
@@ -265,9 +295,9 @@ def _table(curves: Mapping[str, TradeOffCurve]) -> Table:
         Column("largest √(∫|z|²/∫|d|²)", "", 1),
     )
     caption = (
-        "The three sweeps: same state weights, degree, estimator, noise and seed. γ* is that of each law's own "
-        "problem. The gains are from the paper's d to the paper's z with R2 = 10 for all laws: norm of the linear "
-        "loop at rest, and largest over the stated pulses and sines."
+        "The four sweeps (NL-LQR: nonlinear LQR): same state weights, degree, estimator, noise and seed. γ* is that "
+        "of each law's own problem. The gains are from the paper's d to the paper's z with R2 = 10 for all laws: "
+        "norm of the linear loop at rest, and largest over the stated pulses and sines."
     )
     return Table(columns, rows, caption, "table-trade-off")
 
@@ -281,7 +311,7 @@ def _figure(curves: Mapping[str, TradeOffCurve]) -> Figure:
     }
     figure, axes = new_figure(len(panels), height=7.0)
     for ax, (key, (name, unit)) in zip(axes, panels.items(), strict=True):
-        for (family, curve), colour, marker in zip(curves.items(), SERIES, "os^", strict=False):
+        for (family, curve), colour, marker in zip(curves.items(), SERIES, "os^D", strict=False):
             points = [(p.figures[COST], p.figures[key]) for p in curve.points]
             points = [(c, math.degrees(v) if unit else v) for c, v in points if math.isfinite(c * v)]
             if points:
