@@ -217,9 +217,12 @@ def _evidence(
     if not len(ratios):
         return "The sweeps share no range of peak voltages: 0 laws could be compared."
     text = (
-        f"At equal peak voltage the {len(ratios)} laws over γ deviate {_per_cent(ratios)} than the nonlinear LQR, "
-        "over the four cases."
+        f"At equal peak voltage of the 180° step the {len(ratios)} laws over γ deviate {_per_cent(ratios)} than the "
+        "nonlinear LQR, over the four cases."
     )
+    at_90 = ratios_at_equal_peak(over_gamma, lqr, "peak_90")
+    if len(at_90):
+        text += f" At equal peak voltage of the 90° step it is {_per_cent(at_90)}."
     if len(same_gamma):
         text += f" NL-H∞ over R2 deviates {_per_cent(same_gamma)}."
     pairs = [(p.figures["norm"], lqr.at_cost(COST, "norm", p.figures[COST])) for p in over_gamma.points]
