@@ -87,8 +87,9 @@ def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
     loop = loop_of(made, arm, preset, 90)
     found, corner = destabilising_scale(loop, arm.corner, arm.uncertain)
     assert found == pytest.approx(scale, abs=2e-3)
-    signs = corners(11, 2048)[corner]
-    rates = [
-        loop.modes([arm.corner((factor * signs).tolist())]).rate[0] for factor in (found - 0.01, found + 0.01)
-    ]
-    assert rates[0] < 0.0 < rates[1]
+    middle, end = loop.vectors(
+        [arm.corner(signs) for signs in ([0.0] * 11, corners(11, 2048)[corner].tolist())]
+    )
+    moved = np.array([middle + factor * (end - middle) for factor in (found - 0.01, found + 0.01)])
+    below, above = loop.modes(moved).rate
+    assert below < 0.0 < above
