@@ -86,6 +86,7 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
     assert main(["design", "paper", *words, *QUICK]) == 2
     told = capsys.readouterr().err
     assert "the peak of the input binds" in told
+    assert "or a larger --peak-voltage, or" in told  # the option that was typed
     assert "try:" in told
     assert list(folder.iterdir()) == []
 

@@ -19,6 +19,7 @@ from flexhinf.design.requirements import (
     corner_requirement,
     gain_margin_limit,
     margin_requirements,
+    peak_option,
     peak_sensitivity_limit,
     sample_requirements,
     step_requirements,
@@ -324,7 +325,7 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
         "gain_margin": (gain_margin_limit(s), "--gain-margin" if s.gain_margin else "default"),
     }
     if s.peak_effort is not None:
-        limits["peak_input"] = (s.peak_effort, "--peak-effort")
+        limits["peak_input"] = (s.peak_effort, peak_option(unit))
     elif s.saturation is not None:
         limits["peak_input"] = (s.saturation, "--saturation")
     if s.damping:
