@@ -13,6 +13,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import REFERENCE, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
@@ -106,6 +107,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         law_modes=modes,
         requirements=lines,
         status=status_of(lines, evaluation, synthesis, worth, inside),
+        writer=write_design,
     )
 
 
@@ -291,7 +293,7 @@ def compare(
     rows: list[ComparedLaw] = []
     for kind in kinds:
         rows.append(_row(tuner, kind, [row.tuned for row in rows if row.tuned], laws is not None, progress))
-    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario)
+    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario, write_comparison)
 
 
 def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
