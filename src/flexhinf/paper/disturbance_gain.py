@@ -92,8 +92,8 @@ class GainRuns:
         return lambda t: self.search.on(t, d)
 
     def searched(self, energies: Sequence[float]) -> list[Attained]:
-        """The worst disturbance found for each energy, each search begun from the last; up to where the loop "
-        "diverges."""
+        """The worst disturbance found for each energy, each search begun from the last; up to where the loop
+        diverges."""
         found: list[Attained] = []
         d: Any = self.search.small()[1][:, 0]  # the worst sinusoid of small motions
         for energy in energies:
