@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from flexhinf.analysis import (
+    FORMS,
     LINK_VELOCITIES,
     MOTOR_VELOCITIES,
     EquilibriumLoop,
+    ProcessNoise,
     corners,
     destabilising_scale,
     tolerance_corners,
@@ -65,12 +67,16 @@ def test_unstable_corners_by_the_direction_of_the_noise(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("ratios", [None, (1e-4, 1.0, 1e4, 1e8)], ids=["standard", "as a design's report"])
 @pytest.mark.parametrize(("preset", "goal"), GAINS)
 def test_the_sweep_finds_these_corners_and_names_their_form(
-    made: SimpleNamespace, arm: Robot, preset: str, goal: int
+    made: SimpleNamespace, arm: Robot, preset: str, goal: int, ratios: tuple[float, ...] | None
 ) -> None:
-    """The two corners of robust at 180° lie between two levels of the sweep's grid."""
-    found = tolerance_corners(loop_of(made, arm, preset, goal), arm.corner, arm.uncertain)
+    """The two corners of robust at 180° lie between two levels of either grid."""
+    noises = (
+        None if ratios is None else [ProcessNoise(form, 1e-8 * ratio) for form in FORMS for ratio in ratios]
+    )
+    found = tolerance_corners(loop_of(made, arm, preset, goal), arm.corner, arm.uncertain, noises)
     assert found.unstable == 0
     assert max(swept.unstable for swept in found.of_form(LINK_VELOCITIES).values()) >= 768
     assert LINK_VELOCITIES not in found.retunable

@@ -16,6 +16,7 @@ from flexhinf.design.report.sections.poles import mode_groups
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
+from flexhinf.design.requirements import TOLERANCE
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
@@ -83,7 +84,7 @@ def design_tables(design: Design) -> list[Table]:
 
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
-    title = f"{design.robot.name}: requirements (* our default)"
+    title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
     table = _table(title, "", "required", "achieved", "met")
     groups: dict[str, list[Any]] = {}
     for line in design.requirements:

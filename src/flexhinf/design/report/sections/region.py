@@ -73,8 +73,7 @@ def remarks(design: Design) -> Iterator[Remark]:
         yield Remark(
             "region", "a disturbance beyond γ",
             f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
-            "not "
-            "keep its level there, because the truncated V or the sampling leaves too much out.",
+            "not keep its level there, because the truncated V or the sampling leaves too much out.",
         )  # fmt: skip
     if design.attenuation.budget:
         budget = design.attenuation.budget[-1].budget
@@ -100,9 +99,9 @@ def _region_text(design: Design) -> str:
     return (
         "The largest level set of V in which no violation of the dissipation inequality was found, along random rays "
         "and by ascent from many starts: sampled, not proved. The checked pair is weaker than the designed one: "
-        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, "
-        "not the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no "
-        "region was sampled)."
+        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, not "
+        "the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region "
+        "was sampled)."
     )
 
 
@@ -148,13 +147,11 @@ def _attained_text(design: Design) -> str:
     assert found is not None
     share = 100.0 * found.gain / design.gamma
     return (
-        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in a "
-        "region where the inequality holds. A search for the worst disturbance gives a lower bound: "
-        f"{number(found.gain)}, "
-        f"{number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V up to "
-        f"{number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, or "
-        "above γ "
-        "where the sampled region is wrong."
+        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in "
+        "a region where the inequality holds. A search for the worst disturbance gives a lower bound: "
+        f"{number(found.gain)}, {number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V "
+        f"up to {number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, "
+        "or above γ where the sampled region is wrong."
     )
 
 
@@ -197,10 +194,9 @@ def _budget_text(design: Design) -> str:
     row = budget_rows(design)[-1]
     text = (
         "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
-        "instant) "
-        "uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the inequality holds "
-        "for "
-        "the controller as it runs, as far as the region is right. For the step of the nominal robot, extras left out, "
+        "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
+        "inequality holds for the controller as it runs, as far as the region is right. For the step of the nominal "
+        "robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
         return text + "the loop with all its parts diverges."
