@@ -10,14 +10,22 @@ import pytest
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.status import Status, status_of
 
+#: Metrics under load of a joint that comes back.
+FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining": 0.0}
 
-def judged(lines: tuple[Requirement, ...] = (), inside: bool | None = True, **changes: float) -> Status:
+
+def judged(
+    lines: tuple[Requirement, ...] = (), inside: bool | None = True, **changes: float | None
+) -> Status:
     """The status of a loop that is fine but for what is given."""
-    margins = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
-    noise = margins.pop("noise", 0.0)
+    margins: dict[str, Any] = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
+    noise, recovery = margins.pop("noise", 0.0), margins.pop("recovery", 0.3)
     evaluation: Any = SimpleNamespace(
         estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
         setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3)), step=SimpleNamespace(peak_input=10.0),
+        load_response=SimpleNamespace(
+            metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining": 0.1}, FINE]
+        ),
     )  # fmt: skip
     synthesis: Any = SimpleNamespace(chosen=SimpleNamespace(looked=inside is not None, level=1.0))
     worth: Any = SimpleNamespace(budget=(1,), lasts=True)
@@ -33,10 +41,14 @@ def test_a_loop_without_faults_has_only_what_is_not_proved() -> None:
     [
         ({"damping": 0.04}, "damped by 0.04 only"),
         ({"delay_margin_s": 0.0029}, "tolerates 2.9 ms of extra delay, 2.9 periods"),
+        (
+            {"recovery": None},
+            "under a constant load the link elbow does not come back within 2 % of the step",
+        ),
         ({"noise": 0.51}, "sensor noise at a motor is 5.1 % of the step's peak input"),
     ],
 )
-def test_what_is_risky_is_named_with_its_number(changes: dict[str, float], words: str) -> None:
+def test_what_is_risky_is_named(changes: dict[str, float | None], words: str) -> None:
     (risk,) = judged(**changes).risky
     assert words in risk
 

@@ -112,6 +112,11 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
             f"{margins.delay_margin_s / period:.2g} periods"
         )
+    held = [row for row in evaluation.load_response.metrics if row["recovery_time_s"] is None]
+    if held:
+        worst_row = max(held, key=lambda row: row["remaining"])
+        joint = f" {worst_row['joint']}" if len(evaluation.load_response.metrics) > 1 else ""
+        found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
         found.append(f"sensor noise at a motor is {100.0 * noise / peak:.2g} % of the step's peak input, rms")

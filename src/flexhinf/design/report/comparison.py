@@ -278,7 +278,8 @@ def _frequency(comparison: Comparison) -> Section | None:
     chosen = [*(law for law in laws if law.name == REFERENCE), *others[:DRAWN]]
     if not chosen:
         return None
-    loops = [Loop(law.name, law.evaluation.frequency_response) for law in chosen]
+    place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
+    loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in chosen]
     units = comparison.units()
     figures = frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
     return Section("Frequency responses", tuple(figures), "frequency")

@@ -31,10 +31,11 @@ RUNNING = "The linearised sampled loop at the goal, with estimator and delay as 
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop in these figures, with its name in the legend."""
+    """A loop in these figures: its name in the legend, and the number of its line's style."""
 
     name: str
     response: FrequencyResponse
+    style: int = 0
 
 
 def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> list[Figure]:
@@ -162,7 +163,7 @@ def _lines(
         names = joints if len(joints) > 1 else [loops[0].name]
         return [(name, line_style(k), response, k) for k, name in enumerate(names)]
     joint = _worst(loops)
-    return [(loop.name, line_style(k), loop.response, joint) for k, loop in enumerate(loops)]
+    return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
 
 def _worst(loops: Sequence[Loop]) -> int:

@@ -195,7 +195,7 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
     found = [TableLine("criterion" if short else "Criterion and limits")]
     found.append(_plain("criterion, nl-hinf = 1", "", [_cost(comparison, row) for row in rows]))
     kept = ["–" if row.tuned is None else ("yes" if row.tuned.feasible else "no") for row in rows]
-    found.append(_plain("limits kept", "", kept))
+    found.append(_plain("limits of the tuning kept", "", kept))
     for lines in zip(*(row.requirements for row in rows)):
         first = lines[0]
         sampled = ", sampled" if "robots sampled" in first.where else ""

@@ -15,7 +15,7 @@ from flexhinf.design.report.drawing import figure_block, line_style, panels, ref
 from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TradeOff
-from flexhinf.report import SERIES, Figure, house_style, label
+from flexhinf.report import Figure, house_style, label
 
 __all__ = ["responses_figure", "trade_off_figure"]
 
@@ -156,16 +156,10 @@ def _groups(comparison: Comparison) -> list[tuple[str, list[ComparedLaw]]]:
 
 
 def _styles(comparison: Comparison, laws: Sequence[ComparedLaw]) -> list[tuple[ComparedLaw, dict[str, Any]]]:
-    """The design's own law thick, the others in the colours that follow; dashed when the colours start again."""
-    found: list[tuple[ComparedLaw, dict[str, Any]]] = [
-        (comparison.own, {"color": SERIES[0], "linewidth": 2.2, "zorder": 2.5})
-    ]
-    for k, row in enumerate(laws):
-        style: dict[str, Any] = {"color": SERIES[1 + k % (len(SERIES) - 1)], "linewidth": 1.2, "zorder": 3.0}
-        if k >= len(SERIES) - 1:
-            style["dashes"] = (4.0, 2.0)
-        found.append((row, style))
-    return found
+    """The design's own law thick, the others thin above it; a law has the same style in every figure of the page."""
+    styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
+    own = (comparison.own, {**styles[comparison.own.name], "linewidth": 2.2, "zorder": 2.5})
+    return [own, *((row, {**styles[row.name], "linewidth": 1.2, "zorder": 3.0}) for row in laws)]
 
 
 def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure | None:
@@ -179,8 +173,9 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     from matplotlib.ticker import FuncFormatter
 
     figure, ((axis,),) = panels(1, 1, 4.6, 8.0)
-    for k, one in enumerate(finite):
-        _trade_off(axis, one, k)
+    place = {row.name: k for k, row in enumerate(comparison.rows)}
+    for one in finite:
+        _trade_off(axis, one, place[one.name])
     with house_style():
         axis.set_xscale("log")
         axis.set_yscale("log")
