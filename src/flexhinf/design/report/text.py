@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.design.report.formatting import law_name, units_of
+from flexhinf.design.report.formatting import count_text, law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
@@ -16,6 +16,7 @@ from flexhinf.design.report.sections.poles import mode_groups
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
+from flexhinf.design.requirements import TOLERANCE
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
@@ -83,7 +84,9 @@ def design_tables(design: Design) -> list[Table]:
 
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
-    title = f"{design.robot.name}: requirements (* our default)"
+    title = (
+        f"{design.robot.name}: requirements (* our default; missed by less than {100.0 * TOLERANCE:g} %: met)"
+    )
     table = _table(title, "", "required", "achieved", "met")
     groups: dict[str, list[Any]] = {}
     for line in design.requirements:
@@ -159,10 +162,11 @@ def _corners(design: Design) -> Table:
 
 def _search(design: Design) -> Table:
     rows = candidate_rows(design)
-    title = f"Search for the weights: {len(rows)} candidates, some of them (* used)"
+    shown = selected_candidates(rows)
+    title = f"Search for the weights: {len(shown)} of {count_text(len(rows), 'candidate')} (* used)"
     heads = ("weight ζ", "target ω, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
     table = _table(title, *heads)
-    for weight, target, bandwidth, worst, nominal, gamma, is_used in selected_candidates(rows):
+    for weight, target, bandwidth, worst, nominal, gamma, is_used in shown:
         mark = f"{weight:.3f}{' *' if is_used else '  '}"
         table.add_row(mark, target, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
     return table
@@ -183,11 +187,12 @@ def _robust(design: Design) -> Table:
 def _noise(design: Design) -> Table:
     search = design.noise_search
     assert search is not None
+    shown = selected_noise(design)
     unit = design.setup.model.unit(design.setup.model.inputs[0])
-    title = f"Noise levels of the estimator: {len(search.candidates)} candidates, some of them (* used)"
+    title = f"Noise levels of the estimator: {len(shown)} of {count_text(len(search.candidates), 'candidate')} (* used)"
     heads = ("Rᵛ motors", "Rᵛ links", "|S|", "gain", "damping", f"noise, {unit}", "unstable")
     table = _table(title, *heads)
-    for one in selected_noise(design):
+    for one in shown:
         mark = " *" if one is search.chosen else "  "
         cells = (one.levels.motor_velocities, one.levels.link_velocities, one.peak_sensitivity, one.gain_margin,
                  one.damping, one.input_noise)  # fmt: skip

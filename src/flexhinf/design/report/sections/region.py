@@ -111,7 +111,7 @@ def _region_text(design: Design) -> str:
         f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, "
         "not the "
         "estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region was "
-        "sampled). `flexhinf certify` proves a region."
+        "sampled)."
     )
 
 

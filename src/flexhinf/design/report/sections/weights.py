@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
-from flexhinf.design.report.formatting import range_text
+from flexhinf.design.report.formatting import count_text, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
 from flexhinf.plant import GeneralisedPlant
@@ -76,9 +76,9 @@ def _search(design: Design) -> str:
         "the "
         f"target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ "
         f"grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then bisected to the "
-        f"smallest value that gives it. The search evaluated {len(search.candidates)} candidates on the linear part "
-        "with "
-        "the true state fed back. Each is judged by its worst over the nominal robot and corners of its tolerances, so "
+        f"smallest value that gives it. The search evaluated {count_text(len(search.candidates), 'candidate')} on the "
+        "linear part with the true state fed back. Each is judged by its worst "
+        "over the nominal robot and corners of its tolerances, so "
         "the nominal robot gets more damping than the target."
     )
 
@@ -126,7 +126,7 @@ def _candidates(design: Design) -> Table:
         "γ*",
         "",
     )
-    caption = f"{len(rows)} of the {len(every)} candidates, by ζ; design.json has all"
+    caption = f"{len(rows)} of {count_text(len(every), 'candidate')}, by ζ; design.json has all"
     return Table(columns, rows, caption, "table-tries")
 
 
@@ -267,7 +267,7 @@ def _weights(design: Design) -> list[Any]:
         return [Paragraph(f"The penalty of the states is code. {price}")]
     if several:
         return [_weights_by_joint(design, found), Paragraph(price)]
-    rows = [(weight.signal.replace("_", " "), weight.value, weight.unit) for weight in found]
+    rows = [(weight.signal.replace("_", " "), number(weight.value), weight.unit) for weight in found]
     table = Table(
         ("weight of", "value", "unit"), rows, "Weights: h(x) has one entry for each", "table-weights"
     )
