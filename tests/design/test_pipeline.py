@@ -71,7 +71,9 @@ def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
 
 
 def test_the_degree_with_the_largest_step_is_used_and_the_start_is_judged(two: Design) -> None:
-    with_region = [c for c in two.choices if c.step_amplitude > 0.0]  # the command as a disturbance may leave none
+    with_region = [
+        c for c in two.choices if c.step_amplitude > 0.0
+    ]  # the command as a disturbance may leave none
     expected = max(with_region, key=lambda c: c.step_amplitude) if with_region else two.choices[-1]
     assert two.chosen is expected
     x, held = two.robot.operating_point(two.start)

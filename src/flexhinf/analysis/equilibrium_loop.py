@@ -20,15 +20,13 @@ from flexhinf.analysis.sampled_controller import SampledController, Stepped, mod
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
+from flexhinf.loop.simulation.channel import check_delay
 from flexhinf.plant import Law, Plant
 from flexhinf.plant import equilibrium as plant_equilibrium
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.scalars import trace
 
 __all__ = ["EquilibriumLoop"]
-
-#: Inputs that may wait in the queue of a delay: each is a state of the linear loop.
-MOST_QUEUED = 200
 
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
@@ -58,8 +56,8 @@ class EquilibriumLoop:
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
     delay : int
-        Whole samples between an input and its effect, of which the estimator does not know; all inputs together at
-        most 200 samples.
+        Whole samples between an input and its effect, of which the estimator does not know; at most as long as
+        that of a `Loop`.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -92,13 +90,7 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
-        if delay * len(law.input_names) > MOST_QUEUED:
-            most = MOST_QUEUED // len(law.input_names)
-            raise InvalidInput(
-                "The delay is out of proportion to the period.",
-                f"expected at most {most} samples ({most * period:g} s), got {delay} ({delay * period:g} s)",
-                f"a delay in seconds: {delay * period * 1e-3:g} if {delay * period:g} were milliseconds",
-            )
+        check_delay(delay, len(law.input_names), period)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))

@@ -23,7 +23,7 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
     ----------
     problem : GeneralisedPlant
     effort : float
-        Factor of R2: the one knob of an LQR, less effort the larger.
+        Factor of R2, the one tuning parameter of an LQR: the larger, the less effort.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return mistake("Interrupted; nothing was written.", INTERRUPTED)
         return code if isinstance(code, int) else 0
     except FlexhinfError as error:
-        return mistake(error_text(error))
+        return mistake(error_text(error, words))
     except TyperException as error:
         return mistake(parser_error(error, words))
     except (KeyboardInterrupt, typer.Abort):

@@ -62,7 +62,7 @@ def compare(
     same_sensors: SameSensors = False,
     **options: Any,
 ) -> None:
-    """Is the nonlinear H∞ law better than the PD you have, by how much, at what cost?
+    """Which law is best for this robot: the nonlinear H∞ law, or one that you would use instead?
 
     Laws by name on the same plants, with the same commands, disturbances and seeds, each with
     its own sensors and tuned over all its parameters for one criterion that is stated first:

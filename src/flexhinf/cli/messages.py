@@ -26,6 +26,9 @@ __all__ = [
 #: the shells' code for an interruption.
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 
+#: Names of ``--peak-effort`` for a drive.
+PEAKS = ("--peak-voltage", "--peak-torque")
+
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
 _OTHERS = {"laws": "--laws", "tune": "--tune"}
@@ -63,8 +66,15 @@ def _name_pair(name: str) -> tuple[str, str, str]:
     return option.partition("/")
 
 
-def error_text(error: FlexhinfError) -> str:
-    """An error in three parts, in the syntax of the command line."""
+def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
+    """An error in three parts, in the syntax of the command line, and with the option that was typed.
+
+    Parameters
+    ----------
+    error : FlexhinfError
+    arguments : sequence of str
+        Words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
+    """
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
         advice = f"{_name(error.field)} {error.example}"
@@ -73,7 +83,11 @@ def error_text(error: FlexhinfError) -> str:
         f"  found: {error.found}" if error.found else "",
         f"  try:   {advice}" if advice else "",
     ]
-    return option_syntax("\n".join(part for part in parts if part))
+    text = "\n".join(part for part in parts if part)
+    for name in PEAKS:
+        if any(word.split("=")[0] == name for word in arguments):
+            text = text.replace("`peak_effort`", name)
+    return option_syntax(text)
 
 
 def mistake(text: str, code: int = USER_ERROR) -> int:

@@ -13,12 +13,14 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import REFERENCE, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
     gain_margin_limit,
     margin_requirements,
+    peak_option,
     peak_sensitivity_limit,
     sample_requirements,
     step_requirements,
@@ -105,6 +107,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         law_modes=modes,
         requirements=lines,
         status=status_of(lines, evaluation, synthesis, worth, inside),
+        writer=write_design,
     )
 
 
@@ -290,7 +293,7 @@ def compare(
     rows: list[ComparedLaw] = []
     for kind in kinds:
         rows.append(_row(tuner, kind, [row.tuned for row in rows if row.tuned], laws is not None, progress))
-    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario)
+    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario, write_comparison)
 
 
 def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
@@ -324,7 +327,7 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
         "gain_margin": (gain_margin_limit(s), "--gain-margin" if s.gain_margin else "default"),
     }
     if s.peak_effort is not None:
-        limits["peak_input"] = (s.peak_effort, "--peak-effort")
+        limits["peak_input"] = (s.peak_effort, peak_option(unit))
     elif s.saturation is not None:
         limits["peak_input"] = (s.saturation, "--saturation")
     if s.damping:

@@ -19,7 +19,7 @@ from flexhinf.design.specification import FIELDS, GAIN_MARGIN, PEAK_SENSITIVITY,
 
 __all__ = [
     "GAIN_MARGIN", "PEAK_SENSITIVITY", "TOLERANCE", "Requirement", "all_met", "behaviour_requirements",
-    "corner_requirement", "gain_margin_limit", "margin_requirements", "peak_sensitivity_limit",
+    "corner_requirement", "gain_margin_limit", "margin_requirements", "peak_option", "peak_sensitivity_limit",
     "sample_requirements", "step_requirements",
 ]  # fmt: skip
 
@@ -89,6 +89,11 @@ def _option(s: Specification, name: str) -> str:
     """The option that states a field, or "default" where it has its default."""
     field = FIELDS[name]
     return "default" if getattr(s, name) == field.default else field.options[0]
+
+
+def peak_option(unit: str) -> str:
+    """The option of the command line that limits an input of this unit."""
+    return "--peak-voltage" if unit == "V" else "--peak-torque"
 
 
 def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]:
@@ -169,7 +174,7 @@ def step_requirements(
 def _peak(s: Specification, found: Worst, unit: str, where: str, several: bool, how: str = "") -> Requirement:
     return Requirement(
         "peak input", float(s.peak_effort or np.inf), found.value, unit, True, where,
-        f"largest |input| of all motors{how}", _option(s, "peak_effort"), found.joint if several else "",
+        f"largest |input| of all motors{how}", peak_option(unit), found.joint if several else "",
     )  # fmt: skip
 
 

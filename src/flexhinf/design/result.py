@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -61,6 +61,8 @@ class Design(Summarised):
         Of the law alone: continuous, with the true state fed back.
     requirements : tuple of Requirement
     status : Status
+    writer : callable
+        (design, folder) → folder: writes the report. It is given, because the report reads designs.
     """
 
     robot: Robot
@@ -74,6 +76,7 @@ class Design(Summarised):
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status
+    writer: Callable[[Design, Path], Path]
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
@@ -178,9 +181,7 @@ class Design(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        from flexhinf.design.report import write_design
-
-        return write_design(self, Path(folder))
+        return self.writer(self, Path(folder))
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +234,8 @@ class Comparison(Summarised):
     rows : tuple of ComparedLaw
         The design's own law first.
     scenario : Scenario
+    writer : callable
+        (comparison, folder) → folder: writes the report.
     """
 
     robot: Robot
@@ -241,6 +244,7 @@ class Comparison(Summarised):
     criterion: Criterion
     rows: tuple[ComparedLaw, ...]
     scenario: Scenario
+    writer: Callable[[Comparison, Path], Path]
 
     def summary(self) -> dict[str, str]:
         """Robot, and the laws by the criterion (less is better)."""
@@ -264,9 +268,7 @@ class Comparison(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers into a folder, which is returned."""
-        from flexhinf.design.report import write_comparison
-
-        return write_comparison(self, Path(folder))
+        return self.writer(self, Path(folder))
 
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""

@@ -37,6 +37,7 @@ from flexhinf.design.units import (
     choice,
 )
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
 
 __all__ = [
     "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError", "json_schema",
@@ -54,12 +55,8 @@ TORQUE_NOISE = 1e-7
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
 
-#: A delay is a whole number of samples, within this fraction of one.
-WHOLE = 1e-6
-
-#: Longest delay and longest run in samples. Beyond them a time was probably meant in ms: every sample of a delay is a
-#: state of the linear loop, and a run this long takes minutes and shows nothing that a shorter one does not.
-DELAY_SAMPLES = 500
+#: Longest run in samples. Beyond it a time was probably meant in ms: such a run takes minutes and shows nothing that a
+#: shorter one does not.
 RUN_SAMPLES = 1_000_000
 
 BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
@@ -220,10 +217,10 @@ class Specification:
 
     def __post_init__(self) -> None:
         samples = self.delay / self.period
-        if samples > DELAY_SAMPLES * (1.0 + WHOLE):
+        if samples > MOST_QUEUED * (1.0 + WHOLE):
             raise _refusal(
                 "delay",
-                f"expected at most {DELAY_SAMPLES * self.period:g} s, {DELAY_SAMPLES} samples: "
+                f"expected at most {MOST_QUEUED * self.period:g} s, {MOST_QUEUED} samples: "
                 f"{self.delay:g} s are {samples:.0f} samples",
                 f"{self.delay:g}ms",
             )

@@ -37,7 +37,7 @@ def test_every_question_has_its_section(report_comparison: Comparison) -> None:
     assert [s.id for s in page.sections] == [
         "criterion",
         "trade-off",
-        "merits",
+        "figures",
         "responses",
         "frequency",
         "laws",

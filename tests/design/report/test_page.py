@@ -98,6 +98,13 @@ def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
         assert "sampled" in html
 
 
+def test_commands_that_are_named_exist(report_design: Make) -> None:
+    """The page once sent its reader to `flexhinf certify`."""
+    html = design_page(report_design("robust"), ["flexhinf"]).html()
+    named = {word for word in re.findall(r"\bflexhinf ([a-z]+)\b", html) if word != "version"}
+    assert named <= {"paper", "robots", "design", "compare", "schema"}
+
+
 def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     page = design_page(report_design("true state"), ["flexhinf"])
     assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}

@@ -80,10 +80,10 @@ def _wider(robot: Any, factor: float) -> Any:
     return replace(robot, parameters=tuple(wide))
 
 
-def _case(robot: Any, pace: float, dial: float, torques: bool = False) -> Case:
+def _case(robot: Any, frequency: float, damping_weight: float, torques: bool = False) -> Case:
     goal = np.array(robot.home)
     family, scales = LinearFamily.of(robot, goal), JointScales.of(robot.plant(), robot.operating_point(goal))
-    rows = scales.rows(np.full(len(goal), pace * scales.held), dial)
+    rows = scales.rows(np.full(len(goal), frequency * scales.held), damping_weight)
     nominal = LinearProblem.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
     game = RobustProblem(nominal, family.torques, channels(robot, [goal]))
     scalings = find_scalings(game, RATIO)
@@ -93,7 +93,7 @@ def _case(robot: Any, pace: float, dial: float, torques: bool = False) -> Case:
     return Case(family, game, scalings, RATIO * star, design, nominal.design(RATIO * lowest, lowest))
 
 
-#: Robot, factor of its tolerances, pace over the lowest vibration, dial, whether torques disturb.
+#: Robot, factor of its tolerances, target frequency over the lowest vibration, damping weight, whether torques disturb.
 CASES = {
     "paper": ("paper", 1.0, 0.45, 0.1, False),
     "paper, fast and three times as uncertain": ("paper", 3.0, 2.0, 0.0, False),
@@ -119,8 +119,8 @@ def case_of(robot_of: Callable[[str], Any]) -> Callable[[str], Case]:
 
     def named(name: str) -> Case:
         if name not in known:
-            base, wide, pace, dial, torques = CASES[name]
-            known[name] = _case(_wider(robot_of(base), wide), pace, dial, torques)
+            base, wide, frequency, weight, torques = CASES[name]
+            known[name] = _case(_wider(robot_of(base), wide), frequency, weight, torques)
         return known[name]
 
     return named

@@ -1,4 +1,4 @@
-"""Weights from a pace and a dial: closed forms, laws of similarity, and two texts of the same h."""
+"""Weights from target frequency and damping weight: closed forms, laws of similarity, and two texts of the same h."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_rows_and_penalty_are_two_texts_of_one_h(
     assert problem.r2 == pytest.approx(np.eye(len(robot.joint_names)))
 
 
-def test_a_spring_between_two_masses_gets_the_damping_of_the_dial() -> None:
+def test_a_spring_between_two_masses_gets_the_damping_of_its_weight() -> None:
     """Its motor paid with uᵀu, and nothing penalised but the rate of the spring's torque; SciPy's equation."""
     rng = np.random.default_rng(0)
     for zeta in (0.05, 0.3, 0.9):

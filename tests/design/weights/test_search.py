@@ -41,23 +41,23 @@ class Case:
         return search(self.target(share, damping), self.family, self.synthesis, self.scales.held)
 
 
-def smallest_damping(bench: Case, gain: np.ndarray) -> float:
+def smallest_damping(case: Case, gain: np.ndarray) -> float:
     """Of every oscillation of every member, straight from the eigenvalues; −1 where one grows."""
-    values = np.linalg.eigvals(bench.family.a + bench.family.b @ gain).ravel()
+    values = np.linalg.eigvals(case.family.a + case.family.b @ gain).ravel()
     if values.real.max() >= 0.0:
         return -1.0
     pairs = values[values.imag > 0.0]
     return float((-pairs.real / np.abs(pairs)).min(initial=np.inf))
 
 
-def check(bench: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
+def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
     """Damping by eigenvalues; bandwidths by the responses of python-control at the band's edge and inside."""
     gain, joints = found.chosen.design.gain, len(wanted.bandwidth)
-    assert smallest_damping(bench, gain) >= wanted.damping
-    n = bench.family.a.shape[1]
+    assert smallest_damping(case, gain) >= wanted.damping
+    n = case.family.a.shape[1]
     command = np.vstack([np.zeros((n - joints, joints)), -np.eye(joints)])
     at_edge = []
-    for a, b in zip(bench.family.a, bench.family.b):
+    for a, b in zip(case.family.a, case.family.b):
         loop = control.ss(a + b @ gain, command, np.eye(joints, n), np.zeros((joints, joints)))
         for j, edge in enumerate(wanted.bandwidth):
             inside = edge * np.append(np.geomspace(1e-3, 1.0 - 2.0 * FITS, 40), 1.0 + 2.0 * FITS)
@@ -88,37 +88,37 @@ def check(bench: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
 def test_what_is_found_has_what_is_asked_for_and_no_larger_dial_than_needed(
     robot_of: Callable[[str], Any], name: str, share: float, damping: float
 ) -> None:
-    bench = Case(robot_of(name))
-    found = bench.search(share, damping)
-    check(bench, found, bench.target(share, damping))
+    case = Case(robot_of(name))
+    found = case.search(share, damping)
+    check(case, found, case.target(share, damping))
     assert found.chosen.damping_weight > 0.0
     assert found.candidates[0].damping_weight == 0.0
-    assert smallest_damping(bench, found.candidates[0].design.gain) < damping
-    less = bench.synthesis(found.chosen.target_frequency, 0.9 * found.chosen.damping_weight)
-    assert smallest_damping(bench, less.gain) < damping
+    assert smallest_damping(case, found.candidates[0].design.gain) < damping
+    less = case.synthesis(found.chosen.target_frequency, 0.9 * found.chosen.damping_weight)
+    assert smallest_damping(case, less.gain) < damping
 
 
 def test_where_no_dial_is_needed_none_is_turned(robot_of: Callable[[str], Any]) -> None:
-    bench = Case(robot_of("paper"))
-    found = bench.search(0.7, 0.05)
+    case = Case(robot_of("paper"))
+    found = case.search(0.7, 0.05)
     assert found.chosen.damping_weight == 0.0
     assert len(found.candidates) == 1
-    check(bench, found, bench.target(0.7, 0.05))
+    check(case, found, case.target(0.7, 0.05))
 
 
 @pytest.mark.parametrize("name", ["cart", "planar-two-link"])
 def test_each_joint_gets_its_own_bandwidth(robot_of: Callable[[str], Any], name: str) -> None:
-    bench, shares = Case(robot_of(name)), np.array([0.15, 0.4])
-    check(bench, bench.search(shares, 0.15), bench.target(shares, 0.15))
+    case, shares = Case(robot_of(name)), np.array([0.15, 0.4])
+    check(case, case.search(shares, 0.15), case.target(shares, 0.15))
 
 
 def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> None:
-    bench = Case(robot_of("quanser-rotflex"))
-    found = bench.search(0.3, 0.25)
+    case = Case(robot_of("quanser-rotflex"))
+    found = case.search(0.3, 0.25)
     assert len(found.candidates) > 5
     for tried in found.candidates:
-        assert smallest_damping(bench, tried.design.gain) == pytest.approx(tried.behaviour.damping)
-        again = bench.synthesis(tried.target_frequency, tried.damping_weight)
+        assert smallest_damping(case, tried.design.gain) == pytest.approx(tried.behaviour.damping)
+        again = case.synthesis(tried.target_frequency, tried.damping_weight)
         assert again.gain == pytest.approx(tried.design.gain)
     assert any(tried is found.chosen for tried in found.candidates)
 
@@ -130,35 +130,37 @@ def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> No
 def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
     robot_of: Callable[[str], Any], name: str, share: float, damping: float
 ) -> None:
-    """A dial turned far makes a vibration slow and no vibration by name: it still counts."""
-    bench = Case(robot_of(name))
+    """A large damping weight makes a vibration slow and no vibration by name: it still counts."""
+    case = Case(robot_of(name))
     with pytest.raises(InvalidInput, match="damping of the oscillations binds") as refused:
-        bench.search(share, damping)
+        case.search(share, damping)
     best = float(re.search(r"at this bandwidth is ([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.1 < best < damping
-    found = bench.search(share, 0.97 * best)
-    check(bench, found, bench.target(share, 0.97 * best))
+    found = case.search(share, 0.97 * best)
+    check(case, found, case.target(share, 0.97 * best))
     advised = float(re.search(r"damping=([\d.]+)", str(refused.value)).group(1))  # type: ignore[union-attr]
     assert 0.9 * best < advised < best
 
 
 @pytest.mark.parametrize("name", ["paper", "planar-two-link"])
 def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[str], Any], name: str) -> None:
-    bench = Case(robot_of(name))
+    case = Case(robot_of(name))
     with pytest.raises(InvalidInput, match="bandwidth binds") as refused:
-        bench.search(12.0, 0.1)
+        case.search(12.0, 0.1)
     text = str(refused.value)
     best = float(re.search(r"stable within the tolerances is ([\d.]+) rad/s", text).group(1))  # type: ignore[union-attr]
-    assert best < 12.0 * bench.scales.held
-    share = 0.9 * best / bench.scales.held
-    check(bench, bench.search(share, 0.0), bench.target(share, 0.0))
+    assert best < 12.0 * case.scales.held
+    share = 0.9 * best / case.scales.held
+    check(case, case.search(share, 0.0), case.target(share, 0.0))
 
 
-def test_a_family_that_is_more_uncertain_is_damped_more_by_the_dial(robot_of: Callable[[str], Any]) -> None:
-    """The worst member counts: the nominal robot alone needs a smaller dial."""
+def test_a_family_that_is_more_uncertain_needs_a_larger_damping_weight(
+    robot_of: Callable[[str], Any],
+) -> None:
+    """The worst member counts: the nominal robot alone needs a smaller damping weight."""
     robot = robot_of("quanser-rotflex")
     uncertain, certain = Case(robot), Case(robot)
     certain.family = LinearFamily.of(robot, np.array(robot.home), members=0)
-    both = [bench.search(0.3, 0.25).chosen for bench in (uncertain, certain)]
+    both = [case.search(0.3, 0.25).chosen for case in (uncertain, certain)]
     assert both[0].damping_weight > 1.1 * both[1].damping_weight
     assert behaviour_of(uncertain.family, both[1].design.gain).damping < 0.25

@@ -5,7 +5,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
-from flexhinf.loop.simulation.channel import Channel
+from flexhinf.loop.simulation.channel import MOST_QUEUED, Channel
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
@@ -95,8 +95,14 @@ def test_no_quantum_and_no_delay_is_no_channel():
 
 
 def test_a_delay_out_of_proportion_is_refused_early_with_the_unit_it_probably_was():
-    assert Channel.of(None, 0.5, 1e-3, ("y",)).delay == 500
+    assert Channel.of(None, 0.2, 1e-3, ("y",)).delay == MOST_QUEUED == 200
     with pytest.raises(
         InvalidInput, match=r"(?s)5 s = 5000 samples of 0.001 s.*delay=0.005 if 5 ms was meant"
     ):
         Channel.of(None, 5, 1e-3, ("y",))
+
+
+def test_the_inputs_of_all_motors_wait_in_one_queue():
+    assert Channel.of(None, 0.028, 1e-3, ("y",), inputs=7).delay == 28
+    with pytest.raises(InvalidInput, match=r"at most 28 samples = 0\.028 s with 7 inputs"):
+        Channel.of(None, 0.029, 1e-3, ("y",), inputs=7)

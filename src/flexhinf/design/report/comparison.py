@@ -77,7 +77,7 @@ def comparison_page(
             "criterion",
         ),
         _trade_off(comparison),
-        Section("Figures of every law", (FigureTable(comparison),), "merits"),
+        Section("Figures of every law", (FigureTable(comparison),), "figures"),
         Section("Step, load and move", (responses_figure(comparison),), "responses"),
         _frequency(comparison),
         Section("The laws and how they were tuned", tuple(_laws(comparison)), "laws"),

@@ -151,8 +151,8 @@ def _weights(design: Design) -> dict[str, Any]:
         "wanted": None if target is None else {"bandwidth": target.bandwidth, "damping": target.damping},
         "tries": [
             {
-                "dial": c.damping_weight,
-                "pace": c.target_frequency,
+                "damping_weight": c.damping_weight,
+                "target_frequency": c.target_frequency,
                 "bandwidth": c.behaviour.bandwidth,
                 "damping": c.behaviour.damping,
                 "nominal_damping": c.behaviour.nominal_damping,

@@ -9,13 +9,43 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["DIRECT", "Channel"]
+__all__ = ["DIRECT", "MOST_QUEUED", "WHOLE", "Channel", "check_delay"]
 
-#: Longest delay, in samples: the queue of inputs that wait is part of the compiled code.
-MOST_DELAY = 500
+#: Most inputs that may wait in a delay, those of all motors together: the queue is part of the compiled code, and each
+#: input in it is a state of the linear loop. A longer delay is most likely a wrong unit.
+MOST_QUEUED = 200
 
 #: A delay this close to a whole number of samples (in samples) is one.
 WHOLE = 1e-6
+
+
+def check_delay(samples: float, inputs: int, period: float) -> None:
+    """Refuse a delay with more than `MOST_QUEUED` waiting inputs.
+
+    Parameters
+    ----------
+    samples : float
+        Length of the delay.
+    inputs : int
+        How many inputs are delayed.
+    period : float
+        s.
+
+    Raises
+    ------
+    InvalidInput
+        With the unit that was probably meant.
+    """
+    most = MOST_QUEUED // inputs
+    if samples <= most * (1.0 + WHOLE):
+        return
+    late, of = period * samples, f" with {inputs} inputs" if inputs > 1 else ""
+    raise InvalidInput(
+        "The input delay is out of proportion to the period.",
+        f"expected at most {most} samples = {most * period:g} s{of}, got {late:g} s = {round(samples)} samples of "
+        f"{period:g} s",
+        f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
+    )
 
 
 @dataclass(frozen=True)
@@ -34,7 +64,9 @@ class Channel:
     delay: int
 
     @staticmethod
-    def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
+    def of(
+        quantisation: Any, delay: Any, period: float, measured: tuple[str, ...], inputs: int = 1
+    ) -> Channel:
         """From user's numbers.
 
         Parameters
@@ -42,7 +74,12 @@ class Channel:
         quantisation : None, float, or (p,) array
             Step of the measurements.
         delay : float
-            s; a whole number of periods, at most `MOST_DELAY`.
+            s; a whole number of periods, with at most `MOST_QUEUED` inputs in all.
+        period : float
+            s.
+        measured : tuple of str
+        inputs : int
+            How many inputs are delayed.
 
         Raises
         ------
@@ -71,13 +108,7 @@ class Channel:
                 f"expected a multiple of {period:g} s, got {delay!r} s",
                 f"delay={period:g} for one sample",
             )
-        if samples > MOST_DELAY:
-            raise InvalidInput(
-                "The input delay is out of proportion to the period.",
-                f"expected at most {MOST_DELAY} samples = {MOST_DELAY * period:g} s, got {late:g} s = "
-                f"{round(samples)} samples of {period:g} s",
-                f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
-            )
+        check_delay(samples, inputs, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
 

@@ -75,7 +75,9 @@ class Loop(Summarised):
             raise InvalidInput(
                 "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
             )
-        self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
+        self.channel = Channel.of(
+            quantisation, delay, controller.period, controller.measured, len(controller.law.input_names)
+        )
         if isinstance(true_plant, Plant):
             self._check_plant(true_plant)
         elif not isinstance(true_plant, BlackBox):

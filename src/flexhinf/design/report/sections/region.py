@@ -106,12 +106,10 @@ def _region_text(design: Design) -> str:
     s = design.specification
     return (
         "The largest level set of V in which no violation of the dissipation inequality was found, along random rays "
-        "and "
-        "by ascent from the worst of them: sampled, not proved. The checked pair is weaker than the designed one: "
-        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, "
-        "not the "
-        "estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region was "
-        "sampled)."
+        "and by ascent from many starts: sampled, not proved. The checked pair is weaker than the designed one: "
+        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, not "
+        "the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region "
+        "was sampled)."
     )
 
 
