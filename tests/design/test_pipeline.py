@@ -346,5 +346,5 @@ def test_a_design_saves_its_report_and_gives_its_controller(tmp_path: Any) -> No
     assert (folder / "design.json").exists()
     controller = result.controller()
     assert controller.reset(input=np.zeros(1)) is None
-    assert "vertical-rig" in repr(result)
+    assert repr(result).startswith("<Design: robot: vertical-rig, requirements: ")
     assert len(repr(result)) < 200

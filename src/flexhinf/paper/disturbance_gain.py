@@ -17,7 +17,7 @@ from flexhinf.analysis import DisturbanceSearch
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.plant import Law
 
-__all__ = ["Attained", "GainRuns", "stated_disturbances"]
+__all__ = ["GainRuns", "RunGain", "stated_disturbances"]
 
 #: Horizon, s: disturbances die out well before, and the response with them.
 HORIZON = 20.0
@@ -32,7 +32,7 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Attained:
+class RunGain:
     """One disturbance and what it attained.
 
     Attributes
@@ -73,14 +73,14 @@ class GainRuns:
         """Samples of the search, s."""
         return self.search.search_runs.times
 
-    def attained(self, disturbance: Any) -> Attained:
+    def attained(self, disturbance: Any) -> RunGain:
         """Of a disturbance given as a function of time (arrays in, arrays out), held between samples."""
         d = np.asarray(disturbance(self.search.runs.times), dtype=float)
         found = self.search.runs.attained(d[:, None])
         if np.isinf(found.gain):
-            return Attained(np.inf, found.energy, np.inf)
+            return RunGain(np.inf, found.energy, np.inf)
         reach = float(np.abs(found.trajectory.signals["state"][:, 0]).max())
-        return Attained(found.gain, found.energy, reach)
+        return RunGain(found.gain, found.energy, reach)
 
     def worst(self, start: np.ndarray, energy: float, turns: int) -> np.ndarray | None:
         """The disturbance (N,) of this energy found from `start` (N,); None if the loop diverges on the way."""
@@ -91,15 +91,15 @@ class GainRuns:
         """d (N,) of the search as a function of time."""
         return lambda t: self.search.on(t, d)
 
-    def searched(self, energies: Sequence[float]) -> list[Attained]:
-        """The worst disturbance found for each energy, each search begun from the last; up to where the loop "
-        "diverges."""
-        found: list[Attained] = []
+    def searched(self, energies: Sequence[float]) -> list[RunGain]:
+        """The worst disturbance found for each energy, each search begun from the last; up to where the loop
+        diverges."""
+        found: list[RunGain] = []
         d: Any = self.search.small()[1][:, 0]  # the worst sinusoid of small motions
         for energy in energies:
             d = self.worst(d, energy, TURNS)
             if d is None:
-                return [*found, Attained(math.inf, energy, math.inf)]
+                return [*found, RunGain(math.inf, energy, math.inf)]
             found.append(self.attained(self.held(d)))
         return found
 

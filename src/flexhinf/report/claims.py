@@ -73,8 +73,8 @@ class Claim:
 
 @dataclass(frozen=True)
 class Claims:
-    """A table of judged claims, those that fail first; each row leads to the claim's `ClaimEvidence` on the same "
-    "page."""
+    """A table of judged claims, those that fail first; each row leads to the claim's `ClaimEvidence` on the same
+    page."""
 
     claims: Sequence[Claim]
 

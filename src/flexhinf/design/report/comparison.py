@@ -183,12 +183,10 @@ def _intro(comparison: Comparison) -> str:
     way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
     return (
         f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
-        f"{way}. "
-        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
-        f"{REFERENCE} is "
-        f"the law of flexhinf design (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}). "
-        f"Criterion: {comparison.criterion.text}"
+        f"{way}. {count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
+        f"{REFERENCE} is the law of flexhinf design (preset {comparison.synthesis.design_problem.preset}, "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}). Criterion: "
+        f"{comparison.criterion.text}"
     ).replace(REFERENCE, _whole(REFERENCE))
 
 
@@ -306,10 +304,8 @@ def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
 def _laws(comparison: Comparison) -> list[Any]:
     text = (
         f"Every law but {_whole(REFERENCE)} is tuned over all its parameters and the noise levels of its estimator, "
-        "with "
-        "the sensors that its proponents would choose. All run in error coordinates about the goal or the move, "
-        "(x_d, u_d) "
-        "from the elastic inverse dynamics, with integrals at zero when the command comes."
+        "with the sensors that its proponents would choose. All run in error coordinates about the goal or the move, "
+        "(x_d, u_d) from the elastic inverse dynamics, with integrals at zero when the command comes."
     )
     columns = (
         "law",

@@ -161,8 +161,7 @@ def _headline(design: Design) -> str:
     if after:
         parts.append(
             f"Damping ratio of the vibrations: {range_text(before, 2)} without control, {range_text(after, 2)} with "
-            "the law; "
-            f"smallest of the running loop, estimator included: {number(e.margins.damping, 2)}."
+            f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}."
         )
     if samples is not None and len(samples):
         parts.append(_sampled(design, units))

@@ -84,9 +84,7 @@ def design_tables(design: Design) -> list[Table]:
 
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
-    title = (
-        f"{design.robot.name}: requirements (* our default; missed by less than {100.0 * TOLERANCE:g} %: met)"
-    )
+    title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
     table = _table(title, "", "required", "achieved", "met")
     groups: dict[str, list[Any]] = {}
     for line in design.requirements:

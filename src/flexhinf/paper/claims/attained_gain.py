@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf.hinf import HJISolution
 from flexhinf.paper.claims.judgement import Judged, damped_law, repair_by_damping
-from flexhinf.paper.disturbance_gain import HORIZON, Attained, GainRuns, stated_disturbances
+from flexhinf.paper.disturbance_gain import HORIZON, GainRuns, RunGain, stated_disturbances
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.report import (
     MUTED,
@@ -43,7 +43,7 @@ CRITERION = (
 #: ∫|d|² of the worst disturbances searched for, rad² s.
 ENERGIES = (1e-4, 0.1, 1.0, 3.0, 10.0, 20.0, 30.0, 60.0, 100.0)
 
-Named = tuple[str, Attained]
+Named = tuple[str, RunGain]
 
 
 def judge(setup: PaperSetup) -> Judged:

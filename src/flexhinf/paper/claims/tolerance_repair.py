@@ -99,8 +99,9 @@ def find_repairs(setup: PaperSetup, study: ToleranceStudy) -> list[Repair]:
 def smallest_repair(
     setup: PaperSetup, study: ToleranceStudy, name: str, forms: Sequence[str], begin: float = SMALLEST_SCALE
 ) -> Repair | None:
-    """The smallest s above `begin` for which no plant is unstable with the settings' R^v or any of these forms; "
-    "None without one."""
+    """The smallest s above `begin` for which no plant is unstable with the settings' R^v or any of these forms;
+    None without one.
+    """
     noises = (None, *swept_noises(forms))
     known = {(g, r.noise): r for g in GOALS for r in (study.chosen[g], *study.swept[g]) if r.noise in noises}
     watched = _worst(known)

@@ -81,8 +81,7 @@ def arm_figure(
         figure,
         "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "
         "motors are seen from the link side of their gears. A last link is drawn to twice the distance of its centre "
-        "of "
-        "mass.",
+        "of mass.",
         "The arm during the step",
     )
 

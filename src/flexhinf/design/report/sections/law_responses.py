@@ -63,9 +63,8 @@ def responses_figure(comparison: Comparison) -> Figure:
         (
             "Errors of the true link position in the nonlinear loop, estimator and noise included. Left: the step, "
             "commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link position "
-            "minus "
-            f"plan. {REFERENCE} is in every row (thick). Axes are the same down a column; lines that leave a panel "
-            "go on.",
+            f"minus plan. {REFERENCE} is in every row (thick). Axes are the same down a column; lines that leave a "
+            "panel go on.",
             f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
         ),
         "Laws in the same runs",
@@ -200,10 +199,8 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     return figure_block(
         "trade-off", figure,
         "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned "
-        "(hollow: "
-        "a limit is not kept). A line joins the best of all candidates that the tuning of this law ran and that keep "
-        "the "
-        "limits of the linear loop.",
+        "(hollow: a limit is not kept). A line joins the best of all candidates that the tuning of this law ran and "
+        "that keep the limits of the linear loop.",
         "Trade-off",
     )  # fmt: skip
 

@@ -60,10 +60,8 @@ def remarks(design: Design) -> Iterator[Remark]:
             "margins", f"a delay margin of {number(1e3 * found.delay_margin_s, 2)} ms",
             f"The loop tolerates {number(1e3 * found.delay_margin_s, 2)} ms of extra delay, "
             f"{number(found.delay_margin_s / s.period, 2)} periods. A late computation and a slow bus may use that "
-            "up; the "
-            f"loop would then oscillate at {number(found.delay_frequency / (2.0 * np.pi), 3)} Hz. Try a shorter "
-            "--period, "
-            "less --damping or less --bandwidth.",
+            f"up; the loop would then oscillate at {number(found.delay_frequency / (2.0 * np.pi), 3)} Hz. Try a "
+            "shorter --period, less --damping or less --bandwidth.",
         )  # fmt: skip
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:

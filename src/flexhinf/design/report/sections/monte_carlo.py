@@ -76,10 +76,8 @@ def _text(e: LawEvaluation, samples: MonteCarlo) -> str:
     count = len(e.setup.robot.uncertain)
     text = (
         f"{count} parameters of the robot are sampled uniformly within their tolerances, {len(samples)} times. "
-        "Controller "
-        "and estimator stay as designed for the nominal robot; every robot has its own measurement noise. A sample "
-        "says "
-        "nothing about the robots between."
+        "Controller and estimator stay as designed for the nominal robot; every robot has its own measurement noise. "
+        "A sample says nothing about the robots between."
     )
     worst = [("largest overshoot", samples.worst), ("slowest settling", samples.slowest)]
     if samples.worst == samples.slowest:
@@ -119,8 +117,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
         figure_block(
             "draws", figure,
             f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Below {closer}, "
-            "with "
-            "the band of ±2 % of the step.",
+            "with the band of ±2 % of the step.",
             "Sampled robots",
         )
     ]  # fmt: skip
@@ -168,7 +165,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
     for axis, (name, unit, values, nominal, limit) in zip(axes, figures):
         _histogram(axis, values[np.isfinite(values)], nominal, limit)
         axis.set_xlabel(f"{name} ({unit})")
-    label(axes[0], "robots", "")
+        label(axis, "robots", "")
     return [
         figure_block(
             "spread", figure,

@@ -63,9 +63,8 @@ def _text(e: LawEvaluation, units: Units) -> str:
     return (
         "Robots follow plans more often than steps. Here the plan covers the way of the step with limited jerk in "
         f"{e.move.plan.duration:.3g} s, its feedforward comes from the elastic inverse dynamics, and the law acts on "
-        "the "
-        f"error that is left. The move needs at most {number(move, 3)} {units.effort}, the step {number(step, 3)} "
-        f"{units.effort}."
+        f"the error that is left. The move needs at most {number(move, 3)} {units.effort}, the step "
+        f"{number(step, 3)} {units.effort}."
     )
 
 

@@ -36,9 +36,9 @@ def _text(design: Design) -> str:
     used = ", ".join(f"{number(level, 3)} on {where}" for where, level in levels if level) or "0"
     text = (
         f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {used} ({noise.source}). Rⁿ "
-        "of a "
-        f"measured position: {number(design.specification.measurement_noise, 3)}. Rᵛ is a parameter of the design: a "
-        "larger one makes the estimator faster, which gives the loop its margins back and costs noise at the motors."
+        f"of a measured position: {number(design.specification.measurement_noise, 3)}. Rᵛ is a parameter of the "
+        "design: a larger one makes the estimator faster, which gives the loop its margins back and costs noise at "
+        "the motors."
     )
     if design.noise_search is None:
         return text

@@ -70,10 +70,9 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         "poles",
         figure,
         "Left: poles λ in the s-plane, upper half, near the imaginary axis (faster ones on the right only); dotted "
-        "rays have damping ratio "
-        f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles; 1 "
-        "decays "
-        "without oscillating, below zero (shaded) grows. Poles at zero are left out on the right.",
+        f"rays have damping ratio {', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over "
+        "frequency of all poles; 1 decays without oscillating, below zero (shaded) grows. Poles at zero are left out "
+        "on the right.",
         "Poles",
     )
 

@@ -73,8 +73,7 @@ def remarks(design: Design) -> Iterator[Remark]:
         yield Remark(
             "region", "a disturbance beyond γ",
             f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
-            "not "
-            "keep its level there, because the truncated V or the sampling leaves too much out.",
+            "not keep its level there, because the truncated V or the sampling leaves too much out.",
         )  # fmt: skip
     if design.attenuation.budget:
         budget = design.attenuation.budget[-1].budget
@@ -88,18 +87,11 @@ def remarks(design: Design) -> Iterator[Remark]:
     if not design.chosen.looked:
         asked = (
             f"No region was sampled: with {len(design.problem.state_names)} states it takes minutes. `--rays 50` "
-            "samples "
-            "one."
+            "samples one."
         )
         yield Remark(
             "region", "no sampled region", asked if s.rays is None else "No region was sampled (--rays 0)."
         )
-    elif s.rays is None and design.synthesis.rays < 4000:
-        yield Remark(
-            "region", "few rays",
-            f"The regions were sampled along {design.synthesis.rays} rays only, for the number of states. --rays sets "
-            "more.",
-        )  # fmt: skip
 
 
 def _region_text(design: Design) -> str:
@@ -155,13 +147,11 @@ def _attained_text(design: Design) -> str:
     assert found is not None
     share = 100.0 * found.gain / design.gamma
     return (
-        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in a "
-        "region where the inequality holds. A search for the worst disturbance gives a lower bound: "
-        f"{number(found.gain)}, "
-        f"{number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V up to "
-        f"{number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, or "
-        "above γ "
-        "where the sampled region is wrong."
+        "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in "
+        "a region where the inequality holds. A search for the worst disturbance gives a lower bound: "
+        f"{number(found.gain)}, {number(share, 3)} % of γ, with an energy ∫|d|² of {number(found.energy, 3)} and V "
+        f"up to {number(found.largest_value)} of {number(design.chosen.level)}. The true value lies between the two, "
+        "or above γ where the sampled region is wrong."
     )
 
 
@@ -204,10 +194,9 @@ def _budget_text(design: Design) -> str:
     row = budget_rows(design)[-1]
     text = (
         "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
-        "instant) "
-        "uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the inequality holds "
-        "for "
-        "the controller as it runs, as far as the region is right. For the step of the nominal robot, extras left out, "
+        "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
+        "inequality holds for the controller as it runs, as far as the region is right. For the step of the nominal "
+        "robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
         return text + "the loop with all its parts diverges."

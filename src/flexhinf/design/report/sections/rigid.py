@@ -43,11 +43,9 @@ def section(design: Design) -> Section | None:
     units = units_of(design.evaluation)
     text = (
         "The same weights, γ/γ* and degree on a model with infinitely stiff springs, link and reflected rotor "
-        "inertia as "
-        "one, and that law on the elastic robot. On a rigid robot position and velocity are the same on both sides "
-        "of the "
-        "springs; here they are not. The rigid law gets the true values without noise, more than it would have. Its "
-        f"γ is {number(rigid.gamma)}, of the rigid problem."
+        "inertia as one, and that law on the elastic robot. On a rigid robot position and velocity are the same on "
+        "both sides of the springs; here they are not. The rigid law gets the true values without noise, more than "
+        f"it would have. Its γ is {number(rigid.gamma)}, of the rigid problem."
     )
     return Section(
         "Rigid design on the same robot",
@@ -155,7 +153,6 @@ def _figure(design: Design, units: Units) -> Figure:
     return figure_block(
         "rigid", figure,
         f"The same step with the rigid design{where}, fed the true position and velocity of one side without noise. "
-        "Lines "
-        "that leave the panels go on.",
+        "Lines that leave the panels go on.",
         "Rigid design",
     )  # fmt: skip

@@ -73,13 +73,12 @@ def _search(design: Design) -> str:
     assert search is not None
     return (
         "R2 is fixed. Each joint has a target frequency ω, and all vibrations share one damping weight ζ. For each ζ "
-        "the "
-        f"target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ "
-        f"grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then bisected to the "
-        f"smallest value that gives it. The search evaluated {count_text(len(search.candidates), 'candidate')} on the "
-        "linear part with the true state fed back. Each is judged by its worst "
-        "over the nominal robot and corners of its tolerances, so "
-        "the nominal robot gets more damping than the target."
+        f"the target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} "
+        f"rad/s; ζ grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then "
+        f"bisected to the smallest value that gives it. The search evaluated "
+        f"{count_text(len(search.candidates), 'candidate')} on the linear part "
+        "with the true state fed back. Each is judged by its worst over the nominal robot and "
+        "corners of its tolerances, so the nominal robot gets more damping than the target."
     )
 
 
