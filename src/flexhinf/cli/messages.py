@@ -107,7 +107,8 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "flexhinf"
     known = getattr(error, "possibilities", None)
-    advice = ", ".join(known) if known else f"{path} --help"
-    what = error.format_message().split(" (Possible")[0].rstrip(".")
+    what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
+    what = what.rstrip(".")
+    advice = ", ".join(known) if known else meant.rstrip("?").strip("'") or f"{path} --help"
     found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     return str(FlexhinfError(f"{what}.", found, advice))

@@ -1,6 +1,7 @@
 """What a specification requires, against what the loop achieves: one line each.
 
-Whether a requirement is met is decided here and nowhere else. Bandwidth, damping, peak sensitivity and gain margin are
+Whether a requirement is met is decided here and nowhere else. What no requirement covers, such as a small delay margin,
+is judged in `design.status`. Bandwidth, damping, peak sensitivity and gain margin are
 judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
 """
 

@@ -68,15 +68,19 @@ def status_of(
     inside: bool | None,
 ) -> Status:
     """The status of a design."""
-    missed = tuple(dict.fromkeys(_missed(line) for line in lines if not line.met))
+    missing = [line for line in lines if not line.met]
+    names = [line.what for line in missing]
+    missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
     return Status(missed, tuple(_not_proved(synthesis, worth, inside)), tuple(_risks(lines, evaluation)))
 
 
-def _missed(line: Requirement) -> str:
+def _missed(line: Requirement, places: bool) -> str:
+    """What was found and required; also where, if it is missed in several places."""
     sign = "≤" if line.at_most else "≥"
     unit = f" {line.unit}" if line.unit else ""
     joint = f" in {line.joint}" if line.joint else ""
-    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit})"
+    place = f"; {line.where}" if places else ""
+    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
 def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -> list[str]:

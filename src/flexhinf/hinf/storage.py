@@ -90,7 +90,7 @@ def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict
         TypeError,
         AttributeError,
     ) as error:
-        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__}: {error})") from error
+        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
 def _unreadable(path: Path, found: str) -> InvalidInput:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from flexhinf.design.report.formatting import law_name, units_of
+from flexhinf.design.report.formatting import count_text, law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
@@ -160,10 +160,11 @@ def _corners(design: Design) -> Table:
 
 def _search(design: Design) -> Table:
     rows = candidate_rows(design)
-    title = f"Search for the weights: {len(rows)} candidates, some of them (* used)"
+    shown = selected_candidates(rows)
+    title = f"Search for the weights: {len(shown)} of {count_text(len(rows), 'candidate')} (* used)"
     heads = ("weight ζ", "target ω, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
     table = _table(title, *heads)
-    for weight, target, bandwidth, worst, nominal, gamma, is_used in selected_candidates(rows):
+    for weight, target, bandwidth, worst, nominal, gamma, is_used in shown:
         mark = f"{weight:.3f}{' *' if is_used else '  '}"
         table.add_row(mark, target, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
     return table
@@ -184,11 +185,12 @@ def _robust(design: Design) -> Table:
 def _noise(design: Design) -> Table:
     search = design.noise_search
     assert search is not None
+    shown = selected_noise(design)
     unit = design.setup.model.unit(design.setup.model.inputs[0])
-    title = f"Noise levels of the estimator: {len(search.candidates)} candidates, some of them (* used)"
+    title = f"Noise levels of the estimator: {len(shown)} of {count_text(len(search.candidates), 'candidate')} (* used)"
     heads = ("Rᵛ motors", "Rᵛ links", "|S|", "gain", "damping", f"noise, {unit}", "unstable")
     table = _table(title, *heads)
-    for one in selected_noise(design):
+    for one in shown:
         mark = " *" if one is search.chosen else "  "
         cells = (one.levels.motor_velocities, one.levels.link_velocities, one.peak_sensitivity, one.gain_margin,
                  one.damping, one.input_noise)  # fmt: skip

@@ -169,7 +169,7 @@ def read_controller(path: str | os.PathLike[str]) -> dict[str, Any]:
         OSError, EOFError, zipfile.BadZipFile, zlib.error, KeyError, IndexError, ValueError, TypeError, AttributeError,
         RuntimeError,
     ) as error:  # fmt: skip
-        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__}: {error})") from error
+        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
 def _unreadable(path: Path, found: str) -> InvalidInput:

@@ -77,7 +77,7 @@ def remarks(design: Design) -> Iterator[Remark]:
         yield Remark(
             "corners", "corners that another Rᵛ makes unstable",
             f"No corner is unstable with this estimator, but with another Rᵛ up to {anywhere} are. Retune the "
-            "estimator only in the directions that are named below.",
+            "estimator only where the table of unstable corners over Rᵛ shows 0.",
         )  # fmt: skip
 
 

@@ -49,7 +49,17 @@ def _text(design: Design) -> str:
     return (
         f"V of degree {solution.degree} solves the Hamilton–Jacobi–Isaacs equation at γ = {number(solution.gamma, 5)} "
         f"about the goal, as a power series. The law has degree {solution.degree - 1} in {n} states, "
-        f"{count_text(m, 'input')} and {terms} coefficients.{at}"
+        f"{count_text(m, 'input')} and {terms} coefficients.{at}{_rescaled(design)}"
+    )
+
+
+def _rescaled(design: Design) -> str:
+    """Why the solver's listing has another γ* where tolerances have channels."""
+    if design.design_problem.robustness is None:
+        return ""
+    return (
+        " The channels of the tolerances enter in proportion to γ; the listing below keeps them as they are at this γ, "
+        f"so its gamma* is not the γ* = {number(design.gamma_star)} of the whole problem."
     )
 
 

@@ -42,9 +42,11 @@ def remarks(design: Design) -> Iterator[Remark]:
         return
     slow = [row["joint"] for row in found.metrics if row["recovery_time_s"] is None]
     if slow:
+        names = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'}"
         yield Remark(
             "load", "a load that is not recovered from",
-            f"By the end of the run {', '.join(slow)} is still more than 2 % of its step away from the goal.",
+            f"With constant torques on the links, {names} still more than 2 % of the step away from the goal at the "
+            "end of the load run.",
         )  # fmt: skip
 
 

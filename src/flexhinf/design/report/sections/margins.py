@@ -88,9 +88,11 @@ def _text(e: LawEvaluation) -> str:
         return text
     text += (
         f" The sensitivity peaks at {number(m.peak_sensitivity, 3)} "
-        f"({number(m.sensitivity_frequency / (2.0 * np.pi), 3)} Hz), so the open loop passes −1 at a distance of "
-        f"{number(1.0 / m.peak_sensitivity, 2)}."
+        f"({number(m.sensitivity_frequency / (2.0 * np.pi), 3)} Hz)"
     )
+    if len(m.gain_margins) == 1:
+        text += f", so the open loop passes −1 at a distance of {number(1.0 / m.peak_sensitivity, 2)}"
+    text += "."
     if e.setup.specification.estimator == "none" or not own.stable:
         return text
     if m.peak_sensitivity > own.peak_sensitivity:
@@ -127,7 +129,7 @@ def margin_rows(e: LawEvaluation) -> list[tuple[str, ...]]:
         row("peak sensitivity", lambda m: number(m.peak_sensitivity, 3)),
         row("peak sensitivity at, Hz", lambda m: hertz(m.sensitivity_frequency)),
         row("peak complementary", lambda m: number(m.peak_complementary, 3)),
-        row("smallest damping ratio", lambda m: number(m.damping, 2)),
+        row("smallest damping ratio", lambda m: number(m.damping, 3)),
         row("smallest damping at, Hz", lambda m: hertz(m.damping_frequency)),
         row(f"bandwidth{of}, rad/s", lambda m: _bandwidths(m.bandwidth)),
     ]

@@ -127,7 +127,7 @@ def input_rows(design: Design) -> list[InputRow]:
         rows.append(run("step on MuJoCo's plant", design.mujoco))
     rows += [
         run("planned move with feedforward", e.move.response),
-        run("torques on the links, at the goal", e.load_response.response),
+        run("load response: torques on the links", e.load_response.response),
     ]
     noise = e.input_noises
     return rows if noise is None else [*rows, row("sensor noise in equilibrium (rms)", noise)]

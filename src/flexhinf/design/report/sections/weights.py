@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
-from flexhinf.design.report.formatting import range_text
+from flexhinf.design.report.formatting import count_text, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
 from flexhinf.plant import GeneralisedPlant
@@ -75,8 +75,9 @@ def _search(design: Design) -> str:
         "R2 is fixed. Each joint has a target frequency ω, and all vibrations share one damping weight ζ. For each ζ "
         f"the target frequencies are moved until every joint has its bandwidth of {range_text(target.bandwidth)} "
         f"rad/s; ζ grows from 0 until every oscillation has a damping ratio of {target.damping:g}, and is then "
-        f"bisected to the smallest value that gives it. The search evaluated {len(search.candidates)} candidates on "
-        "the linear part with the true state fed back. Each is judged by its worst over the nominal robot and "
+        f"bisected to the smallest value that gives it. The search evaluated "
+        f"{count_text(len(search.candidates), 'candidate')} on the linear part "
+        "with the true state fed back. Each is judged by its worst over the nominal robot and "
         "corners of its tolerances, so the nominal robot gets more damping than the target."
     )
 
@@ -124,7 +125,7 @@ def _candidates(design: Design) -> Table:
         "γ*",
         "",
     )
-    caption = f"{len(rows)} of the {len(every)} candidates, by ζ; design.json has all"
+    caption = f"{len(rows)} of {count_text(len(every), 'candidate')}, by ζ; design.json has all"
     return Table(columns, rows, caption, "table-tries")
 
 
@@ -265,7 +266,7 @@ def _weights(design: Design) -> list[Any]:
         return [Paragraph(f"The penalty of the states is code. {price}")]
     if several:
         return [_weights_by_joint(design, found), Paragraph(price)]
-    rows = [(weight.signal.replace("_", " "), weight.value, weight.unit) for weight in found]
+    rows = [(weight.signal.replace("_", " "), number(weight.value), weight.unit) for weight in found]
     table = Table(
         ("weight of", "value", "unit"), rows, "Weights: h(x) has one entry for each", "table-weights"
     )
