@@ -60,6 +60,7 @@ def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
     assert lower == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ukf"])
 def test_one_input_as_python_control_sees_it(

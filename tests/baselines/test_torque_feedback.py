@@ -16,6 +16,7 @@ def solved(equations, start, left=1e-12):
     return found.x
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_it_is_a_pd_on_lighter_rotors(made):
     robot = made.robots["spatial-three-link"]

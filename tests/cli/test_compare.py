@@ -45,6 +45,7 @@ def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert [law["tuned"]["sensors"] for law in found["laws"]] == [["link_position"], ["link_position"]]
 
 
+@pytest.mark.slow
 def test_a_design_file_is_what_the_others_are_compared_with(
     folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

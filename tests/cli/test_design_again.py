@@ -22,6 +22,7 @@ def file_of(folder: Path) -> dict:
     return tomllib.loads((folder / "design.toml").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     (folder / "arm.toml").write_text(
         arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"
@@ -54,6 +55,7 @@ def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,7 +11,7 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.status import Status, status_of
 
 #: Metrics under load of a joint that comes back.
-FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining": 0.0}
+FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}
 
 
 def judged(
@@ -24,7 +24,7 @@ def judged(
         estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
         setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3)), step=SimpleNamespace(peak_input=10.0),
         load_response=SimpleNamespace(
-            metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining": 0.1}, FINE]
+            metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining_error": 0.1}, FINE]
         ),
     )  # fmt: skip
     synthesis: Any = SimpleNamespace(chosen=SimpleNamespace(looked=inside is not None, level=1.0))

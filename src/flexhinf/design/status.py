@@ -118,7 +118,7 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
         )
     held = [row for row in evaluation.load_response.metrics if row["recovery_time_s"] is None]
     if held:
-        worst_row = max(held, key=lambda row: row["remaining"])
+        worst_row = max(held, key=lambda row: row["remaining_error"])
         joint = f" {worst_row['joint']}" if len(evaluation.load_response.metrics) > 1 else ""
         found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input

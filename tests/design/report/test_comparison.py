@@ -124,6 +124,7 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
 
 
+@pytest.mark.slow
 def test_the_same_comparison_gives_the_same_page(report_comparison: Comparison) -> None:
     first, second = (comparison_page(report_comparison, ["flexhinf"]).html() for _ in range(2))
     assert first == second

@@ -33,6 +33,7 @@ def test_a_robot_without_lengths_is_not_drawn() -> None:
         assert (figure is not None) is there
 
 
+@pytest.mark.slow
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
     one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 import xarray as xr
 
 import flexhinf as fh
@@ -14,6 +15,7 @@ from flexhinf.design import Design
 Make = Callable[[str], Design]
 
 
+@pytest.mark.slow
 def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
     design = report_design("met")
     folder = design.save(tmp_path / "report")

@@ -59,6 +59,7 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_status_comes_first_failures_before_the_rest(report_design: Make) -> None:
     design = dataclasses.replace(report_design("rings"), status=Status(("a",), ("b",), ("c",)))
     kinds = [entry.kind for entry in design_page(design, ["flexhinf"]).status]
@@ -90,6 +91,7 @@ def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() ->
     assert (limit_text(gone), found_text(gone)) == ("≤ 5 %", "diverges")
 
 
+@pytest.mark.slow
 def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
     for name in ("met", "robust"):
         html = design_page(report_design(name), ["flexhinf"]).html().lower()
@@ -98,6 +100,7 @@ def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
         assert "sampled" in html
 
 
+@pytest.mark.slow
 def test_commands_that_are_named_exist(report_design: Make) -> None:
     """The page once sent its reader to `flexhinf certify`."""
     html = design_page(report_design("robust"), ["flexhinf"]).html()
@@ -139,6 +142,7 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     assert "γ* of this problem, with the channels of the tolerances" in text
 
 
+@pytest.mark.slow
 def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
     assert "dashed: required: at most ±60 V" in text_of(report_design("met"), "step")
     assert "±60" not in text_of(report_design("rings"), "step")
@@ -160,6 +164,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     assert f"robot {samples.slowest + 1} (" in text
 
 
+@pytest.mark.slow
 def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -224,6 +229,7 @@ def test_a_linear_law_is_not_called_nonlinear(report_design: Make) -> None:
     assert title_of(report_design("rings")) == "A linear H∞ law for the robot “paper”"
 
 
+@pytest.mark.slow
 def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
     for name in ("met", "rings", "true state"):
         design = report_design(name)
@@ -253,6 +259,7 @@ def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(repo
             assert line.joint in ("belt", "arm"), line
 
 
+@pytest.mark.slow
 def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None:
     design = report_design("rings")
     e = design.evaluation

@@ -164,6 +164,7 @@ def test_disturbances_are_those_asked_for(
     assert fh.solve_hji(game.problem, game.gamma, 4).degree == 4
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("disturbances", [None, ("link_torque", "motor_torque")])
 @pytest.mark.parametrize("name", ["paper", "cart", "planar-two-link"])
@@ -185,6 +186,7 @@ def test_the_game_of_the_search_is_the_game_that_is_solved(
 ROBUST = {"paper": (np.pi / 2,), "quanser-rotflex": (0.3,), "cart": None, "planar-two-link": None}
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBUST)
 def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channels(
@@ -219,6 +221,7 @@ def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channel
     assert max(norms) > game.robustness.nominal_gamma_star
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBUST)
 def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
@@ -297,6 +300,7 @@ def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Ca
         assert "preset='damped'" in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> None:
     for preset in ("damped", "robust"):
         with pytest.raises(InvalidInput, match="binds"):

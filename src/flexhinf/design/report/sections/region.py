@@ -61,10 +61,9 @@ def remarks(design: Design) -> Iterator[Remark]:
             f"Degree {high} allows a smaller step than degree {low}.",
         )
     if design.chosen.looked and math.isnan(design.chosen.level):
+        why = design.chosen.limit.removeprefix("no region: ").rstrip(".")
         yield Remark(
-            "region",
-            "no region",
-            f"The sampled check gives no region for the law that is used: {design.chosen.limit.rstrip('.')}.",
+            "region", "no region", f"The sampled check gives no region for the law that is used: {why}."
         )
     if design.attenuation.failure:
         yield Remark("region", "no worst disturbance", design.attenuation.failure)
