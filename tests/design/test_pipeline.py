@@ -181,7 +181,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
 def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
     blind = quick("seven-link", measured=("motor_position",))
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
-    assert any("hardly sees" in note for note in notes(blind))
+    assert any("noise keeps it ringing" in note for note in notes(blind))
     s = dataclasses.replace(blind.specification, measured=("motor_position", "joint_torque"))
     levels = EstimatorNoise(all_states=1e-10)
     setup = dataclasses.replace(blind.setup, specification=s, estimator_noise=levels)
