@@ -113,7 +113,10 @@ def test_vectors_of_many_plants_are_those_of_each() -> None:
     assert table.vectors([]).shape == (0, 4)
 
 
-@pytest.mark.parametrize("wrong", [{"weight": 1.0}, {"mass": 1.0}, {"length": np.nan}, {"length": "long"}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"weight": 1.0}, {"mass": 1.0}, {"mass": [[1.0], [2.0]]}, {"length": np.nan}, {"length": "long"}],
+)
 def test_vectors_refuse_what_one_plant_refuses(wrong) -> None:
     table = ParameterTable({"mass": [1.0, 2.0], "length": 0.5})
     with pytest.raises(InvalidInput):

@@ -138,21 +138,19 @@ class ParameterTable:
             As `replaced`, for the first row that does not fit.
         """
         found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        fits = all(name in self.values for row in rows for name in row)
         try:
             for name, value in self.values.items():
                 given = [k for k, row in enumerate(rows) if name in row]
                 if given:
-                    shape = (len(given), *value.shape)
-                    columns = np.array([rows[k][name] for k in given], dtype=float).reshape(shape)
+                    columns = np.array([rows[k][name] for k in given], dtype=float)
+                    fits &= columns.shape == (len(given), *value.shape)
                     found[given, start : start + value.size] = columns.reshape(len(given), -1)
                 start += value.size
-            fits = np.all(np.isfinite(found)) and all(name in self.values for row in rows for name in row)
-        except (TypeError, ValueError):  # another shape, or no number
+        except (TypeError, ValueError):  # another size, or no number
             fits = False
-        if not fits:
-            return np.array(
-                [self.replaced(row).vector() for row in rows]
-            )  # raises, and says which value it is
+        if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
+            return np.array([self.replaced(row).vector() for row in rows])
         return found
 
 
