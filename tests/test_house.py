@@ -29,7 +29,7 @@ def texts(repository: Path) -> list[Path]:
     if listed.returncode == 0:
         found = [repository / name for name in listed.stdout.split("\0") if name]
     else:
-        parts = ("src", "tests", "docs", "benchmarks", "examples", ".ci")
+        parts = ("src", "tests", "docs", "benchmarks", "fuzz", "examples", ".ci")
         found = [file for part in parts for file in (repository / part).rglob("*")]
         found += list(repository.iterdir())
     return [file for file in found if file.is_file() and b"\0" not in file.read_bytes()[:4096]]

@@ -15,7 +15,7 @@ def test_the_source_distribution_has_docs_and_tests(repository: Path, tmp_path: 
     archive = SdistBuilder.from_ini_path(repository / "pyproject.toml").build(tmp_path)
     with tarfile.open(archive) as tar:
         names = {name.partition("/")[2] for name in tar.getnames()}
-    for folder in ("docs", "tests", "examples", "benchmarks", "src"):
+    for folder in ("docs", "tests", "examples", "benchmarks", "fuzz", "src"):
         files = [f for f in (repository / folder).rglob("*") if f.is_file() and "__pycache__" not in f.parts]
         missing = {file.relative_to(repository).as_posix() for file in files} - names
         assert not missing, folder

@@ -1,0 +1,10 @@
+"""Hostile input, drawn from fixed seeds: what is tried is answered rightly or refused by an error of ours.
+
+    python -m fuzz                    every fuzzer; prints the table of docs/promises.md
+    python -m fuzz names estimators   only these
+
+A fuzzer is a module here with ``ATTEMPTS`` and ``run(attempts, seed) -> Tally``. The tests run each with seed 0 and
+a time limit (``make slow``); another seed looks elsewhere: ``python -m fuzz --seed 7``.
+"""
+
+FUZZERS: tuple[str, ...] = ()

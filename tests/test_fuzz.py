@@ -1,0 +1,37 @@
+"""Every fuzzer with its usual number of attempts: nothing silently wrong, no error but ours (``make slow``)."""
+
+from __future__ import annotations
+
+import time
+from importlib import import_module
+
+import pytest
+from fuzz import FUZZERS
+from fuzz.tally import LONGEST_MESSAGE, Tally
+
+LIMIT_S = 300
+"""Processor seconds for one fuzzer."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(FUZZERS))
+def test_every_attempt_is_right_or_typed(name: str) -> None:
+    fuzzer = import_module(f"fuzz.{name}")
+    start = time.process_time()
+    tally = fuzzer.run(fuzzer.ATTEMPTS, seed=0)
+    assert tally.tried >= fuzzer.ATTEMPTS
+    assert not tally.wrong, "\n".join(tally.wrong[:20])
+    assert time.process_time() - start < LIMIT_S
+
+
+def test_a_tally_tells_right_typed_and_neither() -> None:
+    from flexhinf.errors import InvalidInput
+
+    tally = Tally("trial")
+    tally.answered()
+    tally.answered("a silent NaN", "seed 3")
+    tally.raised(InvalidInput("no"), "seed 4")
+    tally.raised(InvalidInput("n" * (LONGEST_MESSAGE + 1)), "seed 5")
+    tally.raised(ZeroDivisionError("division"), "seed 6")
+    assert (tally.tried, tally.right, tally.typed) == (5, 1, 1)
+    assert [line.split(":")[0] for line in tally.wrong] == ["seed 3", "seed 5", "seed 6"]
