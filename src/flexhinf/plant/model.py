@@ -14,6 +14,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import trace
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["Model"]
 
@@ -261,14 +262,12 @@ def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
     """Rows of numbers (N, len(names)); zeros for None."""
-    try:
-        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        rows = np.zeros((0, 0, 0))
-    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+    rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
+    fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
+    if not fits or np.isnan(rows).any():
         raise InvalidInput(
             f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            f"expected {len(names)} numbers for {list(names)}, got {value_text(value)}",
             "one number per name" + ("" if at_once else ", or one row of them for each point"),
         )
     return rows
