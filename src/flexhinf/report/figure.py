@@ -10,7 +10,8 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -83,9 +84,22 @@ def house_style() -> Iterator[None]:
     import matplotlib
 
     with matplotlib.rc_context():
+        for name, value in _settings().items():
+            matplotlib.rcParams._set(name, value)  # checked once, by `_settings`
+        yield
+
+
+@cache
+def _settings() -> dict[Any, Any]:
+    """Every setting of Matplotlib in the style of the house."""
+    import matplotlib
+
+    with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        yield
+        found = dict(matplotlib.rcParams.copy())
+    del found["backend"]  # stays the user's, as in `rc_context`
+    return found
 
 
 @house_style()
@@ -276,9 +290,14 @@ def _legend_width(names: Sequence[str], rows: int) -> float:
 
 @house_style()
 def figure_to_svg(figure: Figure) -> str:
-    """A figure as an SVG document; the same figure gives the same bytes, and no date is in them."""
+    """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
+
+    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out.
+    """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata=_METADATA)
+    FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
     rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 
