@@ -1,6 +1,7 @@
 """Every error flexhinf raises on purpose, in three parts: what is wrong, what was expected and got, what to try."""
 
 __all__ = [
+    "ControllerInUse",
     "FlexhinfError",
     "InfeasibleGamma",
     "InvalidInput",
@@ -101,3 +102,14 @@ class InfeasibleGamma(FlexhinfError):
 
 class NumericalFailure(FlexhinfError):
     """A computation left the finite numbers, or did not converge."""
+
+
+class ControllerInUse(FlexhinfError):
+    """A controller is stepped by two threads at once."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Another thread is inside a step of this controller.",
+            "expected one thread at a time: a step reads and writes the controller's memory",
+            "copy.copy(controller) or controller.fresh() for each thread",
+        )

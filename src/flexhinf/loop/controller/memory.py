@@ -172,10 +172,13 @@ def input_before(given: Any, rest: Any, limits: Limits, names: tuple[str, ...]) 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:
     """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
     memory: Any = memoryview(buffer)  # type: ignore[arg-type]
-    shape = buffer.shape
+    shape, array_type = buffer.shape, np.ndarray
 
     def fill_one(value: Any) -> None:
-        memory[0] = value if isinstance(value, float) else real_array(value, strict=True).item()
+        if isinstance(value, float):
+            memory[0] = value
+        else:
+            memory[0] = (value if type(value) is array_type else real_array(value, strict=True)).item()
 
     def fill(value: Any) -> None:
         array = real_array(value, strict=True)
