@@ -8,8 +8,8 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping
 from functools import cached_property
-from itertools import count
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 
@@ -22,8 +22,6 @@ __all__ = ["INTEGRAL", "BlackBox", "Estimator", "Gaussian", "Law", "ProblemLaw",
 
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
-
-_instances = count()
 
 
 def use_default_form(cls: type, base: type, written: str, form: str) -> None:
@@ -61,7 +59,7 @@ class Law(Summarised):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        for form in ("law_table", "evaluate_about"):
+        for form in ("law_table", "evaluate_about", "law_key"):
             use_default_form(cls, Law, "evaluate_law", form)
 
     def summary(self) -> dict[str, str]:
@@ -85,8 +83,8 @@ class Law(Summarised):
 
     # Defaults -------------------------------------------------------------------------------------
     @cached_property
-    def _number(self) -> int:
-        return next(_instances)
+    def _own_key(self) -> str:
+        return uuid4().hex  # unlike a count, unique among objects that come from other processes too
 
     @property
     def law_key(self) -> str:
@@ -95,7 +93,7 @@ class Law(Summarised):
         By default each law has code of its own. A class whose `evaluate_law` depends on nothing but `data` and the
         names returns a constant, so that all its laws share one kernel.
         """
-        return f"law {self._number}"
+        return f"law {self._own_key}"
 
     @property
     def law_table(self) -> PolynomialLaw | None:
@@ -207,6 +205,7 @@ class Estimator(Summarised):
         super().__init_subclass__(**arguments)
         for written in ("time_update", "measurement_update"):
             use_default_form(cls, Estimator, written, f"{written}_on")
+            use_default_form(cls, Estimator, written, "estimator_key")
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
@@ -233,13 +232,13 @@ class Estimator(Summarised):
 
     # Defaults -------------------------------------------------------------------------------------
     @cached_property
-    def _number(self) -> int:
-        return next(_instances)
+    def _own_key(self) -> str:
+        return uuid4().hex  # unlike a count, unique among objects that come from other processes too
 
     @property
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
-        return f"estimator {self._number}"
+        return f"estimator {self._own_key}"
 
     def settings(self) -> dict[str, Any]:
         """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
