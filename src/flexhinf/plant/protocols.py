@@ -8,8 +8,8 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import count
 from typing import Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 
@@ -23,6 +23,8 @@ __all__ = ["INTEGRAL", "BlackBox", "Estimator", "Gaussian", "Law", "ProblemLaw",
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
 
+_instances = count()
+
 
 def use_default_form(cls: type, base: type, written: str, form: str) -> None:
     """Where `cls` writes the method `written` but not its other `form`, give it that of `base`.
@@ -32,6 +34,11 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
     """
     if written in vars(cls) and form not in vars(cls):
         setattr(cls, form, vars(base)[form])
+
+
+def without_number(state: Mapping[str, Any]) -> dict[str, Any]:
+    """What is copied or pickled of a law or an estimator: its number in this process belongs to it alone."""
+    return {name: value for name, value in state.items() if name != "_number"}
 
 
 class Law(Summarised):
@@ -83,8 +90,11 @@ class Law(Summarised):
 
     # Defaults -------------------------------------------------------------------------------------
     @cached_property
-    def _own_key(self) -> str:
-        return uuid4().hex  # unlike a count, unique among objects that come from other processes too
+    def _number(self) -> int:
+        return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def law_key(self) -> str:
@@ -93,7 +103,7 @@ class Law(Summarised):
         By default each law has code of its own. A class whose `evaluate_law` depends on nothing but `data` and the
         names returns a constant, so that all its laws share one kernel.
         """
-        return f"law {self._own_key}"
+        return f"law {self._number}"
 
     @property
     def law_table(self) -> PolynomialLaw | None:
@@ -232,13 +242,16 @@ class Estimator(Summarised):
 
     # Defaults -------------------------------------------------------------------------------------
     @cached_property
-    def _own_key(self) -> str:
-        return uuid4().hex  # unlike a count, unique among objects that come from other processes too
+    def _number(self) -> int:
+        return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def estimator_key(self) -> str:
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
-        return f"estimator {self._own_key}"
+        return f"estimator {self._number}"
 
     def settings(self) -> dict[str, Any]:
         """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
