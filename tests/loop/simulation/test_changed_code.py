@@ -3,6 +3,8 @@
 The pairs of numbers ask for the same number of sub-steps, so that nothing but the code itself distinguishes the loops.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -125,7 +127,8 @@ def test_the_input_matrix_of_a_law_is_its_own():
         model.slope = slope
         loop = built(plant_of(model.flow, measured))
         run = loop.run(initial_state=[0.5, 0.0], duration=0.2)
-        law, estimate = loop.controller.law, run.data.estimate.values
+        law: Any = loop.controller.law
+        estimate = run.data.estimate.values
         np.testing.assert_allclose(run.data.input[:, 0], law.law(estimate)[:, 0], rtol=1e-12, atol=1e-12)
         keys.append(law.law_key)
     assert keys[0] == keys[2] != keys[1]
