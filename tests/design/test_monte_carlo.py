@@ -51,12 +51,17 @@ def test_the_same_seed_gives_the_same_and_another_seed_others(setup: LoopSetup, 
     assert not np.any(_rows(other)[2] == _rows(drawn)[2, :3])
 
 
-@pytest.mark.parametrize("threads", [1, 5])
-def test_threads_do_not_matter(
-    setup: LoopSetup, drawn: MonteCarlo, threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(importlib.import_module("flexhinf.design.monte_carlo"), "THREADS", threads)
+def test_threads_do_not_matter(setup: LoopSetup, drawn: MonteCarlo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.compiled_runs"), "THREADS", 5)
     assert np.array_equal(_rows(sampled_steps(setup, 8, 2.0, STEPS)), _rows(drawn))
+
+
+def test_many_robots_are_the_same_robots_alone(setup: LoopSetup, drawn: MonteCarlo) -> None:
+    for k in (0, 7):
+        alone = setup.step(2.0, values=drawn.values[k], seed=1 + k, sub_steps=STEPS)
+        assert alone.overshoot.value == drawn.overshoot[k]
+        assert alone.settling.value == drawn.settling[k]
+        assert alone.peak.value == drawn.peak[k]
 
 
 @pytest.mark.parametrize("k", [0, 5])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from flexhinf.design.estimators import (
 from flexhinf.design.responses import LoadResponse, Move, Response, run_response
 from flexhinf.design.scenario import LOAD_START
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step
+from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
@@ -274,13 +274,41 @@ class LoopSetup:
         sub_steps: int | None = None,
     ) -> Move:
         """A planned move with feedforward in error coordinates, and half its time more at the goal."""
+        options = self._moved(plan)
+        response = self._run(
+            self.tracking_controller, self.start, options.pop("duration"), values, seed, None, sub_steps, **options
+        )  # fmt: skip
+        return Move(plan, response)
+
+    # The same on many robots ----------------------------------------------------------------------------
+    def steps(
+        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, jump: bool = False
+    ) -> Iterator[Response]:
+        """The step, or the jump, of each robot, with noise of its own.
+
+        Parameters
+        ----------
+        robots : sequence of mapping
+            Parameters.
+        duration : float
+            s.
+        sub_steps : int
+            Of the true plants: the nominal one's, so that all runs share one kernel.
+        jump : bool
+        """
+        controller = self.tracking_controller if jump else self.bumpless_controller
+        return self._run_many(controller, robots, duration, sub_steps)
+
+    def moves(self, robots: Sequence[Mapping[str, Any]], plan: JerkLimited, sub_steps: int) -> Iterator[Move]:
+        """The planned move of each robot, parameters as for `steps`."""
+        options = self._moved(plan)
+        runs = self._run_many(self.tracking_controller, robots, options.pop("duration"), sub_steps, **options)
+        return (Move(plan, response) for response in runs)
+
+    def _moved(self, plan: JerkLimited) -> dict[str, Any]:
         period = self.specification.period
         duration = round(1.5 * plan.duration / period) * period
-        reference = Moving(plan, self.robot.inverse_dynamics)
-        response = self._run(
-            self.tracking_controller, self.start, duration, values, seed, None, sub_steps, reference=reference
-        )
-        return Move(plan, response)
+        return {"duration": duration, "reference": Moving(plan, self.robot.inverse_dynamics)}
 
     def _run(
         self,
@@ -294,10 +322,43 @@ class LoopSetup:
         **options: Any,
     ) -> Response:
         if values is not None:
-            plant = self.true_plant.with_parameters(**self.true_plant.parameters.known(values))
-        x, u = self.equilibrium(at, values)
+            plant = self._plant_with(values)
+        begin, given = self._begun(at, duration, values, seed)
         return run_response(
-            self.loop(controller, plant, sub_steps), self.goal, x[: len(self.goal)], self.joints,
-            noise=self.noise, duration=duration, initial_state=x, initial_input=u,
-            seed=self.specification.seed + seed, **options,
-        )  # fmt: skip
+            self.loop(controller, plant, sub_steps), self.goal, begin, self.joints, **given, **options
+        )
+
+    def _run_many(
+        self,
+        controller: Controller,
+        robots: Sequence[Mapping[str, Any]],
+        duration: float,
+        sub_steps: int,
+        **options: Any,
+    ) -> Iterator[Response]:
+        """From the start, each with a seed of its own."""
+        begins, runs = [], []
+        for k, values in enumerate(robots):
+            begin, given = self._begun(self.start, duration, values, 1 + k)
+            begins.append(begin)
+            loop = self.loop(controller, self._plant_with(values), sub_steps)
+            runs.append(loop.prepared(**given, **options))
+        return (Response(run, self.goal, begin, self.joints) for begin, run in zip(begins, run_many(runs)))
+
+    def _plant_with(self, values: Mapping[str, Any]) -> Plant:
+        return self.true_plant.with_parameters(**self.true_plant.parameters.known(values))
+
+    def _begun(
+        self, at: np.ndarray, duration: float, values: Mapping[str, Any] | None, seed: int
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Link positions (n,) at which a run begins in equilibrium, and its arguments."""
+        x, u = self.equilibrium(at, values)
+        seed += self.specification.seed
+        given = {
+            "noise": self.noise,
+            "duration": duration,
+            "initial_state": x,
+            "initial_input": u,
+            "seed": seed,
+        }
+        return x[: len(self.goal)], given

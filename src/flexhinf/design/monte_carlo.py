@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.responses import Response, worst_of
+from flexhinf.design.responses import worst_of
 
 __all__ = ["MonteCarlo", "move_errors", "sampled_runs"]
-
-#: Runs side by side.
-THREADS = 2
 
 #: At most so many instants of each run are kept.
 KEPT = 400
@@ -107,27 +103,19 @@ def sampled_runs(
         The whole command at once with integrals at zero; otherwise the step as deployed.
     progress : callable
     """
-    controller = setup.tracking_controller if jump else setup.bumpless_controller
-    _compile(setup, controller, sub_steps)
-    run = setup.jump if jump else setup.step
-
-    def one(k: int) -> Response:
-        return run(duration, values=robots[k], seed=1 + k, sub_steps=sub_steps)
-
     count, period = len(robots), setup.specification.period
     time = _kept(duration, period)
     positions = np.full((count, len(time), len(setup.goal)), np.nan)
     overshoots, settlings, peaks = [], [], []
-    with ThreadPoolExecutor(THREADS) as pool:
-        for k, response in enumerate(pool.map(one, range(count))):
-            overshoots.append(response.overshoot)
-            settlings.append(response.settling)
-            peaks.append(response.peak)
-            passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * period))
-            at = np.searchsorted(response.run.time, time[:passed] - 0.5 * period)
-            positions[k, :passed] = response.positions[at]
-            if (k + 1) % max(1, count // 10) == 0:
-                progress(f"robots within the tolerances: {k + 1} of {count}")
+    for k, response in enumerate(setup.steps(robots, duration, sub_steps, jump)):
+        overshoots.append(response.overshoot)
+        settlings.append(response.settling)
+        peaks.append(response.peak)
+        passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * period))
+        at = np.searchsorted(response.run.time, time[:passed] - 0.5 * period)
+        positions[k, :passed] = response.positions[at]
+        if (k + 1) % max(1, count // 10) == 0:
+            progress(f"robots within the tolerances: {k + 1} of {count}")
     return MonteCarlo(
         tuple(robots),
         np.array([worst.value for worst in overshoots]),
@@ -145,19 +133,8 @@ def move_errors(
     setup: LoopSetup, robots: Sequence[Mapping[str, Any]], plan: Any, sub_steps: int
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    _compile(setup, setup.tracking_controller, sub_steps)
-
-    def one(k: int) -> float:
-        move = setup.move(plan, robots[k], 1 + k, sub_steps)
-        return worst_of(move.metrics, "largest_error").value
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        return np.array(list(pool.map(one, range(len(robots)))))
-
-
-def _compile(setup: LoopSetup, controller: Any, sub_steps: int) -> None:
-    """Compile the loop once, before threads would."""
-    setup.loop(controller, sub_steps=sub_steps).kernel  # noqa: B018
+    moves = setup.moves(robots, plan, sub_steps)
+    return np.array([worst_of(move.metrics, "largest_error").value for move in moves])
 
 
 def _kept(duration: float, period: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.loop.simulation.closed_loop import Loop
+from flexhinf.loop.simulation.compiled_runs import PreparedRun, run_many
 from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import BlackBox
@@ -22,6 +23,7 @@ __all__ = [
     "JerkLimited",
     "Loop",
     "Moving",
+    "PreparedRun",
     "Quintic",
     "Samples",
     "Schedule",
@@ -33,6 +35,7 @@ __all__ = [
     "Trajectory",
     "load_controller",
     "load_metrics",
+    "run_many",
     "step_metrics",
     "step_shape",
 ]

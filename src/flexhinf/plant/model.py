@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import hashlib
+import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -13,9 +15,49 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import trace
+from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
+from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["Model"]
+__all__ = ["Model", "StoredCode"]
+
+
+class StoredCode:
+    """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
+
+    It runs on numbers and symbols. Equal instructions are equal code, so that kernels are shared.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        As `flexhinf.scalars.function_arrays` makes them.
+    table : ParameterTable
+        The names, in the order of the parameter vector.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
+        self.arrays, self.table = dict(arrays), table
+
+    def __call__(self, *arguments: Any) -> Any:
+        """`flow` or `output`, called like them."""
+        *vectors, p = arguments
+        return apply(self._function, *vectors, self.table.flat(p))[0]
+
+    @cached_property
+    def _function(self) -> Any:
+        return function_from_arrays(self.arrays, "stored")
+
+    @cached_property
+    def _digest(self) -> str:
+        digest = hashlib.sha256(repr(self.table.names).encode())
+        for name, array in sorted(self.arrays.items()):
+            digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StoredCode) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,6 +173,25 @@ class Model(Summarised):
         object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
         return changed
 
+    # Copies and pickles ---------------------------------------------------------------------------
+    def __copy__(self) -> Self:
+        same = object.__new__(type(self))
+        vars(same).update(self.__dict__)
+        return same
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        same = object.__new__(type(self))
+        vars(same).update(copy.deepcopy(self.__dict__, memo))
+        return same
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For a pickle. Code that has no name to be found by, such as a lambda, becomes its traced instructions."""
+        state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for name, traced in (("flow", self.traced_flow), ("output", self.traced_output)):
+            if not _has_a_name(state[name]):
+                state[name] = StoredCode(function_arrays(traced), self.parameters)
+        return state
+
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
         kinds = ("states", "inputs", "disturbances", "outputs")
@@ -238,6 +299,15 @@ class Model(Summarised):
         return float(np.abs(np.linalg.eigvals(a)).max())
 
 
+def _has_a_name(function: Callable[..., Any]) -> bool:
+    """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
+    try:
+        pickle.dumps(function)
+    except Exception:  # what it is bound to may be anybody's
+        return False
+    return True
+
+
 def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
     """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
     try:
@@ -261,14 +331,12 @@ def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
     """Rows of numbers (N, len(names)); zeros for None."""
-    try:
-        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        rows = np.zeros((0, 0, 0))
-    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+    rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
+    fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
+    if not fits or np.isnan(rows).any():
         raise InvalidInput(
             f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            f"expected {len(names)} numbers for {list(names)}, got {value_text(value)}",
             "one number per name" + ("" if at_once else ", or one row of them for each point"),
         )
     return rows

@@ -36,6 +36,11 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
         setattr(cls, form, vars(base)[form])
 
 
+def without_number(state: Mapping[str, Any]) -> dict[str, Any]:
+    """What is copied or pickled of a law or an estimator: its number in this process belongs to it alone."""
+    return {name: value for name, value in state.items() if name != "_number"}
+
+
 class Law(Summarised):
     """A state feedback u = u* + k(x − x*), evaluated on any element.
 
@@ -87,6 +92,9 @@ class Law(Summarised):
     @cached_property
     def _number(self) -> int:
         return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def law_key(self) -> str:
@@ -235,6 +243,9 @@ class Estimator(Summarised):
     @cached_property
     def _number(self) -> int:
         return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def estimator_key(self) -> str:

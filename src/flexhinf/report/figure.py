@@ -10,28 +10,52 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.palette import GRID, INK, MUTED, SERIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
-    "figure_to_svg",
-    "house_style",
-    "label",
-    "legend",
-    "new_figure",
-    "quantile_band",
-    "reference_line",
-    "settling_band",
-    "time_response",
-]
+    "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "figure_to_svg", "house_style", "label", "legend",
+    "new_figure", "quantile_band", "reference_line", "settling_band", "time_response",
+]  # fmt: skip
+
+#: Colours of figures and pages, by role, for light and for dark surroundings. The series colours are those of Okabe and
+#: Ito [okabe2008], which readers with any of the common colour-vision deficiencies can tell apart; in the dark they are
+#: the same hues, lighter.
+LIGHT: dict[str, str] = {
+    "ink": "#1f2328",
+    "muted": "#6a737d",
+    "grid": "#dfe3e8",
+    "series-1": "#0072b2",
+    "series-2": "#d55e00",
+    "series-3": "#009e73",
+    "series-4": "#a6559d",
+    "series-5": "#c98a00",
+    "series-6": "#3f9bd4",
+}
+DARK: dict[str, str] = {
+    "ink": "#e6e8eb",
+    "muted": "#9aa3ad",
+    "grid": "#353b43",
+    "series-1": "#4fa8e0",
+    "series-2": "#ff8b4d",
+    "series-3": "#2fc799",
+    "series-4": "#d794cf",
+    "series-5": "#edbb45",
+    "series-6": "#8cc8ee",
+}
+
+INK: str = LIGHT["ink"]
+MUTED: str = LIGHT["muted"]
+GRID: str = LIGHT["grid"]
+SERIES: tuple[str, ...] = tuple(colour for role, colour in LIGHT.items() if role.startswith("series-"))
 
 _STYLE: dict[str, object] = {
     "font.family": ["DejaVu Sans"],
@@ -83,9 +107,22 @@ def house_style() -> Iterator[None]:
     import matplotlib
 
     with matplotlib.rc_context():
+        for name, value in _settings().items():
+            matplotlib.rcParams._set(name, value)  # checked once, by `_settings`
+        yield
+
+
+@cache
+def _settings() -> dict[Any, Any]:
+    """Every setting of Matplotlib in the style of the house."""
+    import matplotlib
+
+    with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        yield
+        found = dict(matplotlib.rcParams.copy())
+    del found["backend"]  # stays the user's, as in `rc_context`
+    return found
 
 
 @house_style()
@@ -276,9 +313,14 @@ def _legend_width(names: Sequence[str], rows: int) -> float:
 
 @house_style()
 def figure_to_svg(figure: Figure) -> str:
-    """A figure as an SVG document; the same figure gives the same bytes, and no date is in them."""
+    """A figure as an SVG document; the same figure gives the same bytes, and no date is in them.
+
+    The figure is laid out and drawn once: `Figure.savefig` draws it twice, first without output, to lay it out.
+    """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata=_METADATA)
+    FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
     rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 

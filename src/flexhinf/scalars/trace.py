@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -107,15 +108,20 @@ def jacobian(
     inputs = [ca.SX.sym(f"i{k}", traced.size1_in(k)) for k in range(traced.n_in())]
     value = traced.call(inputs)[0]
     derivative = ca.jacobian(value, inputs[0])
-    rows, columns = derivative.shape
     flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
-    both = ca.Function(name, inputs, [value, flat], {"cse": True})
+    return _ValueAndJacobian(ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape)
 
-    def value_and_jacobian(*arrays: Any) -> tuple[np.ndarray, np.ndarray]:
-        y, dy = apply(both, *arrays)
-        return y, dy.reshape(rows, columns)
 
-    return value_and_jacobian
+@dataclass(frozen=True)
+class _ValueAndJacobian:
+    """What `jacobian` returns: unlike a function inside a function, it can be pickled."""
+
+    both: ca.Function
+    shape: tuple[int, int]
+
+    def __call__(self, *arrays: Any) -> tuple[np.ndarray, np.ndarray]:
+        y, dy = apply(self.both, *arrays)
+        return y, dy.reshape(self.shape)
 
 
 def drop_empty(function: ca.Function) -> ca.Function:

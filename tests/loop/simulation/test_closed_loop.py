@@ -162,9 +162,8 @@ def test_compiled_equals_interpreted(made):
     settings = {"reference": 1.0, "disturbance": {"link_torque": 0.5}, "noise": 1e-3, "duration": 0.1}
     compiled = loop.run(**settings)
     slow = Loop(loop.true_plant, loop.controller)
-    slow.__dict__["kernel"] = interpret(
-        loop_program(loop.true_plant, loop.controller, loop._sizes, loop.channel)
-    )
+    program = loop_program(loop.true_plant, loop.controller, loop.code.sizes, loop.channel)
+    vars(slow.code)["kernel"] = lambda: interpret(program)
     interpreted = slow.run(**settings)
     for name, values in compiled.signals.items():
         np.testing.assert_allclose(values, interpreted.signals[name], atol=1e-12)

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.shared import share
 from flexhinf.loop.signals.sampling import (
     by_name,
     sample_disturbance,
@@ -21,7 +19,7 @@ from flexhinf.loop.signals.sampling import (
 )
 from flexhinf.loop.simulation.black_box import run_black_box
 from flexhinf.loop.simulation.channel import Channel
-from flexhinf.loop.simulation.program import CONTROL_FAILED, LoopSizes, loop_program
+from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun
 from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
@@ -121,6 +119,11 @@ class Loop(Summarised):
             facts["quantisation"] = ", ".join(f"{step:.4g}" for step in self.channel.quanta)
         return {**facts, **self.controller.summary()}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: what the loop is made of, without compiled code."""
+        made = ("true_plant", "controller", "_asked_sub_steps", "channel")
+        return {name: vars(self)[name] for name in made}
+
     # What is run ----------------------------------------------------------------------------------
     @cached_property
     def sub_steps(self) -> int:
@@ -134,23 +137,15 @@ class Loop(Summarised):
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
     @cached_property
-    def _sizes(self) -> LoopSizes:
-        plant, controller = self.true_plant, self.controller
-        assert isinstance(plant, Plant)
-        return LoopSizes(
-            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
-            d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
-            estimate=len(controller.states), parameters=plant.parameters.size,
-            capacity=1 << (self.sub_steps - 1).bit_length(),
-        )  # fmt: skip
+    def code(self) -> LoopCode:
+        """What of a run on a `Plant` is compiled: the same for all parameters of plant and law."""
+        assert isinstance(self.true_plant, Plant)
+        return LoopCode.of(self.true_plant, self.controller, self.channel, self.sub_steps)
 
-    @cached_property
+    @property
     def kernel(self) -> Any:
         """The whole run as one compiled kernel."""
-        plant, controller, sizes = self.true_plant, self.controller, self._sizes
-        assert isinstance(plant, Plant)
-        key = ("loop", plant.code_key, controller.code_key, sizes, self.channel)
-        return share(key, lambda: compile_program(loop_program(plant, controller, sizes, self.channel)))
+        return self.code.kernel()
 
     def run(
         self,
@@ -199,6 +194,60 @@ class Loop(Summarised):
         InvalidInput
             If something does not fit, or a command leaves the range of its state.
         """
+        if isinstance(self.true_plant, Plant):
+            return self.prepared(
+                reference,
+                disturbance,
+                noise,
+                duration,
+                initial_state,
+                seed,
+                initial_input,
+                multi_turn=multi_turn,
+            ).alone()
+        times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
+        recorded, (code, last) = run_black_box(
+            self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state, initial_input
+        )  # fmt: skip
+        return Trajectory.until(self.true_plant, self.controller, times, recorded, settings, code, last)
+
+    def prepared(
+        self,
+        reference: Any = None,
+        disturbance: Any = None,
+        noise: Any = None,
+        duration: float = 8.0,
+        initial_state: Any = None,
+        seed: int = 0,
+        initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
+    ) -> PreparedRun:
+        """What `run` would run on a `Plant`, ready to be made alone or with others (`run_many`); arguments as there."""
+        plant, controller, parts, code = self.true_plant, self.controller, self.sub_steps, self.code
+        assert isinstance(plant, Plant)
+        times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
+        samples, period, before = len(times), controller.period, controller.input_before(initial_input)
+        x = starting_state(initial_state, plant.states, controller)
+        d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, plant.disturbances)
+        arrays = {
+            "x": x, "u": before.copy(),
+            "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
+            "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
+            "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
+            "disturbance": code.roomy(d, samples, parts), "held": before.copy(),
+            "queue": np.tile(before, self.channel.delay),
+        }  # fmt: skip
+        recorded = {
+            "reference": signals["reference"],
+            "disturbance": d.reshape(samples, -1)[:, : code.sizes.d],
+        }
+        return PreparedRun(code, plant, controller, times, arrays, recorded, parts, settings)
+
+    def _sampled(
+        self, reference: Any, disturbance: Any, noise: Any, duration: float, seed: int, multi_turn: bool
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, Any]]:
+        """Times (N,), command (N, k) and noise (N, p), and the settings that a trajectory names."""
         samples = sample_count(duration, self.controller.period)
         times = np.arange(samples) * self.controller.period
         held = self.controller.operating_reference if reference is None else reference
@@ -206,30 +255,12 @@ class Loop(Summarised):
             "reference": self._commanded(held, times, multi_turn or reference is None),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
-        if isinstance(self.true_plant, Plant):
-            start = starting_state(initial_state, self.true_plant.states, self.controller)
-            recorded, status = self._run_kernel(signals, disturbance, samples, start, initial_input)
-        else:
-            recorded, status = run_black_box(
-                self.true_plant,
-                self.controller,
-                self.channel,
-                signals,
-                disturbance,
-                times,
-                initial_state,
-                initial_input,
-            )
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": seed,
             "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.settings(),
         }  # fmt: skip
-        code, last = status
-        end = samples if not code else last + 1
-        recorded = {name: values[:end] for name, values in recorded.items()}
-        message = _divergence(code, times[last]) if code else ""
-        return Trajectory.of(self.true_plant, self.controller, times[:end], recorded, settings, message)
+        return times, signals, settings
 
     def _commanded(self, reference: Any, times: np.ndarray, multi_turn: bool) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""
@@ -247,60 +278,3 @@ class Loop(Summarised):
             check_turns(reference, commands, names, units)
         check_ranges(commands, times, names, limits, units)
         return commands
-
-    def _run_kernel(
-        self,
-        signals: dict[str, np.ndarray],
-        disturbance: Any,
-        samples: int,
-        x: np.ndarray,
-        initial_input: Any,
-    ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
-        plant, sizes, controller = self.true_plant, self._sizes, self.controller
-        assert isinstance(plant, Plant)
-        period, channels = controller.period, plant.disturbances
-        before = controller.input_before(initial_input)
-        parts = self.sub_steps
-        d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, channels)
-        arrays = {
-            "x": x, "u": before.copy(),
-            "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
-            "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
-            "noise": signals["noise"].ravel(),
-            "states": np.zeros(samples * sizes.x), "outputs": np.zeros(samples * sizes.y),
-            "inputs": np.zeros(samples * sizes.u), "estimates": np.zeros(samples * sizes.estimate),
-        }  # fmt: skip
-        if sizes.r:
-            arrays["reference"] = signals["reference"].ravel()
-        if sizes.d:
-            arrays["disturbance"] = _roomy(d, samples, parts, sizes.capacity)
-        if self.channel.delay:
-            arrays |= {"held": before.copy(), "queue": np.tile(before, self.channel.delay)}
-        status = self.kernel.run(arrays, {"steps": samples, "parts": parts})
-        recorded = {
-            "state": arrays["states"].reshape(samples, -1),
-            "estimate": arrays["estimates"].reshape(samples, -1),
-            "output": arrays["outputs"].reshape(samples, -1),
-            "input": arrays["inputs"].reshape(samples, -1),
-            "reference": signals["reference"],
-            "disturbance": d.reshape(samples, -1)[:, : sizes.d],
-        }  # fmt: skip
-        return recorded, (int(status.code), int(status.step))
-
-
-def _roomy(d: np.ndarray, samples: int, parts: int, capacity: int) -> np.ndarray:
-    """Disturbances with room for `capacity` sub-steps a sample: a power of two, so that plants of a campaign
-    whose fastest modes differ a little run on one kernel."""
-    if parts == capacity:
-        return d.ravel()
-    room = np.zeros((samples, capacity, d.size // (samples * parts)))
-    room[:, :parts] = d.reshape(samples, parts, -1)
-    return room.ravel()
-
-
-def _divergence(code: int, time: float) -> str:
-    who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-    return (
-        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
-        "Try a smaller command, a larger gamma, a shorter period or another penalty."
-    )

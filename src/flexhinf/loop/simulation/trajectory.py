@@ -14,6 +14,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, step_shape
+from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
 
@@ -101,6 +102,24 @@ class Trajectory(Summarised):
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
         diverged_at = float(time[-1]) if message else None
         return Trajectory(time, signals, names, units, settings, controller.judged, diverged_at, message)
+
+    @staticmethod
+    def until(
+        plant: Plant | BlackBox,
+        controller: Controller,
+        times: np.ndarray,
+        recorded: dict[str, np.ndarray],
+        settings: dict[str, Any],
+        code: int,
+        last: int,
+    ) -> Trajectory:
+        """The same from arrays of the whole length: all of them for code 0, else up to the last sample before a guard
+        of `program` failed with this code."""
+        end, message = len(times), ""
+        if code:
+            end, message = last + 1, _divergence(code, times[last])
+        kept = {name: values[:end] for name, values in recorded.items()}
+        return Trajectory.of(plant, controller, times[:end], kept, settings, message)
 
     @property
     def data(self) -> xr.Dataset:
@@ -252,6 +271,14 @@ class Trajectory(Summarised):
 
     def _repr_html_(self) -> str:
         return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()
+
+
+def _divergence(code: int, time: float) -> str:
+    who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
+    return (
+        f"The closed loop diverged: at t = {time:g} s the {who} is no longer finite. "
+        "Try a smaller command, a larger gamma, a shorter period or another penalty."
+    )
 
 
 def _plot(run: Trajectory) -> NotebookFigure:

@@ -1,0 +1,180 @@
+"""Runs on compiled kernels, alone or side by side in the lanes of vector registers, with the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import Kernel, compile_program
+from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.shared import share
+from flexhinf.loop.simulation.channel import Channel
+from flexhinf.loop.simulation.program import LoopSizes, loop_program
+from flexhinf.loop.simulation.trajectory import Trajectory
+from flexhinf.plant import Plant
+
+__all__ = ["LANES", "LoopCode", "PreparedRun", "run_many"]
+
+#: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
+LANES = 8
+
+#: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
+WORTH = 50_000
+
+#: Runs at a time where they are made alone: compiled code lets the other thread go on.
+THREADS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class LoopCode:
+    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it.
+
+    Attributes
+    ----------
+    key : tuple
+        Loops with the same key share their kernels.
+    sizes : LoopSizes
+    plant, controller, channel
+        Of one of these loops.
+    """
+
+    key: tuple[object, ...]
+    sizes: LoopSizes
+    plant: Plant
+    controller: Controller
+    channel: Channel
+
+    @classmethod
+    def of(cls, plant: Plant, controller: Controller, channel: Channel, sub_steps: int) -> LoopCode:
+        """Of a loop with so many Runge–Kutta steps per period, or a few more."""
+        sizes = LoopSizes(
+            x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
+            d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
+            estimate=len(controller.states), parameters=plant.parameters.size,
+            capacity=1 << (sub_steps - 1).bit_length(),
+        )  # fmt: skip
+        key = ("loop", plant.code_key, controller.code_key, sizes, channel)
+        return cls(key, sizes, plant, controller, channel)
+
+    def kernel(self, lanes: int = 1) -> Kernel:
+        """The whole run, of so many loops at once."""
+        return share((*self.key, lanes), lambda: compile_program(self._program, lanes))
+
+    @property
+    def _program(self) -> Any:
+        build = lambda: loop_program(self.plant, self.controller, self.sizes, self.channel)  # noqa: E731
+        return share((*self.key, "program"), build)
+
+    def roomy(self, d: np.ndarray, samples: int, parts: int) -> np.ndarray:
+        """Disturbances with room for `capacity` sub-steps a sample: a power of two, so that plants of a campaign
+        whose fastest modes differ a little run on one kernel."""
+        if parts == self.sizes.capacity:
+            return d.ravel()
+        room = np.zeros((samples, self.sizes.capacity, d.size // (samples * parts)))
+        room[:, :parts] = d.reshape(samples, parts, -1)
+        return room.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRun:
+    """A run before it is made.
+
+    Attributes
+    ----------
+    code : LoopCode
+    plant, controller
+        Of this run.
+    times : (N,) array
+        s.
+    arrays : mapping of str to array
+        What the kernel is given, by buffer; those that the loop does not have are left out.
+    recorded : mapping of str to array
+        Signals that are known before the run.
+    parts : int
+        Runge–Kutta steps per period.
+    settings : mapping
+        For the trajectory.
+    """
+
+    code: LoopCode
+    plant: Plant
+    controller: Controller
+    times: np.ndarray
+    arrays: dict[str, np.ndarray]
+    recorded: dict[str, np.ndarray]
+    parts: int
+    settings: dict[str, Any]
+
+    @property
+    def fits(self) -> tuple[object, ...]:
+        """Runs for which this is equal can be made side by side."""
+        return self.code.key, len(self.times), self.parts
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Turns of the kernel's loops."""
+        return {"steps": len(self.times), "parts": self.parts}
+
+    @property
+    def _outputs(self) -> dict[str, tuple[str, int]]:
+        """Signal and width of each output buffer."""
+        sizes = self.code.sizes
+        return {
+            "states": ("state", sizes.x), "estimates": ("estimate", sizes.estimate),
+            "outputs": ("output", sizes.y), "inputs": ("input", sizes.u),
+        }  # fmt: skip
+
+    def buffers(self) -> dict[str, np.ndarray]:
+        """Arrays for one lane; what a run changes is new."""
+        length = len(self.times)
+        found = {name: np.zeros(length * width) for name, (_, width) in self._outputs.items()}
+        for buffer in self.code.kernel().program.buffers:
+            if buffer.name in self.arrays:
+                given = self.arrays[buffer.name]
+                found[buffer.name] = given.copy() if buffer.role == "state" else given
+        return found
+
+    def alone(self) -> Trajectory:
+        """Make this run."""
+        arrays = self.buffers()
+        status = self.code.kernel().run(arrays, self.counts)
+        return self.trajectory(arrays, int(status.code), int(status.step))
+
+    def trajectory(self, arrays: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
+        """What the run left in its output buffers, up to its end."""
+        count = len(self.times)
+        recorded = {signal: arrays[name].reshape(count, -1) for name, (signal, _) in self._outputs.items()}
+        signals = {**recorded, **self.recorded}
+        return Trajectory.until(self.plant, self.controller, self.times, signals, self.settings, code, last)
+
+
+def run_many(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
+    """Make many runs, in their order: what `PreparedRun.alone` gives for each, bit by bit, in less time.
+
+    Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them.
+    """
+    alike = len({run.fits for run in runs}) == 1
+    if not alike or len(runs) < LANES or len(runs) * len(runs[0].times) < WORTH:
+        for code in {run.code.key: run.code for run in runs}.values():
+            code.kernel()  # once, before threads would
+        with ThreadPoolExecutor(THREADS) as pool:
+            yield from pool.map(PreparedRun.alone, runs)
+        return
+    for start in range(0, len(runs), LANES):
+        yield from _side_by_side(runs[start : start + LANES])
+
+
+def _side_by_side(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
+    """Up to `LANES` runs at once; lanes without a run repeat the last one."""
+    filled = [*runs, *[runs[-1]] * (LANES - len(runs))]
+    each = [run.buffers() for run in filled]
+    arrays = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
+    status = runs[0].code.kernel(LANES).run(arrays, runs[0].counts)
+    codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
+    for lane, run in enumerate(runs):
+        own = {name: np.ascontiguousarray(array[:, lane]) for name, array in arrays.items()}
+        yield run.trajectory(own, int(codes[lane]), int(steps[lane]))

@@ -1,0 +1,70 @@
+"""Runs side by side in vector lanes are what they are alone, bit by bit."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from flexhinf.loop import Controller, Loop, Step, run_many
+from flexhinf.loop.simulation.compiled_runs import LANES
+from flexhinf.robot import paper_arm
+
+
+@pytest.fixture(autouse=True)
+def always(monkeypatch):
+    """Also few samples are worth the lanes."""
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.compiled_runs"), "WORTH", 0)
+
+
+def prepared(made, count, duration=0.3, estimator=True, **options):
+    """Runs of arms of different stiffness, each with noise of its own; the third is so soft that it is torn apart."""
+    controller = Controller(made.law, made.ukf() if estimator else None, 1e-3)
+    load = {"link_torque": Step(0.2, at=0.1)}
+    runs = []
+    for k in range(count):
+        stiffness = -1e6 if k == 2 else 100.0 - k
+        plant = paper_arm().plant().with_parameters(stiffness=stiffness)
+        loop = Loop(plant, controller, 2, **options)
+        runs.append(loop.prepared(0.3, load, 1e-3 if estimator else None, duration, seed=k))
+    return runs
+
+
+def same(one, other):
+    assert one.status == other.status
+    assert one.message == other.message
+    assert np.array_equal(one.time, other.time)
+    assert list(one.signals) == list(other.signals)
+    for kind, values in one.signals.items():
+        assert np.array_equal(values, other.signals[kind], equal_nan=True), kind
+    assert one.settings == other.settings
+
+
+@pytest.mark.parametrize("count", [LANES, LANES + 3])
+@pytest.mark.parametrize("options", [{}, {"delay": 2e-3, "quantisation": 1e-4}])
+def test_lanes_do_not_matter(made, count, options):
+    runs = prepared(made, count, **options)
+    many = list(run_many(runs))
+    assert len(many) == count
+    for run, found in zip(runs, many, strict=True):
+        same(found, run.alone())
+    assert many[2].status == "diverged"
+    assert many[2].diverged_at < many[1].time[-1]
+    assert [run.status for k, run in enumerate(many) if k != 2] == ["completed"] * (count - 1)
+
+
+def test_the_true_state_fed_back_and_a_run_alone_in_its_lanes(made):
+    runs = prepared(made, LANES + 1, estimator=False)
+    for run, found in zip(runs, run_many(runs), strict=True):
+        same(found, run.alone())
+
+
+def test_few_runs_and_runs_of_several_lengths_are_made_alone(made, monkeypatch):
+    module = importlib.import_module("flexhinf.loop.simulation.compiled_runs")
+    monkeypatch.setattr(module, "_side_by_side", lambda runs: pytest.fail("these runs do not fit together"))
+    longer = [*prepared(made, LANES), *prepared(made, 1, duration=0.2)]
+    for runs in ([], longer[:3], longer):
+        found = list(run_many(runs))
+        assert [len(run.time) for run in found if run.status == "completed"] == [
+            len(run.times) for k, run in enumerate(runs) if k != 2
+        ]
+    same(found[0], longer[0].alone())
