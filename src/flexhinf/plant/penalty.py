@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["Penalty", "unknown_weight"]
 
@@ -41,14 +42,11 @@ class Penalty:
         if isinstance(self.states, Mapping):
             object.__setattr__(self, "states", dict(self.states))
         _refuse_negative(self.states)
-        try:
-            effort = np.array(self.effort, dtype=float)
-        except (TypeError, ValueError):
-            effort = np.array(np.nan)
+        effort = real_array(self.effort)
         if not np.all(np.isfinite(effort)) or effort.ndim > 2:
             raise InvalidInput(
                 "The effort penalty R2 is not made of finite numbers.",
-                f"expected a number, one number per input, or a matrix, got {self.effort!r}",
+                f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
                 "a positive number, for example effort=10",
             )
 
@@ -140,14 +138,11 @@ class Penalty:
             listed: Any = [self.states.get(name, 0.0) for name in names]
         else:
             listed = self.states
-        try:
-            weights = np.asarray(listed, dtype=float)
-        except (TypeError, ValueError):
-            weights = np.array(np.nan)
+        weights = real_array(listed)
         if weights.shape != (len(names),) or not np.all(np.isfinite(weights)):
             raise InvalidInput(
                 "The penalty does not fit the states.",
-                f"expected {len(names)} finite weights for {list(names)}, got {listed!r}",
+                f"expected {len(names)} finite weights for {list(names)}, got {value_text(listed)}",
                 "one weight per state, zero for what may be large",
             )
         return weights
@@ -169,11 +164,8 @@ def _refuse_negative(states: Any) -> None:
         return
     named = states if isinstance(states, Mapping) else {k + 1: weight for k, weight in enumerate(states)}
     for name, weight in named.items():
-        try:
-            values = np.atleast_1d(np.asarray(weight, dtype=float))
-        except (TypeError, ValueError):
-            continue  # not a number: refused where the names are known
-        if np.any(values < 0.0):
+        values = np.atleast_1d(real_array(weight))
+        if np.any(values < 0.0):  # what is no number is refused where the names are known
             what = f"of {name!r}" if isinstance(states, Mapping) else f"number {name}"
             raise InvalidInput(
                 f"The weight {what} in the penalty is negative.",
