@@ -11,11 +11,8 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from flexhinf.analysis import VELOCITIES, EquilibriumLoop, ProcessNoise, growth_rates, margins
-from flexhinf.design import Specification
-from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.synthesis import synthesise
 
 Setups = Callable[..., LoopSetup]
 
@@ -111,55 +108,3 @@ def test_every_figure_of_the_worst_joint_names_it(setup_of: Setups) -> None:
     assert [row["joint"] for row in response.metrics] == ["shoulder", "elbow"]
     assert response.overshoot.joint in ("shoulder", "elbow")
     assert response.peak.joint in ("shoulder", "elbow")
-
-
-# Noise levels of the estimator -----------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def searched(robot_of: Callable[[str], Any]) -> Any:
-    s = Specification(
-        preset="damped", pose=(np.pi / 2,), start=(0.0,), extras=("inductance",), degrees=(2,), rays=0
-    )
-    return s, synthesise(robot_of("paper"), s, lambda text: None)
-
-
-def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
-    robot_of: Callable[[str], Any], searched: Any
-) -> None:
-    """With the default level of before, 1e-7 on all velocities, S peaks at 3.7 and the gain margin is 1.4."""
-    s, synthesis = searched
-    chosen = synthesis.noise_search.chosen
-    before = replace(synthesis.setup(robot_of("paper"), s), estimator_noise=EstimatorNoise(0.0, 1e-7, 1e-7))
-    old, new = (
-        margins(before.equilibrium_loop()),
-        margins(synthesis.setup(robot_of("paper"), s).equilibrium_loop()),
-    )
-    assert old.peak_sensitivity > 3.5
-    assert old.gain_margin < 1.5
-    assert new.peak_sensitivity < 2.5 * 1.02
-    assert new.gain_margin > 1.8 * 0.98
-    assert new.peak_sensitivity == pytest.approx(chosen.peak_sensitivity, rel=0.01)
-    assert new.gain_margin == pytest.approx(chosen.gain_margin, rel=0.02)
-    assert new.damping == pytest.approx(chosen.damping, rel=1e-6)
-    assert chosen.unstable == 0
-    assert chosen.feasible
-
-
-def test_stated_noise_levels_are_not_searched(robot_of: Callable[[str], Any], searched: Any) -> None:
-    s, _ = searched
-    stated = replace(s, torque_noise=3e-7)
-    synthesis = synthesise(robot_of("paper"), stated, lambda text: None)
-    assert synthesis.noise_search is None
-    levels = synthesis.setup(robot_of("paper"), stated).process_noise
-    assert (levels.all_states, levels.link_velocities, levels.motor_velocities) == (0.0, 3e-7, 3e-7)
-    assert levels.source == "option --torque-noise"
-
-
-def test_a_stricter_limit_costs_more_noise_at_the_motor(
-    robot_of: Callable[[str], Any], searched: Any
-) -> None:
-    s, synthesis = searched
-    strict = synthesise(
-        robot_of("paper"), replace(s, peak_sensitivity=2.1, gain_margin=2.2), lambda text: None
-    )
-    assert strict.noise_search.chosen.feasible
-    assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -13,9 +14,36 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import trace
+from flexhinf.scalars import Symbol, apply, digest, function_arrays, function_from_arrays, trace
+from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["Model"]
+__all__ = ["Model", "StoredCode"]
+
+
+class StoredCode:
+    """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
+
+    It runs on numbers and symbols.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        As `flexhinf.scalars.function_arrays` makes them.
+    table : ParameterTable
+        The names, in the order of the parameter vector.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
+        self.arrays, self.table = dict(arrays), table
+
+    def __call__(self, *arguments: Any) -> Any:
+        """`flow` or `output`, called like them."""
+        *vectors, p = arguments
+        return apply(self._function, *vectors, self.table.flat(p))[0]
+
+    @cached_property
+    def _function(self) -> Any:
+        return function_from_arrays(self.arrays, "stored")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,15 +149,62 @@ class Model(Summarised):
 
     @property
     def code_key(self) -> tuple[object, ...]:
-        """What distinguishes this plant's code from another's (not its parameter values)."""
+        """What distinguishes this plant's code from another's (not its parameter values).
+
+        The code is what it computes, not who computes it: two functions that do the same share their machine code, and
+        one function that reads a changed constant has another key when its plant is built anew.
+        """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
-        return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
+        names = (self.states, self.inputs, self.disturbances, self.outputs)
+        return (*self._content, *names, shapes)
+
+    @cached_property
+    def _content(self) -> tuple[str, str]:
+        """Digests of the traced flow and output."""
+        return digest(self.traced_flow), digest(self.traced_output)
+
+    def check_unchanged(self) -> None:
+        """Refuse code that no longer computes what it did when the plant was built.
+
+        Numbers, derivatives and machine code are those of the flow as it was traced then; whoever runs its text again
+        asks here first, so that two models are never mixed.
+
+        Raises
+        ------
+        InvalidInput
+            If the flow reads something that has changed since.
+        """
+        if digest(self._trace_flow()) != self._content[0]:
+            raise InvalidInput(
+                "flow(x, u, d, p) computes something else than when its plant was built.",
+                "expected the same operations and constants: a global or an attribute that it reads has changed",
+                "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
+            )
 
     def with_parameters(self, **changes: Any) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
         changed = copy.copy(self)
         object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
         return changed
+
+    # Copies and pickles ---------------------------------------------------------------------------
+    def __copy__(self) -> Self:
+        same = object.__new__(type(self))
+        vars(same).update(self.__dict__)
+        return same
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        same = object.__new__(type(self))
+        vars(same).update(copy.deepcopy(self.__dict__, memo))
+        return same
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For a pickle. Code that has no name to be found by, such as a lambda, becomes its traced instructions."""
+        state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for name, traced in (("flow", self.traced_flow), ("output", self.traced_output)):
+            if not _has_a_name(state[name]):
+                state[name] = StoredCode(function_arrays(traced), self.parameters)
+        return state
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
@@ -142,7 +217,10 @@ class Model(Summarised):
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
     def traced_flow(self) -> Any:
-        """flow as a CasADi function of (x, u, d, parameter vector)."""
+        """flow as a CasADi function of (x, u, d, parameter vector), as it is when the plant is built."""
+        return self._trace_flow()
+
+    def _trace_flow(self) -> Any:
         table = self.parameters
         sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
         return trace(
@@ -161,6 +239,18 @@ class Model(Summarised):
             lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
             len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
+
+    def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """ẋ (n,) on any element, p the parameter vector; symbols go through what was traced, as all machine code."""
+        if _symbolic(x, u, d, p):
+            return apply(self.traced_flow, x, u, d, p)[0]
+        return self.flow(x, u, d, self.parameters.named(p))
+
+    def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
+        """y (p,) on any element, likewise."""
+        if _symbolic(x, u, p):
+            return apply(self.traced_output, x, u, p)[0]
+        return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
 
     @cached_property
     def traced_jacobians(self) -> Any:
@@ -238,6 +328,20 @@ class Model(Summarised):
         return float(np.abs(np.linalg.eigvals(a)).max())
 
 
+def _symbolic(*arrays: Any) -> bool:
+    """Whether there is a symbol among the elements."""
+    return any(isinstance(element, Symbol) for array in arrays for element in np.ravel(array))
+
+
+def _has_a_name(function: Callable[..., Any]) -> bool:
+    """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
+    try:
+        pickle.dumps(function)
+    except Exception:  # what it is bound to may be anybody's
+        return False
+    return True
+
+
 def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
     """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
     try:
@@ -261,14 +365,12 @@ def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
     """Rows of numbers (N, len(names)); zeros for None."""
-    try:
-        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        rows = np.zeros((0, 0, 0))
-    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+    rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
+    fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
+    if not fits or np.isnan(rows).any():
         raise InvalidInput(
             f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            f"expected {len(names)} numbers for {list(names)}, got {value_text(value)}",
             "one number per name" + ("" if at_once else ", or one row of them for each point"),
         )
     return rows

@@ -36,6 +36,11 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
         setattr(cls, form, vars(base)[form])
 
 
+def without_number(state: Mapping[str, Any]) -> dict[str, Any]:
+    """What is copied or pickled of a law or an estimator: its number in this process belongs to it alone."""
+    return {name: value for name, value in state.items() if name != "_number"}
+
+
 class Law(Summarised):
     """A state feedback u = u* + k(x − x*), evaluated on any element.
 
@@ -61,7 +66,7 @@ class Law(Summarised):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        for form in ("law_table", "evaluate_about"):
+        for form in ("law_table", "evaluate_about", "law_key"):
             use_default_form(cls, Law, "evaluate_law", form)
 
     def summary(self) -> dict[str, str]:
@@ -87,6 +92,9 @@ class Law(Summarised):
     @cached_property
     def _number(self) -> int:
         return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def law_key(self) -> str:
@@ -207,6 +215,7 @@ class Estimator(Summarised):
         super().__init_subclass__(**arguments)
         for written in ("time_update", "measurement_update"):
             use_default_form(cls, Estimator, written, f"{written}_on")
+            use_default_form(cls, Estimator, written, "estimator_key")
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
@@ -235,6 +244,9 @@ class Estimator(Summarised):
     @cached_property
     def _number(self) -> int:
         return next(_instances)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_number(vars(self))
 
     @property
     def estimator_key(self) -> str:

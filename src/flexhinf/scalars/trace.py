@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 
-__all__ = ["apply", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
+__all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
 
 Shape = int | tuple[int, ...]
 
@@ -92,6 +94,11 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
 
 
+def digest(function: ca.Function) -> str:
+    """SHA-256 of a traced function's content: CasADi's serial form, which holds its instructions and constants."""
+    return hashlib.sha256(function.serialize().encode()).hexdigest()
+
+
 def jacobian(
     function: Callable[..., Any], *shapes: Shape, name: str = "jacobian"
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
@@ -107,15 +114,20 @@ def jacobian(
     inputs = [ca.SX.sym(f"i{k}", traced.size1_in(k)) for k in range(traced.n_in())]
     value = traced.call(inputs)[0]
     derivative = ca.jacobian(value, inputs[0])
-    rows, columns = derivative.shape
     flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
-    both = ca.Function(name, inputs, [value, flat], {"cse": True})
+    return _ValueAndJacobian(ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape)
 
-    def value_and_jacobian(*arrays: Any) -> tuple[np.ndarray, np.ndarray]:
-        y, dy = apply(both, *arrays)
-        return y, dy.reshape(rows, columns)
 
-    return value_and_jacobian
+@dataclass(frozen=True)
+class _ValueAndJacobian:
+    """What `jacobian` returns: unlike a function inside a function, it can be pickled."""
+
+    both: ca.Function
+    shape: tuple[int, int]
+
+    def __call__(self, *arrays: Any) -> tuple[np.ndarray, np.ndarray]:
+        y, dy = apply(self.both, *arrays)
+        return y, dy.reshape(self.shape)
 
 
 def drop_empty(function: ca.Function) -> ca.Function:

@@ -7,6 +7,7 @@ from flexhinf.codegen import Program, compile_program, interpret
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.controller import controller, law_code
+from flexhinf.loop.controller.remembered import step_program
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law, Plant
 from flexhinf.polynomial import basis
@@ -79,7 +80,7 @@ def program_of(composed):
         "u": len(composed.law.input_names),
         "estimate": len(composed.states),
     }
-    return composed._program({name: np.zeros(size) for name, size in sizes.items()})
+    return step_program(sizes, bool(composed.commanded), composed.steps)
 
 
 def stepped(program: Program, composed, make, lanes=1, steps=5):

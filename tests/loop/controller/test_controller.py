@@ -121,14 +121,9 @@ def test_a_bad_sample_changes_nothing(made, y, r):
         if k == 3:
             with pytest.raises(NumericalFailure, match="nothing was updated") as caught:
                 spoiled.step(y, r)
-            assert "hold the last input" in caught.value.advice
+            assert ("hold the last input" in caught.value.advice) == (not np.isfinite(y))
         reference = 1.5 if k < 3 else None  # the command of the last good sample is the one that is kept
         np.testing.assert_array_equal(spoiled.step(0.01 * k, reference), clean.step(0.01 * k, reference))
-
-
-def test_no_measurement_is_not_a_measurement_of_zero(controller):
-    with pytest.raises(NumericalFailure, match="measurement"):
-        controller.step(None, 1.0)
 
 
 def test_a_damaged_memory_is_told_and_reset_helps(controller):
@@ -138,7 +133,7 @@ def test_a_damaged_memory_is_told_and_reset_helps(controller):
         controller.step(0.1, 1.0)
     assert "reset()" in caught.value.advice
     assert "y=0.1" in caught.value.found
-    with pytest.raises(NumericalFailure):
+    with pytest.raises(NumericalFailure, match="went back"):
         controller.step(0.1, 1.0)
     controller.reset()
     np.testing.assert_array_equal(controller.step(0.1, 1.0), first)

@@ -175,6 +175,7 @@ def _estimator_noise(design: Design) -> dict[str, Any] | None:
         "link_velocities": noise.link_velocities,
         "motor_velocities": noise.motor_velocities,
         "source": noise.source,
+        "unreachable_limits": [] if search is None else list(search.unreachable),
         "tried": [
             {
                 "motor_velocities": one.levels.motor_velocities,

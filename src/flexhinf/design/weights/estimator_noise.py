@@ -9,13 +9,14 @@ The default levels (`EstimatorNoise.stated`) are kept where the running loop kee
 search looks at levels q on the motors' velocities and f·q on the links', from the default level up, and takes the first
 q, and the f, with the least noise at the motors for which every limit is kept: peak sensitivity, gain margin, damping
 where one is required, no unstable corner of the tolerances, and a load compliance of at most `COMPLIANCE` times that of
-the law fed the true state. Where no levels keep all limits, those that miss them least.
+the law fed the true state. A limit that no levels keep is left out, so that no noise is paid for it in vain: the
+default levels stay where they keep the others. Where the others cannot be kept together, those that miss them least.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +33,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import TOLERANCE, gain_margin_limit, peak_sensitivity_limit
 from flexhinf.errors import FlexhinfError
 
-__all__ = ["COMPLIANCE", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
+__all__ = ["COMPLIANCE", "LIMITS", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
 
 #: Levels on the motors' velocities that are tried, as multiples of R^n per s²: with R^n = 1e-8, 1e-7 to 1e-3. A slower
 #: estimator than the default one takes dry friction for a slow motion.
@@ -54,6 +55,9 @@ UNSTABLE = 1e-9
 #: law's bandwidth, below the vibrations.
 COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
 
+#: What may limit the choice, beside unstable corners.
+LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance")
+
 #: What a decade of noise at the motors counts, beside the limits that are missed, where no levels keep all of them.
 NOISE_WEIGHT = 0.1
 
@@ -71,11 +75,10 @@ class NoiseCandidate:
         Peak of |load torque → link position| over that of the law fed the true state.
     input_noise : float
         RMS of the noisiest input, V or N·m.
+    missed : mapping of str to float
+        ln(figure/limit) of each of `LIMITS` that is missed by more than a requirement allows.
     unstable : int or None
-        Corners of the tolerances; None where they were not looked at, because a margin is missed.
-    excess : float
-        Sum of ln(figure/limit) over the limits that are missed, and the fraction of unstable corners (1 where they were
-        not looked at); 0 where everything is kept.
+        Corners of the tolerances; None without tolerances, and where a margin or the damping is missed: not looked at.
     """
 
     levels: EstimatorNoise
@@ -84,19 +87,13 @@ class NoiseCandidate:
     damping: float
     compliance: float
     input_noise: float
+    missed: Mapping[str, float]
     unstable: int | None
-    excess: float
 
     @property
     def feasible(self) -> bool:
         """Whether every limit is kept, with no unstable corner."""
-        return self.excess == 0.0
-
-    @property
-    def score(self) -> float:
-        """What is minimised: the noise where everything is kept, otherwise mainly what is missed."""
-        noise = NOISE_WEIGHT * float(np.log10(max(self.input_noise, 1e-12)))
-        return self.input_noise if self.feasible else self.excess + noise
+        return not self.missed and not self.unstable
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,13 @@ class NoiseSearch:
     chosen : NoiseCandidate
     candidates : tuple of NoiseCandidate
         In the order of the search.
+    unreachable : tuple of str
+        Those of `LIMITS` that no candidate keeps; they do not count in the choice.
     """
 
     chosen: NoiseCandidate
     candidates: tuple[NoiseCandidate, ...]
+    unreachable: tuple[str, ...]
 
 
 def is_free(setup: LoopSetup) -> bool:
@@ -143,11 +143,11 @@ def search_noise(
     search = _Search(setup, damping)
     try:
         search.run()
+        found = search.choose()
     except FlexhinfError:
         return None
-    chosen = min(search.tried, key=lambda c: (not c.feasible, c.score))
-    progress(f"noise levels of the estimator: {len(search.tried)} tried")
-    return NoiseSearch(chosen, tuple(search.tried))
+    progress(f"noise levels of the estimator: {len(found.candidates)} tried")
+    return found
 
 
 class _Search:
@@ -190,32 +190,61 @@ class _Search:
             low, high = (low, middle) if feasible else (middle, high)
 
     def candidate(self, level: float, fraction: float) -> NoiseCandidate:
-        """The running loop with these levels; the corners are looked at where it keeps its margins."""
+        """The running loop with these levels; the corners are looked at where it keeps its margins and damping."""
         s = self.setup.specification
         levels = EstimatorNoise(0.0, fraction * level, level, "searched on the running loop")
         process = levels.covariance(self.setup.model.states)
         found = _figures(self.loop.linear(process_noise=process), self.setup.noise, self.top)
-        ratios = [
+        compliance = found.compliance / self.stiff
+        ratios = (
             found.peak_sensitivity / peak_sensitivity_limit(s),
             gain_margin_limit(s) / max(found.gain_margin, UNSTABLE),
-        ]
-        if self.damping:
-            ratios.append(self.damping / max(found.damping, UNSTABLE))
-        compliance = found.compliance / self.stiff
-        excess, unstable = _excess(ratios), None
-        if self.setup.robot.uncertain:
-            unstable = None if excess else self.unstable(process)
-            excess += 1.0 if unstable is None else unstable / len(self.corners)
-        excess += _excess([compliance / COMPLIANCE])
+            (self.damping or 0.0) / max(found.damping, UNSTABLE),
+            compliance / COMPLIANCE,
+        )
+        missed = {
+            limit: float(np.log(ratio))
+            for limit, ratio in zip(LIMITS, ratios, strict=True)
+            if ratio > 1.0 + 0.9 * TOLERANCE
+        }
         candidate = NoiseCandidate(
             levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise,
-            unstable, excess,
+            missed, self.unstable(process) if set(missed) <= {"compliance"} else None,
         )  # fmt: skip
         self.tried.append(candidate)
         return candidate
 
-    def unstable(self, process: np.ndarray) -> int:
-        """Unstable corners with this R^v (n, n)."""
+    def choose(self) -> NoiseSearch:
+        """The best candidate; among limits that some candidate keeps."""
+        unreachable = tuple(limit for limit in LIMITS if all(limit in c.missed for c in self.tried))
+        left_out = {"compliance", *unreachable}
+        tried = [self.looked_at(c) if set(c.missed) <= left_out else c for c in self.tried]
+        chosen = min(tried, key=lambda c: self.score(c, unreachable))
+        default = tried[0]
+        if set(default.missed) <= set(unreachable) and not default.unstable:
+            chosen = default
+        return NoiseSearch(chosen, tuple(tried), unreachable)
+
+    def looked_at(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with its unstable corners, also where it misses a limit."""
+        if candidate.unstable is not None:
+            return candidate
+        process = candidate.levels.covariance(self.setup.model.states)
+        return replace(candidate, unstable=self.unstable(process))
+
+    def score(self, candidate: NoiseCandidate, unreachable: Sequence[str]) -> tuple[bool, float]:
+        """What is minimised: the noise where everything that counts is kept, otherwise mainly what is missed."""
+        missed = sum(excess for limit, excess in candidate.missed.items() if limit not in unreachable)
+        if not missed and not candidate.unstable:
+            return False, candidate.input_noise
+        corners = len(self.corners) if self.setup.robot.uncertain else 1
+        unstable = 1.0 if candidate.unstable is None else candidate.unstable / corners
+        return True, missed + unstable + NOISE_WEIGHT * float(np.log10(max(candidate.input_noise, 1e-12)))
+
+    def unstable(self, process: np.ndarray) -> int | None:
+        """Unstable corners with this R^v (n, n); None without tolerances."""
+        if not self.setup.robot.uncertain:
+            return None
         modes = self.loop.modes(self.corners, process, self.equilibria)
         self.equilibria = modes.equilibrium
         return int((modes.rate >= 0.0).sum())
@@ -237,11 +266,6 @@ class _Figures:
     damping: float
     compliance: float
     input_noise: float
-
-
-def _excess(ratios: Sequence[float]) -> float:
-    """Sum of ln(figure/limit) over the limits that are missed by more than a requirement allows."""
-    return sum(float(np.log(ratio)) for ratio in ratios if ratio > 1.0 + 0.9 * TOLERANCE)
 
 
 def _bandwidth(response: FrequencyResponse) -> float:

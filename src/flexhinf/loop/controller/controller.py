@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Guard, Program, Slice, compile_program
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.law_code import LawCode
@@ -17,7 +16,6 @@ from flexhinf.loop.controller.memory import (
     Layout,
     data_layout,
     data_values,
-    filler,
     input_before,
     memory_layout,
 )
@@ -29,18 +27,13 @@ from flexhinf.loop.controller.options import (
     check_names,
     checked_period,
 )
+from flexhinf.loop.controller.running import Running
 from flexhinf.loop.controller.schedule import Schedule
-from flexhinf.loop.controller.step import (
-    BAD_MEASUREMENT,
-    BAD_REFERENCE,
-    BAD_RESULT,
-    controller_step,
-    step_failure,
-)
+from flexhinf.loop.controller.step import controller_step
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.controller.transfer import STEPS, fade_time
 from flexhinf.loop.shared import share
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 
@@ -50,10 +43,10 @@ __all__ = ["ONE_TRACE", "Controller", "load_controller"]
 #: Above, it is composed of pieces in loops.
 ONE_TRACE = 5_000
 
-READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "memory")
+READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 
 
-class Controller(Summarised):
+class Controller(Running):
     """A sampled controller: measurement and command in, input out.
 
     Parameters
@@ -108,10 +101,7 @@ class Controller(Summarised):
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
-        self._memory = self.initial_memory()
-        self._reference = np.zeros(max(1, len(self.commanded)))
-        self._estimate = np.zeros(len(self.states))
-        self.reset()
+        self._begin(len(self.commanded), len(self.states))
 
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
@@ -250,22 +240,24 @@ class Controller(Summarised):
         return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        """`controller_step` of this controller."""
+        """`controller_step` of this controller; y has no elements where there is no measurement."""
         parts = (self.law_code, self.estimator, self._sources)
-        return controller_step(*parts, y, r, memory, data, run, self.mode)
+        return controller_step(*parts, y if len(y) else None, r, memory, data, run, self.mode)
 
-    @cached_property
+    @property
     def traced(self) -> Any:
         """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
+        return self._traced(measured=True)
 
+    def _traced(self, measured: bool) -> Any:
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             named = self.memory.named(memory), self.data.named(data)
             u, estimate, after = self._stepped(y, r, *named)
             return u, estimate, self.memory.flat(after)
 
-        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
-        names = ("y", "r", "memory", "data")
-        return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=names))
+        sizes = (len(self.measured) * measured, len(self.commanded), self.memory.size, self.data.size)
+        key = ("traced", measured, self.code_key)
+        return share(key, lambda: trace(step, *sizes, name="controller", names=READ))
 
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """One step as a part of a program.
@@ -273,120 +265,47 @@ class Controller(Summarised):
         Parameters
         ----------
         places : mapping
-            Where y, r, memory and data are read, and u, estimate and memory written; None without elements.
+            Where y, r, memory and data are read, and u, estimate and memory written; None without elements. The
+            memory is written in place, or where "after" is. Without y there is no measurement.
 
         Returns
         -------
         steps, buffers
             The steps, and scratch buffers that the program must have for them.
         """
+        places = {"after": places["memory"], **places}
         if not self.composed:
+            traced = drop_empty(self._traced(measured=places["y"] is not None))
             read, written = (
                 [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
             )
-            return (Call(drop_empty(self.traced), tuple(read), tuple(written)),), ()
+            return (Call(traced, tuple(read), tuple(written)),), ()
         run = Composer()
-        y, r, memory, data = (
-            Block(place, (place.size if place else 0,)) for place in (places[name] for name in READ)
+        y, r, memory, data, target = (
+            Block(place, (place.size if place else 0,))
+            for place in (places[name] for name in (*READ, "after"))
         )
         named = self.memory.named(memory), self.data.named(data)
         u, estimate, after = self._stepped(y, r, *named, run)
         run.copy(u, Block(places["u"], u.shape))
         run.copy(estimate, Block(places["estimate"], estimate.shape))
         for part, place in self.memory.pairs(after):
-            run.copy(part, memory[place])
+            run.copy(part, target[place])
         return tuple(run.body), run.buffers
 
-    @cached_property
-    def _bound(self) -> tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], np.ndarray]:
-        """The compiled step on this controller's memory: run, fill y, fill r, and where u appears."""
-        y, u = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names))
-        arrays = {"y": y, "r": self._reference, "data": self.data_vector.copy(), "memory": self._memory}
-        arrays |= {"u": u, "estimate": self._estimate}
-        kernel = share(("step", self.code_key), lambda: compile_program(self._program(arrays)))
-        reference = self._reference[: len(self.commanded)]
-        return kernel.bind(arrays, {}), filler(y), filler(reference), u
+    # Copies and pickles ---------------------------------------------------------------------------
+    def __getstate__(self) -> dict[str, Any]:
+        """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
+        limits = (self.limits.lower, self.limits.upper)
+        arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
+        return {
+            "arguments": {**arguments, "saturation": limits, **self._options},
+            "remembered": self._remembered.state(),
+        }
 
-    def _program(self, arrays: dict[str, np.ndarray]) -> Program:
-        roles = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
-        buffers = [Buffer(name, arrays[name].size, role) for name, role in roles.items()]  # type: ignore[arg-type]
-        whole = {name: Slice(name, size=array.size) for name, array in arrays.items()}
-        places: dict[str, Slice | None] = {**whole, "r": whole["r"] if self.commanded else None}
-        steps, scratch = self.steps(places)
-        body = (
-            Guard(whole["y"], BAD_MEASUREMENT),
-            Guard(whole["r"], BAD_REFERENCE),
-            *steps,
-            Guard(whole["u"], BAD_RESULT),
-            Guard(whole["memory"], BAD_RESULT),
-        )
-        return Program("controller_step", (*buffers, *scratch), body, ())
-
-    # The step -------------------------------------------------------------------------------------
-    def step(self, y: Any, reference: Any = None) -> np.ndarray:
-        """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
-
-        A plain number will do for one signal. Without a command the last one is kept (that of the operating
-        point at first).
-
-        Raises
-        ------
-        NumericalFailure
-            If y or the command is not finite: the memory is untouched. Or if the estimate or the input is no
-            longer finite: then only `reset` helps.
-        InvalidInput
-            If y or the command does not have the right size.
-        """
-        run, fill_measurement, fill_reference, u = self._bound
-        try:
-            fill_measurement(y)
-            if reference is not None:
-                fill_reference(reference)
-        except (ValueError, TypeError) as error:
-            raise self._misfit(y, reference) from error
-        code = run()
-        if code:
-            if code != BAD_RESULT:
-                self._keep_reference()
-            raise step_failure(code, y, reference)
-        return u.copy()
-
-    @property
-    def estimate(self) -> np.ndarray:
-        """x(k|k) of the last step, (n,); NaN before the first."""
-        return self._estimate.copy()
-
-    @property
-    def integrals(self) -> np.ndarray:
-        """Integrals of the tracking errors after the last step, (k,)."""
-        return np.array(self.memory.named(self._memory).integral)
-
-    def reset(self, state: Any = None, input: Any = None) -> None:
-        """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
-
-        The input before the first sample is `input` (m,), by default the operating input: the estimator's first
-        step sees it, and a law with ``start="bumpless"`` continues from it.
-
-        Raises
-        ------
-        InvalidInput
-            If state or input do not fit, or there is no estimator that could take the state.
-        """
-        self._memory[:] = self.initial_memory(state, input)
-        self._keep_reference()
-        self._estimate[:] = np.nan
-
-    def _keep_reference(self) -> None:
-        """Make the command of the last good sample the one that holds."""
-        self._reference[: len(self.commanded)] = self.memory.named(self._memory).reference
-
-    def _misfit(self, y: Any, reference: Any) -> InvalidInput:
-        return InvalidInput(
-            "The measurement or the command does not fit.",
-            f"expected one measurement for each of {list(self.measured)} and one command for each of "
-            f"{list(self.commanded)}, got y={y!r}, reference={reference!r}",
-            "arrays of these lengths, or plain numbers for one signal",
-        )
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state["arguments"])
+        self._remembered.restore(state["remembered"])
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import NumericalFailure
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Mode, Source
 from flexhinf.loop.controller.schedule import chosen
@@ -21,10 +20,7 @@ from flexhinf.loop.controller.transfer import continued
 from flexhinf.plant import Estimator
 from flexhinf.scalars import clip, where
 
-__all__ = ["BAD_MEASUREMENT", "BAD_REFERENCE", "BAD_RESULT", "controller_step", "step_failure"]
-
-#: How a compiled step ends where a number is not finite.
-BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
+__all__ = ["controller_step"]
 
 STANDING = Mode()
 
@@ -48,8 +44,9 @@ def controller_step(
         Without an estimator, y is the state of the plant that the law was designed for.
     tracked : sequence of Source
         Where each tracked state is read.
-    y, r : (p,), (k,)
-        Measurement and command; a moving reference is r = (x_d, u_d), (n + m,).
+    y, r : (p,) or None, (k,)
+        Measurement and command; a moving reference is r = (x_d, u_d), (n + m,). Without a measurement the prediction
+        stands for the estimate and for what is measured.
     memory, data : namespaces
         As `Controller.memory` and `Controller.data` lay them out.
     run : flexhinf.codegen.Direct or Composer
@@ -64,10 +61,14 @@ def controller_step(
     belief: Any = None
     if estimator is not None:
         prior = type(estimator.initial)(*memory.belief)
-        belief = estimator.measurement_update_on(
-            run, prior, y, memory.u, data.parameters, data.measurement_noise
-        )
+        belief = prior
+        if y is not None:
+            belief = estimator.measurement_update_on(
+                run, prior, y, memory.u, data.parameters, data.measurement_noise
+            )
         estimate = belief.mean
+        if y is None:
+            y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     active: Any = None
     taken: Any = None
     point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
@@ -173,19 +174,3 @@ def _input(
     pushes = growth * ((wanted - u) @ gain)
     choices = zip(pushes, before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
-
-
-def step_failure(code: int, y: Any, reference: Any) -> NumericalFailure:
-    """The error of a compiled step that ended with a code; y and the command are those it was given."""
-    if code == BAD_RESULT:
-        return NumericalFailure(
-            "The controller's estimate or input is no longer finite.",
-            f"after y={y!r}, reference={reference!r}",
-            "reset(); then check the measurement's unit and the noise covariances",
-        )
-    return NumericalFailure(
-        f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
-        "nothing was updated.",
-        f"got y={y!r}, reference={reference!r}",
-        "hold the last input for this sample",
-    )

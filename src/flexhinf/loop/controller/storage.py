@@ -26,7 +26,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import write_arrays
 from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.controller.schedule import Schedule
-from flexhinf.plant import Estimator, Law, ParameterTable, Plant
+from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
 
@@ -283,15 +283,7 @@ def _store_plant(plant: Plant, prefix: str, arrays: dict[str, np.ndarray]) -> di
 def _restored_plant(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Plant:
     """A plant whose flow and output are the stored functions."""
     table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})
-    stored_flow = function_from_arrays(_below("flow.", arrays), "flow")
-    stored_output = function_from_arrays(_below("output.", arrays), "output")
-
-    def flow(x: Any, u: Any, d: Any, p: Any) -> Any:
-        return apply(stored_flow, x, u, d, table.flat(p))[0]
-
-    def output(x: Any, u: Any, p: Any) -> Any:
-        return apply(stored_output, x, u, table.flat(p))[0]
-
+    flow, output = (StoredCode(_below(f"{name}.", arrays), table) for name in ("flow", "output"))
     return Plant(
         flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
         header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},

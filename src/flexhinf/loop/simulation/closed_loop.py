@@ -119,6 +119,11 @@ class Loop(Summarised):
             facts["quantisation"] = ", ".join(f"{step:.4g}" for step in self.channel.quanta)
         return {**facts, **self.controller.summary()}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: what the loop is made of, without compiled code."""
+        made = ("true_plant", "controller", "_asked_sub_steps", "channel")
+        return {name: vars(self)[name] for name in made}
+
     # What is run ----------------------------------------------------------------------------------
     @cached_property
     def sub_steps(self) -> int:

@@ -7,23 +7,20 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.result import Design
-from flexhinf.design.weights.estimator_noise import NoiseCandidate
-from flexhinf.report import Column, Paragraph, Section, Table, number
+from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
+from flexhinf.report import Column, Paragraph, Table, number
 
-__all__ = ["section", "selected_candidates"]
+__all__ = ["blocks", "selected_candidates"]
 
 #: Candidates beside the one that is used, the nearest in the order of the search.
 NEIGHBOURS = 3
 
 
-def section(design: Design) -> Section | None:
-    """Levels in use, and the candidates of the search; None without an estimator."""
+def blocks(design: Design) -> list[Any]:
+    """Levels in use, and the candidates of the search; none without an estimator."""
     if design.specification.estimator == "none":
-        return None
-    blocks: list[Any] = [Paragraph(_text(design))]
-    if design.noise_search is not None:
-        blocks.append(_table(design))
-    return Section("Noise levels of the estimator", tuple(blocks), "noise")
+        return []
+    return [Paragraph(_text(design)), *([] if design.noise_search is None else [_table(design)])]
 
 
 def _text(design: Design) -> str:
@@ -42,12 +39,21 @@ def _text(design: Design) -> str:
     )
     if design.noise_search is None:
         return text
-    kept = (
-        "The search took the levels with the least noise at the motors that keep every limit of the running loop."
-        if design.noise_search.chosen.feasible
-        else "No levels keep every limit of the running loop: the search took those that miss them least."
-    )
-    return f"{text} {kept}"
+    return f"{text} {_outcome(design.noise_search)}"
+
+
+def _outcome(search: NoiseSearch) -> str:
+    """What the search reached, in one sentence or two."""
+    chosen, least = search.chosen, "with the least noise at the motors"
+    if chosen.feasible:
+        return f"The search took the levels {least} that keep every limit of the running loop."
+    if chosen.unstable or not set(chosen.missed) <= set(search.unreachable):
+        outcome = "No levels keep all limits of the running loop: the search took those that miss them least."
+    else:
+        outcome = f"The search took the levels {least} that keep the other limits."
+    if not search.unreachable:
+        return outcome
+    return f"No levels reach the limit of the {' and the '.join(search.unreachable)}, which was left out. {outcome}"
 
 
 def selected_candidates(design: Design) -> list[NoiseCandidate]:

@@ -1,0 +1,163 @@
+"""What a running controller remembers, so that no sample can leave it stuck; and its step as a program.
+
+A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
+alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
+estimate leaves the finite numbers only some samples later. Two earlier memories are therefore kept. A step that
+fails leaves the memory as it was; where the next one fails too, the memory itself is taken to be bad and an earlier one
+takes its place, `SPACING` to 2·`SPACING` samples old; where that fails as well, the one of the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
+from flexhinf.codegen.steps import Step
+from flexhinf.errors import NumericalFailure
+
+__all__ = ["BAD_MEASUREMENT", "BAD_REFERENCE", "BAD_RESULT", "Remembered", "step_failure", "step_program"]
+
+#: How a compiled step ends where a number is not finite.
+BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
+
+#: Samples between two earlier memories: longer than a wild estimate takes to leave the finite numbers (some five
+#: samples with a cubic law), short against what the estimator needs to catch up.
+SPACING = 32
+
+#: What is finite before the step, and after it.
+ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
+
+
+class Remembered:
+    """The memory of the last good sample, and earlier ones.
+
+    Parameters
+    ----------
+    memory : (s,) array
+        At the start; copied.
+    commanded, states : int
+        Numbers of a command and of an estimate.
+
+    Attributes
+    ----------
+    memory : (s,) array
+        Of the last good sample; always the same array, which the compiled step writes.
+    reference : (max(1, k),) array
+        The command of the last good sample, and zeros; likewise.
+    estimate : (n,) array
+        Likewise; NaN before the first sample.
+    """
+
+    def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
+        self.memory, self.reference = np.array(memory), np.zeros(max(1, commanded))
+        self.estimate = np.full(states, np.nan)
+        self.begin(memory)
+
+    def begin(self, memory: np.ndarray) -> None:
+        """Start again from a memory (s,)."""
+        self.memory[:] = memory
+        self.estimate[:] = np.nan
+        self.start = np.array(memory)
+        self.older = self.newer = self.start
+        self._failed = np.zeros(0)
+
+    def keep(self) -> None:
+        """Keep this memory as an earlier one, every `SPACING` samples; the oldest is forgotten."""
+        self.older, self.newer = self.newer, self.memory.copy()
+
+    def fail(self) -> bool:
+        """Note that a step has failed; where one did before from the same memory, go back to an earlier, and say so."""
+        back = np.array_equal(self._failed, self.memory)
+        if back:
+            self.memory[:] = self.older
+            self.older = self.newer = self.start
+        self._failed = self.memory.copy()
+        return back
+
+    def state(self) -> dict[str, Any]:
+        """Everything that is remembered, for `restore`; arrays are copies."""
+        return {name: array.copy() for name, array in vars(self).items()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Remember what another one of this size did; the arrays that the compiled step writes stay."""
+        for name, array in state.items():
+            if name in ("memory", "reference", "estimate"):
+                getattr(self, name)[:] = array
+            else:
+                setattr(self, name, np.array(array))
+
+
+def step_program(
+    sizes: Mapping[str, int],
+    commanded: bool,
+    steps: Callable[[dict[str, Slice | None]], tuple[tuple[Step, ...], tuple[Buffer, ...]]],
+) -> Program:
+    """One step as a transaction: `memory` and `estimate` are written where everything is finite.
+
+    Parameters
+    ----------
+    sizes : mapping of str to int
+        Numbers in each of y, r, data, memory, u and estimate; without y, the step has no measurement.
+    commanded : bool
+        Whether a command is read.
+    steps : callable
+        As `Controller.steps`.
+    """
+    roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
+    buffers = [Buffer(name, sizes[name], role) for name, role in roles.items()]
+    buffers += [
+        Buffer("after", sizes["memory"], "work", cleared=False),
+        Buffer("estimated", sizes["estimate"], "work", cleared=False),
+    ]
+    whole = {buffer.name: Slice(buffer.name, size=buffer.size or 0) for buffer in buffers}
+    places: dict[str, Slice | None] = {"y": None, **whole, "estimate": whole["estimated"]}
+    body, scratch = steps(places if commanded else {**places, "r": None})
+    read = [Guard(whole["y"], BAD_MEASUREMENT)] if "y" in sizes else []
+    whole_body = (
+        *read,
+        Guard(whole["r"], BAD_REFERENCE),
+        *body,
+        Guard(whole["u"], BAD_RESULT),
+        Guard(whole["estimated"], BAD_RESULT),
+        Guard(whole["after"], BAD_RESULT),
+        Copy(whole["after"], whole["memory"]),
+        Copy(whole["estimated"], whole["estimate"]),
+    )
+    return Program("controller_step", (*buffers, *scratch), whole_body, ())
+
+
+def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
+    """The error of a compiled step that ended with a code; y and the command are those it was given.
+
+    Parameters
+    ----------
+    back : bool
+        Whether an earlier memory has taken the place of the one it ran on.
+    """
+    if code != BAD_RESULT:
+        advice = "another command"
+        if code == BAD_MEASUREMENT:
+            advice = "step(None) to predict over a sample without a measurement, or hold the last input"
+        return NumericalFailure(
+            f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
+            "nothing was updated.",
+            f"got y={y!r}, reference={reference!r}",
+            advice,
+        )
+    if back:
+        return NumericalFailure(
+            "The controller's estimate or input is no longer finite, again; the controller went back to what it "
+            f"remembered {SPACING} to {2 * SPACING} samples ago, or at its start.",
+            f"after y={y!r}, reference={reference!r}",
+            "go on with the next measurement, or reset(state); then look at the measurement's unit, saturation= and "
+            "the noise covariances",
+        )
+    return NumericalFailure(
+        "The controller's estimate or input is no longer finite; nothing was updated.",
+        f"after y={y!r}, reference={reference!r}",
+        "step(None) to predict over this sample; if it goes on, reset(), and look at the measurement's unit, "
+        "saturation= and the noise covariances",
+    )

@@ -1,0 +1,272 @@
+"""Nothing that happens at one sample makes a controller unusable: refused and missing measurements, copies, threads."""
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import ControllerInUse, InvalidInput, NumericalFailure
+from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
+from flexhinf.hinf import solve_hji
+from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop.controller import controller as controller_file
+from flexhinf.loop.controller.remembered import SPACING
+from flexhinf.plant import Law, Plant
+from flexhinf.robot import paper_arm
+
+SETTINGS = {"process_noise": 1e-8, "measurement_noise": 1e-6, "mean": np.zeros(4), "covariance": 1e-4}
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    """A law of degree 3 without limits: it answers 1e6 rad with 1e18 V."""
+    return solve_hji(paper_arm().problem(), gamma=300.0, degree=4)
+
+
+def arm_filter(kind):
+    return kind(paper_arm().plant(), 1e-3, **SETTINGS)
+
+
+class Numbered(Law):
+    """A law without a key of its own."""
+
+    state_names, input_names = ("q", "q_integral"), ("push",)
+    operating_point, operating_input, law_data = np.zeros(2), np.zeros(1), np.ones(1)
+
+    def evaluate_law(self, x, data):
+        return -data * x[0]
+
+
+# A measurement that is missing ----------------------------------------------------------------------
+@pytest.mark.oracle
+@pytest.mark.parametrize("composed", [False, True])
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter, OutputInjectionObserver])
+def test_without_a_measurement_the_estimate_is_predicted(made, monkeypatch, kind, composed):
+    """Against the updates by hand: prediction only, integrals of the predicted position, covariance grown by R^v."""
+    if composed:
+        monkeypatch.setattr(controller_file, "ONE_TRACE", -1)
+    estimator = arm_filter(kind)
+    estimator.initial = estimator.initial_at([0.3, 0.1, 0.25, -0.1])
+    controller = Controller(made.law, estimator)
+    belief, parameters = estimator.initial, estimator.plant.parameters
+    integral, before = 0.0, None
+    for k in range(4):
+        position = belief.mean[0]
+        integral += 0.0 if before is None else 1e-3 * (0.5 * (before + position) - 0.3)
+        u = made.law.gain @ [*belief.mean, integral]
+        np.testing.assert_allclose(controller.step(None, 0.3 if k == 0 else None), u, rtol=1e-9)
+        np.testing.assert_allclose(controller.estimate, belief.mean, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(controller.integrals, [integral], rtol=1e-9, atol=1e-15)
+        belief = estimator.time_update(
+            belief, u, parameters.named(parameters.vector()), estimator.process_noise
+        )
+        after = controller.memory.named(controller._memory).belief[1]
+        np.testing.assert_allclose(after, belief.covariance, rtol=1e-8, atol=1e-16)
+        before = position
+
+
+def test_a_missed_sample_costs_little_and_a_corrected_one_takes_over(made):
+    """Ten samples in a hundred are lost: the estimate stays that of all measurements to 2 mrad."""
+    whole, gaps = (Controller(made.law, made.ukf()) for _ in range(2))
+    rng = np.random.default_rng(0)
+    for k in range(300):
+        y = 0.2 * np.sin(0.01 * k) + 1e-3 * rng.normal()
+        whole.step(y, 0.2)
+        gaps.step(None if 100 <= k < 110 else y, 0.2)
+    np.testing.assert_allclose(gaps.estimate[::2], whole.estimate[::2], atol=2e-3)
+
+
+def test_without_an_estimator_there_is_nothing_to_predict_with(made):
+    controller = Controller(made.law, None)
+    first = controller.step(np.zeros(4), 1.0)
+    with pytest.raises(InvalidInput, match="nothing to predict with"):
+        controller.step(None, 1.0)
+    again = Controller(made.law, None)
+    np.testing.assert_array_equal(again.step(np.zeros(4), 1.0), first)
+    np.testing.assert_array_equal(again.step(np.ones(4)), controller.step(np.ones(4)))
+
+
+# A measurement that is refused ----------------------------------------------------------------------
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_a_step_that_fails_changes_nothing(cubic, kind):
+    """1e200 rad leaves the finite numbers at once: memory, estimate and command stay, and prediction goes on."""
+    spoiled, clean = (Controller(cubic, arm_filter(kind)) for _ in range(2))
+    for k in range(10):
+        if k == 5:
+            with pytest.raises(NumericalFailure, match="nothing was updated") as caught:
+                spoiled.step(1e200, 9.0)
+            assert "step(None)" in caught.value.advice
+            np.testing.assert_array_equal(spoiled.estimate, clean.estimate)
+        y = None if k == 5 else 1e-3 * k
+        np.testing.assert_array_equal(
+            spoiled.step(y, 0.1 if k < 5 else None), clean.step(y, 0.1 if k < 5 else None)
+        )
+
+
+@pytest.mark.parametrize("good", [10, 200])
+@pytest.mark.parametrize("wild", [1e3, 1e6, 1e30])
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_after_a_wild_measurement_the_controller_works_again(cubic, kind, wild, good):
+    """Finite at first, NaN some samples later: then an earlier memory stands, and the steps are good ones."""
+    controller = Controller(cubic, arm_filter(kind))
+    for _ in range(good):
+        controller.step(0.0, 0.1)
+    earlier = controller.integrals
+    controller.step(wild, 0.1)
+    failed = 0
+    for _ in range(20):
+        try:
+            u = controller.step(0.0)
+        except NumericalFailure:
+            failed += 1
+    assert failed == 2
+    assert abs(u[0]) < 5.0
+    assert np.all(np.abs(controller.estimate) < 0.1)
+    assert -(good + 20) * 1e-4 <= controller.integrals[0] < 0.0
+    if good > 2 * SPACING:  # not the memory of the start
+        assert controller.integrals[0] < earlier[0] + 2 * SPACING * 1e-4
+
+
+def test_a_sensor_that_stays_wild_is_refused_and_then_forgotten(cubic):
+    controller = Controller(cubic, arm_filter(UnscentedKalmanFilter))
+    fresh = controller.fresh()
+    for _ in range(100):
+        controller.step(0.0, 0.1)
+    for _ in range(50):
+        with pytest.raises(NumericalFailure):
+            controller.step(1e200)
+    fresh.step(0.0, 0.1)
+    assert np.isfinite(controller.step(0.0)).all()
+    assert abs(controller.step(0.0)[0] - fresh.step(0.0)[0]) < 0.5
+
+
+# Copies, pickles and threads ------------------------------------------------------------------------
+def lambdas(kind=UnscentedKalmanFilter):
+    plant = Plant(
+        lambda x, u, d, p: np.array([x[1], p.gain * u[0] - np.sin(x[0])]),
+        lambda x, u, p: x[:1], ("q", "v"), ("push",), parameters={"gain": 2.0},
+    )  # fmt: skip
+    return kind(plant, 1e-2, 1e-8, 1e-6, np.zeros(2), 1e-4)
+
+
+def controllers(made, kind):
+    if kind == "lambdas":
+        law = made.LinearLaw(("q", "v", "q_integral"), ("push",), [[-3.0, -2.0, -1.0]])
+        return Controller(law, lambdas(), 1e-2, saturation=3.0)
+    if kind == "ekf":
+        return Controller(
+            made.law, arm_filter(ExtendedKalmanFilter), saturation=(-5.0, 7.0), start="bumpless"
+        )
+    return Controller(made.law, None if kind == "state" else arm_filter(UnscentedKalmanFilter))
+
+
+COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it))}
+
+
+@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize("kind", ["ukf", "ekf", "state", "lambdas"])
+def test_a_copy_goes_on_with_a_memory_of_its_own(made, kind, how):
+    one = controllers(made, kind)
+    count = len(one.measured)
+    for k in range(SPACING + 3):
+        one.step(np.full(count, 0.01 * k), 0.5)
+    other = COPIES[how](one)
+    assert not np.shares_memory(one._memory, other._memory)
+    np.testing.assert_array_equal(other.estimate, one.estimate)
+    kept = one._memory.copy()
+    y = [np.full(count, 0.02 * k) for k in range(5)]
+    ahead = [other.step(value) for value in y]
+    np.testing.assert_array_equal(one._memory, kept)
+    np.testing.assert_allclose([one.step(value) for value in y], ahead, rtol=1e-9)
+    np.testing.assert_allclose(COPIES[how](other).estimate, other.estimate)
+
+
+@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize("kind", ["ukf", "lambdas"])
+def test_a_loop_copies_and_pickles_after_a_run(made, kind, how):
+    controller = controllers(made, kind)
+    loop = Loop(controller.estimator.plant, controller, quantisation=1e-3, delay=2 * controller.period)
+    run = loop.run(Step(0.2), duration=0.1)
+    again = COPIES[how](loop).run(Step(0.2), duration=0.1)
+    for name, values in run.signals.items():
+        np.testing.assert_allclose(again.signals[name], values, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter, OutputInjectionObserver])
+def test_an_estimator_copies_and_pickles_after_it_was_used(kind, how):
+    one = lambdas(kind)
+    one.predict([0.1])
+    one.correct([0.02])
+    other = COPIES[how](one)
+    kept = one.mean, one.covariance
+    other.predict([0.3])
+    other.correct([0.01])
+    np.testing.assert_array_equal(one.mean, kept[0])
+    np.testing.assert_array_equal(one.covariance, kept[1])
+    one.predict([0.3])
+    one.correct([0.01])
+    np.testing.assert_allclose(other.mean, one.mean, rtol=1e-12)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-12)
+
+
+def test_a_pickled_plant_of_any_code_is_the_same_plant():
+    plant = lambdas().plant
+    other = pickle.loads(pickle.dumps(plant))
+    x, u = [0.3, -0.2], [0.7]
+    np.testing.assert_allclose(other.derivative(x, u), plant.derivative(x, u), rtol=1e-15)
+    np.testing.assert_allclose(other.with_parameters(gain=3.0).derivative(x, u), [-0.2, 2.1 - np.sin(0.3)])
+    assert other.code_key == pickle.loads(pickle.dumps(other)).code_key
+
+
+def test_two_laws_of_one_number_are_not_taken_for_one(made):
+    """Laws without a key of their own are numbered in each process: a pickle must not bring its number along."""
+    law = Numbered()
+    assert law.law_key
+    sent = pickle.dumps(law)
+    others = [Numbered() for _ in range(3)]
+    assert pickle.loads(sent).law_key not in {other.law_key for other in (law, *others)}
+
+
+def test_two_threads_at_once_are_told(made):
+    """A step that waits inside its compiled part, and another one meanwhile; the first ends as it should."""
+    controller, clean = controllers(made, "ukf"), controllers(made, "ukf")
+    controller.step(0.0, 0.1)
+    clean.step(0.0, 0.1)
+    run, *rest = controller._ready
+    inside, go, results = threading.Event(), threading.Event(), []
+
+    def slow():
+        inside.set()
+        go.wait(10.0)
+        return run()
+
+    controller._ready = (slow, *rest)
+    thread = threading.Thread(target=lambda: results.append(controller.step(0.01)))
+    thread.start()
+    assert inside.wait(10.0)
+    for act in (lambda: controller.step(0.02), controller.reset, lambda: controller.step(None)):
+        with pytest.raises(ControllerInUse, match="Another thread"):
+            act()
+    go.set()
+    thread.join()
+    np.testing.assert_array_equal(results[0], clean.step(0.01))
+    controller._ready = (run, *rest)
+    np.testing.assert_array_equal(controller.step(0.03), clean.step(0.03))
+
+
+def test_a_step_that_is_interrupted_does_not_lock_the_controller(made):
+    controller = controllers(made, "ukf")
+    controller.step(0.0, 0.1)
+    run, *rest = controller._ready
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    controller._ready = (interrupted, *rest)
+    with pytest.raises(KeyboardInterrupt):
+        controller.step(0.1)
+    controller._ready = (run, *rest)
+    assert np.isfinite(controller.step(0.1)).all()
