@@ -20,12 +20,14 @@ from fuzz.tally import Tally
 ATTEMPTS = 3000
 
 NUMBERS = (
-    "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf", "9" * 400,
-    "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27", "100", "99.99",
+    "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf",
+    "9" * 400, "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27",
+    "100", "99.99",
 )  # fmt: skip
 WORDS = (
-    "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00", "a" * 200,
-    "../..", "url(x)", "😀", "link", "joint", "robot", "prismatic", "floating", "fixed", "stiffness", "mass",
+    "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00",
+    "a" * 200, "../..", "url(x)", "😀", "link", "joint", "robot", "prismatic", "floating", "fixed", "stiffness",
+    "mass",
 )  # fmt: skip
 
 URDF = """<robot name="arm"><link name="base"/>

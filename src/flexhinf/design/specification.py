@@ -38,6 +38,7 @@ from flexhinf.design.units import (
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
+from flexhinf.untrusted import value_text
 
 __all__ = [
     "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
@@ -300,6 +301,12 @@ def _checked(make: Any) -> Any:
             make(self, **fields)
         except ValidationError as error:
             raise _specification_error(error, fields) from None
+        except UnicodeEncodeError as error:
+            raise InvalidInput(
+                "A field of the specification is no text in UTF-8.",
+                f"got {value_text(error.object)}",
+                "text that can be printed",
+            ) from None
 
     return init
 
@@ -323,7 +330,7 @@ def _specification_error(error: ValidationError, fields: dict[str, Any]) -> Spec
         )
     milliseconds = name == "period" and first["type"] == "less_than_equal"
     example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
-    return _refusal(name, f"expected {FIELDS[name].allowed}, got {fields[name]!r}", example)
+    return _refusal(name, f"expected {FIELDS[name].allowed}, got {value_text(fields[name])}", example)
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:
