@@ -12,7 +12,7 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import Symbol, apply, cholesky, solve_lower
+from flexhinf.scalars import cholesky, solve_lower
 from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["RecursiveFilter", "covariance_matrix"]
@@ -189,15 +189,11 @@ class RecursiveFilter(Estimator):
     def sub_step(self, x: Any, u: Any, p: Any) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
         step, still = self.period / self.sub_steps, np.zeros(len(self.plant.disturbances))
-        if any(isinstance(element, Symbol) for element in x):  # traced before: not walked through again
-            flow = self.plant.traced_flow
-            return rk4_step(lambda s, v: apply(flow, s, v, still, p)[0], x, (u, u, u), step)
-        named = self.plant.parameters.named(p)
-        return rk4_step(lambda s, v: self.plant.flow(s, v, still, named), x, (u, u, u), step)
+        return rk4_step(lambda s, v: self.plant.evaluate_flow(s, v, still, p), x, (u, u, u), step)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:
         """H of Eq. (9); p is the vector of parameters."""
-        return np.atleast_1d(self.plant.output(x, u, self.plant.parameters.named(p)))
+        return self.plant.evaluate_output(x, u, p)
 
     # The shell ------------------------------------------------------------------------------------
     @property
