@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz.tally import Tally
 
 import flexhinf as fh
+from fuzz.tally import Tally
 
 ATTEMPTS = 1500
 
 _POINTS = np.random.default_rng(5).standard_normal((5, 2))
 _HOSTILE = (
-    None, True, -1, 0, 1.5, 10**400, "x", "nan", "-inf", [], {}, [[]], "a\nb", "𝛼" * 300, [1] * 1000, -(2**63), "9" * 5000,
+    None, True, -1, 0, 1.5, 10**400, "x", "nan", "-inf", [], {}, [[]], "a\nb", "𝛼" * 300, [1] * 1000, -(2**63),
+    "9" * 5000,
 )  # fmt: skip
 
 
@@ -80,7 +81,7 @@ def _cut(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> by
 
 
 def _lengthen(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
-    return content + rng.bytes(rng.integers(1, 200))
+    return content + rng.bytes(int(rng.integers(1, 200)))
 
 
 def _move_block(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
@@ -128,7 +129,18 @@ def _swap(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> b
 
 def _other_type(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
     name = _drawn(rng, arrays)
-    kinds: tuple[Any, ...] = (complex, np.float32, np.int64, str, object, bool, "S8", ">f8", "M8[s]", np.float16)
+    kinds: tuple[Any, ...] = (
+        complex,
+        np.float32,
+        np.int64,
+        str,
+        object,
+        bool,
+        "S8",
+        ">f8",
+        "M8[s]",
+        np.float16,
+    )
     kind = kinds[rng.integers(len(kinds))]
     arrays[name] = np.zeros(arrays[name].shape, kind)
     return _repacked(arrays)
@@ -152,7 +164,20 @@ def _other_numbers(rng: np.random.Generator, content: bytes, arrays: dict[str, A
 
 
 def _other_names(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
-    names = ("V_01", "V_-3", "V_", "V_1e1", "V_99999999999", "f_x", "../x", "", "V_1", "h_0", "extra", "q" * 1000)
+    names = (
+        "V_01",
+        "V_-3",
+        "V_",
+        "V_1e1",
+        "V_99999999999",
+        "f_x",
+        "../x",
+        "",
+        "V_1",
+        "h_0",
+        "extra",
+        "q" * 1000,
+    )
     arrays[names[rng.integers(len(names))]] = arrays.pop(_drawn(rng, arrays))
     return _repacked(arrays)
 
@@ -164,7 +189,14 @@ def _pickle(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) ->
 
 def _huge_claim(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
     """A header of an array that claims far more numbers than follow, or is far too long itself."""
-    shapes = ("(1000000000000,)", "(2,)" + " " * 20_000, "(99999999999999999999,)", "(-5,)", "(" * 3000, "(2, 'x')")
+    shapes = (
+        "(1000000000000,)",
+        "(2,)" + " " * 20_000,
+        "(99999999999999999999,)",
+        "(-5,)",
+        "(" * 3000,
+        "(2, 'x')",
+    )
     text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shapes[rng.integers(len(shapes))]}, }}\n".encode()
     member = b"\x93NUMPY\x02\x00" + len(text).to_bytes(4, "little") + text + b"\0" * 64
     return _repacked(arrays, **{_drawn(rng, arrays): member})
@@ -188,7 +220,17 @@ def _header(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) ->
 
 
 def _no_json(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
-    texts = ("[" * 100_000, "", "null", "[]", "{}", "NaN", '{"format": "flexhinf solution"}', "1" * 6000, "\x00")
+    texts = (
+        "[" * 100_000,
+        "",
+        "null",
+        "[]",
+        "{}",
+        "NaN",
+        '{"format": "flexhinf solution"}',
+        "1" * 6000,
+        "\x00",
+    )
     arrays["header"] = np.array(texts[rng.integers(len(texts))])
     return _repacked(arrays)
 

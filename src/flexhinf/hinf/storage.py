@@ -77,7 +77,15 @@ def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict
         return _assembled(arrays, whole, problem)
     except FlexhinfError as error:
         raise _unreadable(path, error.found or error.what) from error
-    except (KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError, RecursionError) as error:
+    except (
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        MemoryError,
+        OverflowError,
+        RecursionError,
+    ) as error:
         raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
@@ -98,10 +106,24 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
     for name, part in arrays.items():
         if part.dtype != np.float64 or not np.isfinite(part).all():
             raise InvalidInput("Wrong numbers.", f"{name} is not made of finite float64 numbers")
-    states, inputs, degree, gamma = header["states"], header["inputs"], header["degree"], float(header["gamma"])
+    states, inputs, degree, gamma = (
+        header["states"],
+        header["inputs"],
+        header["degree"],
+        float(header["gamma"]),
+    )
     records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
-    names = isinstance(states, list) and isinstance(inputs, list) and all(isinstance(x, str) for x in states + inputs)
-    if not names or not _is_integer(degree, 2, _HIGHEST) or not gamma > 0 or not _is_integer(memory, 0, 1 << 62):
+    names = (
+        isinstance(states, list)
+        and isinstance(inputs, list)
+        and all(isinstance(x, str) for x in states + inputs)
+    )
+    if (
+        not names
+        or not _is_integer(degree, 2, _HIGHEST)
+        or not gamma > 0
+        or not _is_integer(memory, 0, 1 << 62)
+    ):
         raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
     parts = {name: _gather(arrays, name, 0, _HIGHEST) for name in _FIELDS}
     exact = PolynomialPlant.from_parts(
@@ -144,8 +166,9 @@ def _check_value(p: np.ndarray, value: dict[int, np.ndarray], n: int) -> None:
 
 
 def _record(given: dict[str, Any], degree: int) -> DegreeRecord:
-    numbers = {name: float(given.pop(name)) for name in ("residual", "seconds", "error") if name in given}
-    record = DegreeRecord(**given, **numbers)
+    for name in {"residual", "seconds", "error"} & given.keys():
+        given[name] = float(given[name])
+    record = DegreeRecord(**given)
     if not _is_integer(record.degree, 2, degree) or not isinstance(record.method, str):
         raise InvalidInput("Wrong header.", "a record of a degree makes no sense")
     return record
