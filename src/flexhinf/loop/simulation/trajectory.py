@@ -244,7 +244,7 @@ class Trajectory(Summarised):
             np.column_stack(columns),
             "%.17g",
             ",",
-            header=",".join(labels),
+            header=",".join(map(_csv_cell, labels)),
             comments="",
             encoding="utf-8",
         )
@@ -319,22 +319,32 @@ def _divergence(code: int, time: float) -> str:
     )
 
 
+def _csv_cell(text: str) -> str:
+    """A text as one cell of a CSV file (RFC 4180)."""
+    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
+
+
 def _plot(run: Trajectory) -> NotebookFigure:
+    import matplotlib
+
     from flexhinf.loop.simulation.figure import NotebookFigure
 
-    figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    shown = run.judged or run.names["estimate"]
-    for k, name in enumerate(shown):
-        _plot_state(above, run, name, f"C{k}")
-    for k, name in enumerate(run.names["input"]):
-        below.plot(run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k]))
-    below.set_xlabel("time in s")
-    _label_axis(above, [_shown_unit(run, name)[1] for name in shown], "states")
-    _label_axis(below, run.units["input"], "inputs")
-    for axes in (above, below):
-        axes.legend(frameon=False)
-        axes.grid(alpha=0.3)
+    with matplotlib.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
+        figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        shown = run.judged or run.names["estimate"]
+        for k, name in enumerate(shown):
+            _plot_state(above, run, name, f"C{k}")
+        for k, name in enumerate(run.names["input"]):
+            below.plot(
+                run.time, run.signals["input"][:, k], f"C{k}", label=_label(name, run.units["input"][k])
+            )
+        below.set_xlabel("time in s")
+        _label_axis(above, [_shown_unit(run, name)[1] for name in shown], "states")
+        _label_axis(below, run.units["input"], "inputs")
+        for axes in (above, below):
+            axes.legend(frameon=False)
+            axes.grid(alpha=0.3)
     return figure
 
 
