@@ -15,7 +15,7 @@ import pytest
 
 from flexhinf.design import Design
 from flexhinf.design.report import design_page
-from flexhinf.design.report.formatting import units_of
+from flexhinf.design.report.formatting import joint_table, units_of
 from flexhinf.design.report.page import remarks, title_of
 from flexhinf.design.report.sections import poles, region
 from flexhinf.design.report.sections.corners import corner_cells, corner_rows, corners_text
@@ -28,6 +28,7 @@ from flexhinf.design.report.settings import design_settings
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.status import Status
+from flexhinf.report import Column
 
 Make = Callable[[str], Design]
 ORDER = [
@@ -98,6 +99,9 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in "".join(block.html() for block in poles.blocks(design))
+    single = joint_table(("joint", Column("way", "°"), "ends"), [("joint", 5.73, None)], "", "a")
+    assert single.rows == [("way", "5.73°"), ("ends", "–")]
+    assert joint_table(("joint", Column("way", "°")), [("a", 1.0), ("b", 2.0)], "", "a").stacks
     settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
     assert settings["pose"] == "rad"
 
