@@ -12,10 +12,10 @@ from flexhinf.design.report.drawing import figure_block, framed, reference_line,
 from flexhinf.design.report.formatting import Units, count_text, joint_table, range_text, rounded, units_of
 from flexhinf.design.report.sections.poles import vibration_damping
 from flexhinf.design.report.sections.step import spring_torques
+from flexhinf.design.requirements import RINGS
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop
-from flexhinf.design.status import RINGS
 from flexhinf.report import (
     SERIES,
     Column,
