@@ -319,7 +319,7 @@ def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None
     assert page.verdict.startswith("The step diverges at 0.05 s.")
     assert "until it diverged" in text_of(gone, "specification")
     found = remarks(gone)
-    assert "The step diverges" in found["step"][0]
-    assert "the loop diverges" in found["load"][0]
-    assert "The loop diverges while it follows the planned move" in found["move"][0]
+    assert any("The step diverges" in text for text in found["step"])
+    assert any("the loop diverges" in text for text in found["load"])
+    assert any("The loop diverges while it follows the planned move" in text for text in found["move"])
     assert not re.search(r"\bnan\b", re.sub(r"<svg.*?</svg>", "", page.html(), flags=re.DOTALL))
