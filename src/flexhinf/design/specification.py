@@ -41,7 +41,7 @@ from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
+    "ESTIMATORS", "FIELDS", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
     "json_schema",
 ]  # fmt: skip
 
@@ -56,6 +56,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
+TOLERANCE = 0.02
 
 #: Longest run in samples. Beyond it a time was probably meant in ms: such a run takes minutes and shows nothing that a
 #: shorter one does not.
@@ -242,6 +245,16 @@ class Specification:
         """The largest allowed input, the smaller of requirement and saturation; None for no limit."""
         limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
         return min(limits, default=None)
+
+    @property
+    def peak_sensitivity_limit(self) -> float:
+        """Largest |S| that is allowed: as stated, or `PEAK_SENSITIVITY`."""
+        return PEAK_SENSITIVITY if self.peak_sensitivity is None else self.peak_sensitivity
+
+    @property
+    def gain_margin_limit(self) -> float:
+        """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
+        return GAIN_MARGIN if self.gain_margin is None else self.gain_margin
 
     @property
     def in_degrees(self) -> bool:
