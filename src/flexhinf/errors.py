@@ -9,7 +9,32 @@ __all__ = [
     "NotDetectable",
     "NotStabilisable",
     "NumericalFailure",
+    "readable",
 ]
+
+#: Most characters and most lines of each part of a message: a person reads it.
+LONGEST_PART, MOST_LINES = 600, 12
+
+
+def readable(text: str, most: int = LONGEST_PART, lines: int = MOST_LINES) -> str:
+    """A text of at most `most` characters and `lines` lines: what is cut out of its middle is counted.
+
+    Control characters, and those that change the direction of writing, are written as Python escapes them.
+
+    Examples
+    --------
+    >>> readable("a" * 10 + "b" * 80 + "c" * 10, 40)
+    'aaaaaaaaaabbbbbbbbbb … 70 characters … cccccccccc'
+    """
+    rows = text.splitlines()
+    if len(rows) > lines:
+        text = "\n".join([*rows[: lines - 2], f"… {len(rows) - lines + 1} lines …", rows[-1]])
+    if len(text) > most:
+        head, tail = most // 2, most // 4
+        text = f"{text[:head]} … {len(text) - head - tail} characters … {text[-tail:]}"
+    if not text.replace("\n", "").isprintable():
+        text = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return text
 
 
 class FlexhinfError(Exception):
@@ -23,9 +48,12 @@ class FlexhinfError(Exception):
         What was expected and what was received, with the numbers.
     advice : str
         What to try.
+
+    Each part is cut to a few lines, see `readable`: it may quote a whole file.
     """
 
     def __init__(self, what: str, found: str = "", advice: str = "") -> None:
+        what, found, advice = readable(what), readable(found), readable(advice)
         self.what = what
         self.found = found
         self.advice = advice

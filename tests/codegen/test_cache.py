@@ -1,5 +1,6 @@
 """A cache file is used when it is exactly right, and never otherwise."""
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -141,6 +142,68 @@ def test_the_oldest_files_go_first(folder, monkeypatch):
     assert cache.cached(("0",), lambda: b"new") == b"new"
 
 
+def test_only_files_of_ours_are_ever_removed(folder, monkeypatch):
+    monkeypatch.setattr(cache, "_MOST_FILES", 1)
+    folder.mkdir()
+    theirs = [folder / name for name in ("main.o", "f" * 64 + ".o", "tmpabc.part", "flexhinf-notes.txt")]
+    for k, file in enumerate(theirs):
+        file.write_bytes(b"\x7fELF of somebody's own build")
+        os.utime(file, (k, k))  # older than anything of ours
+    for k in range(3):
+        cache.cached((str(k),), lambda k=k: bytes([k]))
+    assert all(file.exists() for file in theirs)
+    assert len(list(folder.iterdir())) <= len(theirs) + 2
+
+
+def test_what_a_killed_process_began_to_write_is_removed_later(folder):
+    script = (
+        "import os, sys; from flexhinf.codegen import cache\n"
+        "os.replace = lambda *_: os.kill(os.getpid(), 9)\n"
+        "cache.cached(('killed',), lambda: b'code')"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode != 0
+    begun = only_file(folder)
+    cache.cached(("soon",), lambda: b"code")
+    assert begun.exists()  # somebody may still be writing
+    os.utime(begun, (0, 0))
+    cache.cached(("later",), lambda: b"code")
+    assert not begun.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+def test_a_pipe_in_place_of_the_file_keeps_nobody_waiting(folder):
+    key = cache._key(("piped",)).hex()
+    folder.mkdir()
+    os.mkfifo(folder / f"{key}.o")
+    script = "from flexhinf.codegen import cache; assert cache.cached(('piped',), lambda: b'code') == b'code'"
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=20)
+    assert cache.cached(("piped",), lambda: pytest.fail("not kept")) == b"code"
+
+
+BAD_CODE = {
+    "no line": b"code",
+    "no object": b"{}\n",
+    "no functions": b"[1]\ncode",
+    "no machine code": b"{}\n" + b"x" * 999,
+}
+
+
+@pytest.mark.parametrize("case", [*BAD_CODE, "cut object"])
+def test_a_whole_file_with_code_that_cannot_be_loaded_is_replaced(case, folder, assembled):
+    assert works()
+    file = only_file(folder)
+    good = file.read_bytes()
+    code = good[len(cache._MAGIC) + 64 :]
+    bad = BAD_CODE.get(case, code[: len(code) // 2])
+    head = good[: len(cache._MAGIC) + 32]
+    file.write_bytes(head + hashlib.sha256(bad).digest() + bad)
+    assert works()
+    assert len(assembled) == 2
+    assert works()
+    assert len(assembled) == 2
+    assert file.read_bytes()[: len(head)] == head
+
+
 def test_parts_are_not_run_together(folder):
     cache.cached(("a", "bc"), lambda: b"1")
     assert cache.cached(("ab", "c"), lambda: b"2") == b"2"
@@ -156,3 +219,19 @@ def test_where_the_folder_is(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache.folder() == tmp_path / ".cache" / "flexhinf"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # to be ignored, says its specification
+    assert cache.folder() == tmp_path / ".cache" / "flexhinf"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a user without a home")
+def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path, assembled):
+    for name in ("FLEXHINF_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(
+        os.path, "expanduser", lambda path: path
+    )  # as for a user id without an entry and no HOME
+    monkeypatch.chdir(tmp_path)
+    assert works()
+    assert works()
+    assert len(assembled) == 2
+    assert not list(tmp_path.iterdir())

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.design import law_cost
-from flexhinf.design.law_cost import needed_states, operations
+from flexhinf.design.evaluation import needed_states, operations
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -182,3 +184,47 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
     np.testing.assert_allclose(plant.derivative([0.1, 0, 0, 0], [0.2]), [0, -2.0, 0, (0.2 + 1.0) / 0.1])
     with pytest.raises(InvalidInput, match="single link"):
         load_robot(write(GOOD + text + "[joint.motor]\nmotor_inertia = 0.1\n"))
+
+
+# Hostile files ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("replaced", "by", "match"),
+    [
+        ('"turn"', r'"tu\nrn"', "no usable name"),
+        ('"turn"', r'"tu\u001b[31mrn"', "no usable name"),
+        ('"turn"', r'"tu\u202ern"', "no usable name"),
+        ('"turn"', '"' + "t" * 101 + '"', "no usable name"),
+        ('"turn"', '"integral"', "another meaning"),
+        ('name = "two"', r'name = "two\u0007"', "no usable name"),
+        ('name = "two"', r'description = "two\u0007"', "cannot be printed"),
+        ('source = "CAD"', r'source = "C\u0000AD"', "cannot be printed"),
+        ("mass = 2.0", "mass = 1e31", "out of all proportion"),
+        ("stiffness = { value = 1000.0", "stiffness = { value = 1e-31", "out of all proportion"),
+        ("axis = [1, 0, 0]", "axis = [0, 1e200, 1e200]", "axis"),
+        ("home = [0.1, 0.2]", "home = [" + "0.1," * 200_000 + "]", "pose does not fit"),
+        ("effort = 0.5", "effort = 0.5\n[[joint]]" * 1 + "\n[[joint]]" * 70_000, "too many joints"),
+    ],
+)
+def test_what_no_robot_has_is_refused_in_a_second(tmp_path, replaced, by, match):
+    assert replaced in GOOD
+    path = tmp_path / "arm.toml"
+    path.write_text(GOOD.replace(replaced, by), encoding="utf-8")
+    start = time.process_time()
+    with pytest.raises(InvalidInput, match=match) as caught:
+        load_robot(path)
+    assert time.process_time() - start < 1.0
+    assert len(str(caught.value)) < 2000
+
+
+def test_two_numbers_of_one_name_are_refused(tmp_path):
+    path = tmp_path / "arm.toml"
+    text = GOOD.replace('"slide"', '"a"').replace('"turn"', '"smoothing_a"')
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match="friction_smoothing_a"):
+        load_robot(path)
+
+
+def test_a_name_that_no_file_can_have_is_refused():
+    for name in ("a" * 5000, "a\0b.toml"):
+        with pytest.raises(InvalidInput, match="no robot file"):
+            load_robot(name)

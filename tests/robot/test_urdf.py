@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -189,3 +191,76 @@ def test_a_massless_body_keeps_its_inertia(tmp_path):
         path.write_text(text.replace("IXX", size).replace("IZZ", size), encoding="utf-8")
         inertias.append(read_urdf(path, joints=["q"]).links[0].inertia)
     assert inertias[1][0] - inertias[0][0] == pytest.approx(0.0002)
+
+
+# Hostile files ------------------------------------------------------------------------------------
+LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+
+
+def refused(path, text, match):
+    """The message of a refusal within a second of processor time, a few lines long."""
+    path.write_text(text, encoding="utf-8")
+    start = time.process_time()
+    with pytest.raises(InvalidInput, match=match) as caught:
+        read_urdf(path)
+    assert time.process_time() - start < 1.0
+    assert len(str(caught.value)) < 2000
+
+
+def chain(count, kind="fixed"):
+    """A URDF of so many joints behind each other."""
+    joints = "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k in range(count)
+    )
+    return f"<robot>{''.join(LINK.format(f'l{k}') for k in range(count + 1))}{joints}</robot>"
+
+
+@pytest.mark.parametrize("element", ["link", "joint"])
+def test_a_name_that_stands_twice_is_refused(tmp_path, element):
+    text = ARM.replace('<link name="bracket">', '<link name="upper">')
+    text = text if element == "link" else ARM.replace('joint name="weld"', 'joint name="stand"')
+    refused(tmp_path / "arm.urdf", text, f"the {element} '(upper|stand)' stands there 2 times")
+
+
+@pytest.mark.parametrize("axis", ["0 1e200 1e200", "0 0 1e-300", "0 1e400 0"])
+def test_an_axis_that_would_become_zero_is_refused(tmp_path, axis):
+    refused(tmp_path / "arm.urdf", ARM.replace('xyz="0.6 0 0.8"', f'xyz="{axis}"'), "axis")
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a&#10;b", "a&#x202e;b", "a" * 101])
+def test_a_joint_whose_name_cannot_be_printed_is_refused(tmp_path, name):
+    refused(tmp_path / "arm.urdf", ARM.replace('"elbow"', f'"{name}"'), "no usable name")
+
+
+def test_a_joint_without_a_name_is_refused(tmp_path):
+    refused(tmp_path / "arm.urdf", ARM.replace('<joint name="elbow" ', "<joint "), "no usable name")
+
+
+def test_too_many_links_and_joints_are_refused_in_a_second(tmp_path):
+    refused(tmp_path / "arm.urdf", chain(2000), "too many links")
+    refused(tmp_path / "arm.urdf", chain(150, "continuous"), "too many joints move")
+    refused(tmp_path / "arm.urdf", "<robot>" + '<joint name="a"/>' * 90_000 + "</robot>", "too many joints")
+
+
+def test_a_long_chain_of_fixed_links_is_one_link(tmp_path):
+    text = chain(900).replace('name="j0" type="fixed"', 'name="j0" type="continuous"')
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    arm = read_urdf(tmp_path / "arm.urdf")
+    assert [joint.name for joint in arm.joints] == ["j0"]
+    assert arm.links[0].mass == 900.0
+
+
+@pytest.mark.parametrize("mass", ["1e300", "nan", "inf", "9" * 5000, "1e31"])
+def test_masses_out_of_proportion_are_refused(tmp_path, mass):
+    refused(
+        tmp_path / "arm.urdf",
+        ARM.replace('<mass value="2.5"/>', f'<mass value="{mass}"/>'),
+        "value of <mass>",
+    )
+
+
+@pytest.mark.parametrize("value", [np.ma.masked, "far", 1e300, np.nan, 10**400])
+def test_a_joint_is_locked_at_a_number(urdf, value):
+    with pytest.raises(InvalidInput, match="locked at no position"):
+        read_urdf(urdf, locked={"elbow": value, "follow": 0.0})

@@ -162,7 +162,7 @@ class EquilibriumLoop:
         def measured(moving: Any, held: Any) -> Any:
             if places is not None:
                 return moving[places]
-            return np.atleast_1d(plant.output(moving[:n], moving[n:], plant.parameters.named(held)))
+            return plant.evaluate_output(moving[:n], moving[n:], held)
 
         sizes = (n + len(plant.inputs), plant.parameters.size)
         return Rows(("measure", plant.code_key, places), lambda: trace(measured, *sizes, name="measure"))

@@ -228,7 +228,7 @@ class SampledController:
         if self.estimator is None:
             return np.zeros(0)
         e, held = self.estimator, self._held(None)
-        y = np.atleast_1d(e.plant.output(x, u, e.plant.parameters.named(e.plant.parameters.vector())))
+        y = e.plant.evaluate_output(x, u, e.plant.parameters.vector())
         start = self._moved(e.initial_at(x))
         start = self._moved(self._updated(np.concatenate([start, u]), held, False))
         corrected = self._moved(self._updated(np.concatenate([start, y, u]), held, True))
@@ -285,7 +285,7 @@ class SampledController:
     def _check_rest(self) -> None:
         e, u = self.estimator, np.asarray(self.law.operating_input, dtype=float)
         mean, held = np.asarray(e.initial.mean, dtype=float), self._held(None)
-        y = np.atleast_1d(e.plant.output(mean, u, e.plant.parameters.named(e.plant.parameters.vector())))
+        y = e.plant.evaluate_output(mean, u, e.plant.parameters.vector())
         after = [
             self._updated(np.concatenate([mean, *given, u]), held, measured)
             for given, measured in (((y,), True), ((), False))

@@ -20,10 +20,10 @@ from typing import Any, cast
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
-from flexhinf.baselines.gravity import digest
 from flexhinf.baselines.normal_form import NormalForm
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.scalars import digest
 
 __all__ = ["FeedbackLinearisation", "bessel_coefficients"]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexhinf.baselines.joints import ElasticJoints
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array
 
 __all__ = ["INTEGRAL_RATE", "check_goal", "check_integral", "per_joint", "rigid_gains"]
 
@@ -53,8 +54,8 @@ def per_joint(what: str, value: Any, joints: int) -> np.ndarray:
         For anything else.
     """
     try:
-        numbers = np.broadcast_to(np.asarray(value, dtype=float), (joints,)).copy()
-    except (TypeError, ValueError):
+        numbers = np.broadcast_to(real_array(value), (joints,)).copy()
+    except ValueError:
         numbers = np.array([np.nan])
     if not np.all(np.isfinite(numbers)) or np.any(numbers < 0.0):
         raise InvalidInput(

@@ -17,7 +17,7 @@ import numpy as np
 from flexhinf.baselines.joints import check_joints
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
-from flexhinf.scalars import apply, trace
+from flexhinf.scalars import apply, digest, trace
 
 __all__ = ["GravityTorque"]
 
@@ -107,10 +107,3 @@ class GravityTorque:
     def key(self) -> str:
         """What distinguishes the code of two gravity torques."""
         return digest(self.traced)
-
-
-def digest(function: Any) -> str:
-    """SHA-256 of a CasADi function's own serial form, which holds its instructions and constants."""
-    import hashlib
-
-    return hashlib.sha256(function.serialize().encode()).hexdigest()

@@ -10,6 +10,7 @@ import numpy as np
 from flexhinf.baselines.equilibrium_law import LinearFeedback, equilibrium_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.untrusted import real_array
 
 __all__ = ["LinearQuadratic", "checked_gain", "lqr", "lqr_gain"]
 
@@ -106,10 +107,7 @@ def checked_gain(value: Any, inputs: int, states: int) -> np.ndarray:
     InvalidInput
         For anything else.
     """
-    try:
-        gain = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        gain = np.array(np.nan)
+    gain = real_array(value)
     if gain.shape != (inputs, states) or not np.all(np.isfinite(gain)):
         raise InvalidInput(
             "The gain does not fit the law's states and inputs.",

@@ -1,11 +1,12 @@
 """All commands, and the way in and out.
 
-A new command is a function in a file of its own, named in `COMMANDS`. Where it takes a specification, its options are
+A new command is a function that is named in `COMMANDS`. Where it takes a specification, its options are
 made by `flexhinf.cli.arguments.with_specification`.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -14,28 +15,46 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
-from flexhinf.cli.compare import EXAMPLES as COMPARE_EXAMPLES
-from flexhinf.cli.compare import compare
-from flexhinf.cli.design import EXAMPLES as DESIGN_EXAMPLES
-from flexhinf.cli.design import design
+from flexhinf.cli.design import compare, design
 from flexhinf.cli.messages import INTERRUPTED, error_text, mistake, parser_error
-from flexhinf.cli.paper import EXAMPLES as PAPER_EXAMPLES
 from flexhinf.cli.paper import paper
-from flexhinf.cli.robots import EXAMPLES as ROBOTS_EXAMPLES
-from flexhinf.cli.robots import robots
-from flexhinf.cli.schema import EXAMPLES as SCHEMA_EXAMPLES
-from flexhinf.cli.schema import schema
 from flexhinf.errors import FlexhinfError
 
-__all__ = ["COMMANDS", "app", "main"]
+__all__ = ["COMMANDS", "app", "main", "robots", "schema"]
+
+
+def robots() -> None:
+    """List the robots that ship with flexhinf, and where their numbers come from."""
+    from rich.console import Console
+
+    from flexhinf.design.report import robots_table
+
+    Console().print(robots_table())
+
+
+def schema() -> None:
+    """Print the JSON schema of a design file (design.toml), for editors and other programs."""
+    from flexhinf.design import design_schema
+
+    typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=False))
+
 
 #: Each with its examples, in the order of the help.
 COMMANDS = {
-    paper: PAPER_EXAMPLES,
-    robots: ROBOTS_EXAMPLES,
-    design: DESIGN_EXAMPLES,
-    compare: COMPARE_EXAMPLES,
-    schema: SCHEMA_EXAMPLES,
+    paper: ("flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second"),
+    robots: ("flexhinf robots",),
+    design: (
+        "flexhinf design paper --goal 90deg",
+        "flexhinf design planar-two-link --goal 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
+        "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
+        "flexhinf design flexhinf-design/design.toml --seed 1",
+    ),
+    compare: (
+        "flexhinf compare paper --goal 90deg",
+        "flexhinf compare planar-two-link --goal 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
+        "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
+    ),
+    schema: ("flexhinf schema > design.schema.json",),
 }
 
 app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)

@@ -1,24 +1,16 @@
-"""``flexhinf design``: from a robot, or a design file, to a judged controller."""
+"""``flexhinf design``, from a robot or a design file to a judged controller; ``flexhinf compare``, to several."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from flexhinf.cli.arguments import Elastic, Out, Robot, reproduce_command, request_of, with_specification
-from flexhinf.cli.messages import NOT_MET, note
-from flexhinf.cli.progress import Progress
+from flexhinf.cli.messages import NOT_MET, Progress, note
 
-__all__ = ["EXAMPLES", "design"]
-
-EXAMPLES = (
-    "flexhinf design paper --goal 90deg",
-    "flexhinf design planar-two-link --goal 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
-    "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
-    "flexhinf design flexhinf-design/design.toml --seed 1",
-)
+__all__ = ["compare", "design"]
 
 
 @with_specification()
@@ -61,3 +53,80 @@ def design(
     typer.echo(f"report: {folder / 'index.html'}")
     if not result.met:
         raise typer.Exit(NOT_MET)
+
+
+COMPARISON = "What is compared"
+
+Laws = Annotated[
+    str,
+    typer.Option(
+        rich_help_panel=COMPARISON,
+        help="nl-hinf (the design's own), nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, "
+        "pid, torque, torque-i, flatness, flatness-i; between commas. Default: all without a degree.",
+    ),
+]
+Tune = Annotated[
+    str,
+    typer.Option(
+        rich_help_panel=COMPARISON,
+        help="What the laws share when they are tuned: peak (largest input of the step commanded at once: at most the "
+        "limit asked for or the saturation, or that of nl-hinf where it is larger), bandwidth (of the linear loop: at "
+        "most the one asked for, or that of nl-hinf), or none. Every law keeps the limits of the margins as well, and "
+        "lets no more measurement noise through to the motor than nl-hinf.",
+    ),
+]
+SameSensors = Annotated[
+    bool,
+    typer.Option(
+        "--same-sensors",
+        rich_help_panel=COMPARISON,
+        help="Every law measures what nl-hinf measures; without this option each law has the sensors that its "
+        "proponents would choose, such as an encoder on the motor for a PD.",
+    ),
+]
+
+
+#: These fields change nothing of a comparison, and have no option here.
+@with_specification("overshoot", "compare_rigid", "mujoco")
+def compare(
+    context: typer.Context,
+    robot: Robot,
+    out: Out = Path("flexhinf-compare"),
+    elastic: Elastic = "",
+    laws: Laws = "",
+    tune: Tune = "peak",
+    same_sensors: SameSensors = False,
+    **options: Any,
+) -> None:
+    """Which law is best for this robot: the nonlinear H∞ law, or one that you would use instead?
+
+    Laws by name on the same plants, with the same commands, disturbances and seeds, each with
+    its own sensors and tuned over all its parameters for one criterion that is stated first:
+    one table, one figure, one page. The headline names the best rival.
+
+    Exit code: 0 when the report is written, whoever wins; 2 for a mistake (nothing is
+    written); 130 if interrupted.
+    """
+    from rich.console import Console
+
+    from flexhinf.design import compare as make_comparison
+    from flexhinf.design import comparison_stages, law_names, report
+    from flexhinf.report import check, write
+
+    read = request_of(context, robot, elastic)
+    request = read.request
+    chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
+    folder = check(out)
+    count = comparison_stages(request.robot, request.specification, law_names(chosen))
+    with Progress(count + 1) as progress:
+        result = make_comparison(request.robot, request.specification, chosen, tune, progress, same_sensors)
+        progress("report")
+        files = report.comparison_files(result, reproduce_command(context), read.warnings)
+    write(folder, files)
+    console = Console()
+    for table in report.comparison_tables(result, console.width):
+        console.print(table)
+    for text in report.comparison_notes(result):
+        note(text)
+    typer.echo(report.comparison_verdict(result))
+    typer.echo(f"report: {folder / 'index.html'}")

@@ -1,9 +1,9 @@
-"""What goes to standard error: errors in three parts in the command line's own syntax, notes; and the exit codes."""
+"""What goes to standard error: errors in three parts in the command line's own syntax, notes, progress; exit codes."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import typer
 from typer.exceptions import TyperException
@@ -12,15 +12,9 @@ from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError
 
 __all__ = [
-    "INTERRUPTED",
-    "NOT_MET",
-    "USER_ERROR",
-    "error_text",
-    "mistake",
-    "note",
-    "option_syntax",
+    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "error_text", "mistake", "note", "option_syntax",
     "parser_error",
-]
+]  # fmt: skip
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
 #: the shells' code for an interruption.
@@ -112,3 +106,40 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     advice = ", ".join(known) if known else meant.rstrip("?").strip("'") or f"{path} --help"
     found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     return str(FlexhinfError(f"{what}.", found, advice))
+
+
+class Progress:
+    """A progress bar around some work, silent where standard error is not a terminal.
+
+    Entering it gives a function that is called with the name of each step before the step begins.
+
+    Parameters
+    ----------
+    total : int
+        Steps.
+    """
+
+    def __init__(self, total: int) -> None:
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.BarColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("{task.description}"),
+        )
+        self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+        self._task = self._bar.add_task("", total=total)
+        self._started = False
+
+    def __enter__(self) -> Callable[[str], None]:
+        self._bar.start()
+        return self._begin
+
+    def _begin(self, text: str) -> None:
+        self._bar.update(self._task, advance=1 if self._started else 0, description=text)
+        self._started = True
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.stop()

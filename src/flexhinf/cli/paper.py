@@ -8,12 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from flexhinf.cli.messages import note
-from flexhinf.cli.progress import Progress
+from flexhinf.cli.messages import Progress, note
 
-__all__ = ["EXAMPLES", "paper"]
-
-EXAMPLES = ("flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second")
+__all__ = ["paper"]
 
 FOLDER = Path("flexhinf-paper")
 
@@ -48,8 +45,8 @@ def paper(
         note(
             f"the paper's arm is odd, so V has no terms of degree {degree}: this is degree {degree - 1} again."
         )
-    with Progress(STAGES) as tell:
-        result = reproduce(settings, _words(settings, out), tell)
+    with Progress(STAGES) as progress:
+        result = reproduce(settings, _words(settings, out), progress)
     folder = write(out, result.files)
     _print_claims(result.judged, result.metrics)
     typer.echo(f"report: {folder / 'index.html'}")

@@ -1,28 +1,40 @@
 """Object code kept on disk, by the hash of what it was made from; only a file that is exactly right is used.
 
-The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder. A
-file holds a magic line, the key, the SHA-256 of the object code, and the object code. It is used only if it
-belongs to the user and all three agree; it is written under another name and then renamed, so that no reader
-sees half of it.
+The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder; a user
+without a home has none. A file is named by its key in hexadecimal digits and holds a magic line, the key, the SHA-256
+of the object code, and the object code. It is used only if it is a regular file of the user, all three agree, and the
+code can be loaded; it is written under another name and then renamed, so that no reader sees half of it. Whatever
+else lies in the folder is not ours and stays.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+__all__ = ["cached", "folder"]
 
 _MAGIC = b"flexhinf object code 1\n"
 _DIGEST = 32
 _MOST_FILES = 500  # the oldest go first
+_LARGEST = 1 << 28  # bytes; the object code of seven links has some hundred thousand
+_NAME = re.compile(r"[0-9a-f]{64}\.o")
+_PART, _ABANDONED = (
+    ("flexhinf-", ".part"),
+    3600.0,
+)  # name of a file that is being written, and s until nobody is
 
 
-def cached(parts: tuple[str, ...], make: Callable[[], bytes]) -> bytes:
-    """Object code from the cache, or made and kept.
+def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
+    """What is loaded from object code in the cache, or from code that is made and kept.
 
     Parameters
     ----------
@@ -30,26 +42,29 @@ def cached(parts: tuple[str, ...], make: Callable[[], bytes]) -> bytes:
         Everything that the code depends on.
     make : callable
         Makes the code; called when no usable file is there.
-
-    Returns
-    -------
-    bytes
+    load : callable
+        Loads it. What it raises for a file's code means that the file is replaced. By default the code is returned.
 
     Notes
     -----
     Never raises for the cache's own sake: a folder that cannot be written only costs time.
     """
-    key = _key(parts)
-    path = folder() / f"{key.hex()}.o"
-    image = _read(path, key)
-    if image is None:
-        image = make()
+    key, directory = _key(parts), folder()
+    path = None if directory is None else directory / f"{key.hex()}.o"
+    if path is not None and (image := _read(path, key)) is not None:
+        try:
+            return load(image)
+        except Exception:  # whatever is wrong with the file, what is made anew is right, or tells
+            image = None
+    image = make()
+    code = load(image)
+    if path is not None:
         _write(path, key, image)
-    return image
+    return code
 
 
-def folder() -> Path:
-    """Where object code is kept (the folder may not exist)."""
+def folder() -> Path | None:
+    """Where object code is kept (the folder may not exist); None where there is no place for it."""
     chosen = os.environ.get("FLEXHINF_CACHE")
     if chosen:
         return Path(chosen)
@@ -58,8 +73,9 @@ def folder() -> Path:
     elif sys.platform == "darwin":
         base = os.path.expanduser("~/Library/Caches")
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    return Path(base) / "flexhinf"
+        wanted = os.environ.get("XDG_CACHE_HOME", "")
+        base = wanted if os.path.isabs(wanted) else os.path.expanduser("~/.cache")
+    return Path(base) / "flexhinf" if os.path.isabs(base) else None  # of an unknown user "~" is left as it is
 
 
 def _key(parts: tuple[str, ...]) -> bytes:
@@ -73,8 +89,9 @@ def _key(parts: tuple[str, ...]) -> bytes:
 
 def _read(path: Path, key: bytes) -> bytes | None:
     try:
-        with path.open("rb") as file:
-            if not _is_ours(os.fstat(file.fileno())):
+        with open(path, "rb", opener=_without_waiting) as file:
+            info = os.fstat(file.fileno())
+            if not _is_ours(info) or info.st_size > _LARGEST:
                 return None
             content = file.read()
     except OSError:
@@ -84,6 +101,11 @@ def _read(path: Path, key: bytes) -> bytes | None:
     if not image or content[: len(head) + _DIGEST] != head + hashlib.sha256(image).digest():
         return None
     return image
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open for reading at once: a FIFO would otherwise keep its reader until somebody writes to it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_ours(info: os.stat_result) -> bool:
@@ -98,7 +120,7 @@ def _is_ours(info: os.stat_result) -> bool:
 def _write(path: Path, key: bytes, image: bytes) -> None:
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=_PART[0], suffix=_PART[1])
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(_MAGIC + key + hashlib.sha256(image).digest() + image)
@@ -112,8 +134,19 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
 
 
 def _prune(directory: Path) -> None:
-    files = list(directory.glob("*.o"))
-    if len(files) <= _MOST_FILES:
-        return
-    for path in sorted(files, key=lambda path: path.stat().st_mtime)[: len(files) - _MOST_FILES]:
-        path.unlink(missing_ok=True)
+    """Remove the oldest files of ours beyond `_MOST_FILES`, and what a process that was killed began to write."""
+    files = {path: os.lstat(path) for path in directory.iterdir()}
+    ours = [path for path, info in files.items() if _NAME.fullmatch(path.name) and _is_ours(info)]
+    ours.sort(key=lambda path: files[path].st_mtime)
+    for path in ours[: max(0, len(ours) - _MOST_FILES)]:
+        if _has_magic(path):
+            path.unlink(missing_ok=True)
+    begun = [path for path in files if path.name.startswith(_PART[0]) and path.name.endswith(_PART[1])]
+    for path in begun:
+        if _is_ours(files[path]) and time.time() - files[path].st_mtime > _ABANDONED:
+            path.unlink(missing_ok=True)
+
+
+def _has_magic(path: Path) -> bool:
+    with open(path, "rb", opener=_without_waiting) as file:
+        return file.read(len(_MAGIC)) == _MAGIC

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import sys
+import threading
 from functools import cache
+from typing import Any
 
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import Kernel
@@ -12,6 +16,32 @@ from flexhinf.codegen.program import ENTRY, Program
 from flexhinf.codegen.unsupported import Unsupported
 
 _LOGGER = logging.getLogger("flexhinf.codegen")
+
+#: Held while something is compiled or loaded, and while this process is forked: LLVM has global state, which a child
+#: that was forked in the middle of it would find locked for ever.
+_LOCK = threading.RLock()
+
+
+def _before_fork() -> None:
+    _LOCK.acquire()
+    if lock := _lock_of_llvm():
+        lock.acquire()
+
+
+def _after_fork() -> None:
+    if lock := _lock_of_llvm():
+        lock.release()
+    _LOCK.release()
+
+
+def _lock_of_llvm() -> Any:
+    """llvmlite's own lock, which every call of it takes, the release of old code too; None before it is loaded."""
+    module = sys.modules.get("llvmlite.binding.ffi")
+    return getattr(getattr(getattr(module, "lib", None), "_lock", None), "_lock", None)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
 def compile_program(program: Program, lanes: int = 1) -> Kernel:
@@ -42,7 +72,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
     """
     fallback = interpret(program, lanes)
     try:
-        return _compile(program, lanes)
+        with _LOCK:
+            return _compile(program, lanes)
     except Unsupported as reason:
         _notice(f"{reason.what} {reason.found}")
     except (ImportError, OSError, RuntimeError) as reason:
@@ -60,17 +91,20 @@ def _compile(program: Program, lanes: int) -> Kernel:
 
     host = machine.host()
 
+    def load(code: bytes) -> NativeKernel:
+        library, _, image = code.partition(b"\n")
+        return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+
     def make() -> bytes:
         """The C functions that are needed, on a line, and the object code."""
         from flexhinf.codegen.emit import emit_module
 
         module = emit_module(program, lanes, host.fused)
-        effort = machine.Effort.for_size(module.operations)
-        return json.dumps(module.library).encode() + b"\n" + machine.assemble(module.text, effort)
+        level = machine.level(module.operations)
+        return json.dumps(module.library).encode() + b"\n" + machine.assemble(module.text, level)
 
     made_by = (host.triple, host.cpu, host.features, host.version, emitter_digest(), version("flexhinf"))
-    library, _, image = cached((fingerprint(program), str(lanes), *made_by), make).partition(b"\n")
-    return NativeKernel(program, lanes, machine.Code(image, ENTRY, json.loads(library)))
+    return cached((fingerprint(program), str(lanes), *made_by), make, load)
 
 
 @cache

@@ -34,7 +34,7 @@ class DegreeChoice:
     limit : str
         What bounds the level set, or why there is none.
     residual : float
-        Largest relative residual of the homological equations, as measured.
+        Largest relative residual of Eq. (8) in any degree, as measured.
     solve_seconds, check_seconds : float
         Wall time.
     looked : bool

@@ -19,6 +19,7 @@ from flexhinf.design.specification import FIELDS, Specification, SpecificationEr
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
+from flexhinf.untrusted import read_toml
 
 __all__ = [
     "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "plain", "read_design",
@@ -153,8 +154,8 @@ def is_design_file(source: str | Path) -> bool:
     if str(source) in catalogue() or Path(source).suffix.lower() != ".toml":
         return False
     try:
-        data = tomlkit.parse(Path(source).read_text(encoding="utf-8")).unwrap()
-    except (OSError, ValueError):
+        data = read_toml(Path(source))
+    except InvalidInput:
         return False
     similar = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
     return bool(similar or {"result", "found"} & set(data)) and not {"joint", "urdf"} & set(data)
@@ -169,7 +170,7 @@ def read_design(path: str | Path) -> DesignFile:
         With the file, the key, the value and what is allowed there.
     """
     path = Path(path)
-    data = _data(path)
+    data = read_toml(path, "design file")
     table = data.get("design")
     if not isinstance(table, dict):
         raise _no_design(path.name, list(data))
@@ -186,21 +187,6 @@ def read_design(path: str | Path) -> DesignFile:
     places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
     _check_fields(path.name, table)
     return DesignFile(path, places["robot"], places.get("elastic"), table)
-
-
-def _data(path: Path) -> dict[str, Any]:
-    try:
-        return tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
-    except OSError as error:
-        raise InvalidInput(
-            f"There is no design file {str(path)!r}.",
-            f"expected a file that can be read: {error.strerror}",
-            "the design.toml of a report",
-        ) from error
-    except ValueError as error:
-        raise InvalidInput(
-            f"{path.name}: this is no TOML.", f"expected key = value, got: {error}", "correct that line"
-        ) from error
 
 
 def _no_design(file: str, keys: list[str]) -> InvalidInput:

@@ -24,7 +24,8 @@ from flexhinf.estimation import (
 from flexhinf.plant import Plant
 
 __all__ = [
-    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "estimator_for", "initial_covariance", "noise_variances",
+    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "estimator_for", "initial_covariance",
+    "noise_variances",
 ]  # fmt: skip
 
 #: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.

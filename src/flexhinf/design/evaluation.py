@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -24,19 +25,30 @@ from flexhinf.analysis import (
     standard_noises,
     tolerance_corners,
 )
-from flexhinf.design.law_cost import needed_states, operations
+from flexhinf.analysis.law_batch import LawRows
 from flexhinf.design.loop_setup import LoopSetup, has_integrals
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
 from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError
+from flexhinf.plant import Law
+from flexhinf.scalars import trace
 
-__all__ = ["LawEvaluation"]
+__all__ = ["LawEvaluation", "needed_states", "operations"]
 
 #: Ratios of R^v to R^n with which corners are computed, for up to so many states of the linear loop: with more, one is
 #: all that is affordable. Between two ratios `tolerance_corners` looks for the worst itself.
 RATIOS: tuple[tuple[float, tuple[float, ...]], ...] = ((40, (1e-4, 1.0, 1e4, 1e8)), (np.inf, (1e2,)))
+
+#: Coefficients up to which a polynomial law is traced to be counted; beyond, its sums and products are.
+TRACED = 5_000
+
+#: Number of random deviations in ±1 at which the slopes of a law are computed.
+POINTS = 5
+
+#: Slopes smaller than this, relative to the largest one, count as zero.
+NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,3 +318,37 @@ class LawEvaluation:
 def _median(values: np.ndarray) -> float:
     """The upper median: a run of the list, also where some are infinite."""
     return float(np.sort(values)[len(values) // 2])
+
+
+# What a law costs --------------------------------------------------------------------------------------
+def operations(law: Law) -> int:
+    """Additions, multiplications and functions of one evaluation, estimator and integrals left out.
+
+    Of the law's trace with common subexpressions shared. A polynomial of many coefficients is evaluated monomial by
+    monomial: a product for each of degree two or more, a product and a sum for each coefficient.
+    """
+    if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
+        monomials = table.coefficients.shape[1]
+        return int(monomials - table.n + 2 * table.coefficients.size)
+    n, data = len(law.state_names), np.size(law.law_data)
+    if not law.depends_on_reference:
+        return _count(trace(law.evaluate_law, n, data, name="law"))
+    states = len(law.plant_states)
+    return _count(trace(law.evaluate_about, n, states, len(law.input_names), data, name="law"))
+
+
+def _count(function: Any) -> int:
+    """Instructions that compute something."""
+    import casadi as ca
+
+    silent = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER)
+    return sum(function.instruction_id(k) not in silent for k in range(function.n_instructions()))
+
+
+def needed_states(law: Law) -> tuple[str, ...]:
+    """States, and integrals, that the law depends on, at random deviations."""
+    n = len(law.state_names)
+    deviations = np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, n))
+    _, slopes = LawRows(law)(deviations)
+    size = np.abs(slopes).max(axis=(0, 1))
+    return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())

@@ -12,7 +12,8 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.estimation import stationary_gain
 
 __all__ = [
-    "Mode", "closed_loop", "estimator_modes", "modes_of", "named_modes", "running_modes", "stiffness_and_inertia",
+    "Mode", "closed_loop", "estimator_modes", "modes_of", "named_modes", "running_modes",
+    "stiffness_and_inertia",
 ]  # fmt: skip
 
 #: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving

@@ -40,7 +40,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError", "json_schema",
+    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
+    "json_schema",
 ]  # fmt: skip
 
 Preset = Literal["paper", "damped", "robust"]

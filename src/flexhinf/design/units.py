@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 from flexhinf.plant import Penalty
 
 __all__ = [
-    "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative", "Number",
-    "Period", "Pose", "Poses", "Positive", "Ratio", "Seconds", "Seed", "Weights", "angle_unit_of", "angles", "choice",
-    "flag", "frequencies", "integer", "integers", "names", "number", "poses", "seconds", "weights",
+    "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
+    "Number", "Period", "Pose", "Poses", "Positive", "Ratio", "Seconds", "Seed", "Weights", "angle_unit_of",
+    "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "poses", "seconds",
+    "weights",
 ]  # fmt: skip
 
 _ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}

@@ -71,5 +71,5 @@ class ConstantGainFilter(Estimator):
 
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         """x̂(k|k−1) → x̂(k|k), pure, on any element."""
-        innovation = y - np.atleast_1d(self.plant.output(belief.mean, u, p))
+        innovation = y - self.filter.output(belief.mean, u, self.plant.parameters.flat(p))
         return ConstantGainBelief(belief.mean + belief.gain @ innovation, belief.gain)

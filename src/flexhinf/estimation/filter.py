@@ -12,7 +12,8 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import Symbol, apply, cholesky, solve_lower, solve_lower_transposed
+from flexhinf.scalars import cholesky, solve_lower, solve_lower_transposed
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
 
@@ -31,10 +32,7 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     InvalidInput
         If it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
     """
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    array = real_array(value)
     if array.shape not in ((), (1,), (size,), (size, size)):
         raise InvalidInput(
             f"The {what} has the wrong size.",
@@ -46,7 +44,9 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     tolerance = 1e-9 * np.outer(scale, scale)
     if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > tolerance):
         raise InvalidInput(
-            f"The {what} is not a symmetric matrix of finite numbers.", f"got {value!r}", "variances"
+            f"The {what} is not a symmetric matrix of finite numbers.",
+            f"got {value_text(value)}",
+            "variances",
         )
     # As correlations, so that signals of different scales are judged alike.
     weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
@@ -249,15 +249,11 @@ class RecursiveFilter(Estimator):
     def sub_step(self, x: Any, u: Any, p: Any) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
         step, still = self.period / self.sub_steps, np.zeros(len(self.plant.disturbances))
-        if any(isinstance(element, Symbol) for element in x):  # traced before: not walked through again
-            flow = self.plant.traced_flow
-            return rk4_step(lambda s, v: apply(flow, s, v, still, p)[0], x, (u, u, u), step)
-        named = self.plant.parameters.named(p)
-        return rk4_step(lambda s, v: self.plant.flow(s, v, still, named), x, (u, u, u), step)
+        return rk4_step(lambda s, v: self.plant.evaluate_flow(s, v, still, p), x, (u, u, u), step)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:
         """H of Eq. (9); p is the vector of parameters."""
-        return np.atleast_1d(self.plant.output(x, u, self.plant.parameters.named(p)))
+        return self.plant.evaluate_output(x, u, p)
 
     # The shell ------------------------------------------------------------------------------------
     @property
@@ -315,14 +311,11 @@ class RecursiveFilter(Estimator):
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
-        try:
-            array = np.atleast_1d(np.array(value, dtype=float))
-        except (TypeError, ValueError):
-            array = np.array([])
+        array = np.atleast_1d(real_array(value))
         if array.shape != (len(names),) or not np.all(np.isfinite(array)):
             raise InvalidInput(
                 f"The {what} given to the estimator does not fit its plant.",
-                f"expected {len(names)} finite numbers for {list(names)}, got {value!r}",
+                f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
                 f"one number per name {hint}".rstrip(),
             )
         return array

@@ -39,7 +39,7 @@ from flexhinf.estimation.placed_gain import check_decay, check_detectable, place
 from flexhinf.estimation.sampled_injection import first_order_hold
 from flexhinf.estimation.stationary import stationary_gain
 from flexhinf.plant import Plant
-from flexhinf.scalars import Symbol, apply, jacobian
+from flexhinf.scalars import jacobian
 
 __all__ = ["InjectedGaussian", "OutputInjectionObserver"]
 
@@ -285,13 +285,7 @@ class OutputInjectionObserver(RecursiveFilter):
     def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
         """φ(y, u) = f(x, u) − A x at any x with the output y."""
         still = np.zeros(len(self.plant.disturbances))
-        if any(
-            isinstance(element, Symbol) for element in measured
-        ):  # traced before: not walked through again
-            flow = apply(self.plant.traced_flow, measured, u, still, p)[0]
-        else:
-            flow = self.plant.flow(measured, u, still, self.plant.parameters.named(p))
-        return flow - drift @ measured
+        return self.plant.evaluate_flow(measured, u, still, p) - drift @ measured
 
 
 def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:

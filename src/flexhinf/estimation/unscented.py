@@ -16,6 +16,7 @@ from flexhinf.estimation.filter import RecursiveFilter, correction, gained, root
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import cholesky, clip
+from flexhinf.untrusted import real_array
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -180,7 +181,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         for name, interval in bounds.items():
             self.plant.index(name)
             try:
-                low, high = np.asarray(interval, dtype=float).tolist()
+                low, high = real_array(interval).tolist()
             except (TypeError, ValueError):
                 low = high = np.nan
             if not low < high:

@@ -6,11 +6,10 @@ the polynomial V_x: what runs is what `HJISolution.law` says and what `sampled_r
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,14 +17,12 @@ from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.scalars import digest, trace
 
 __all__ = ["EXACT_INPUT_MATRIX", "GradientLaw", "input_matrix_of"]
 
 #: Problems that evaluate g2 itself on any element; of others the expansion does.
 EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
-
-_numbers: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
-_next = itertools.count()
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +37,19 @@ class GradientLaw:
         g2 at one deviation (n,) on any element, (n, m).
     price : ndarray, shape (m, m)
         R2⁻¹.
-    key : str
-        What distinguishes its code.
     """
 
     slopes: PolynomialLaw
     input_matrix: Callable[[Any], Any]
     price: np.ndarray
-    key: str
+
+    @cached_property
+    def key(self) -> str:
+        """What distinguishes its code: the monomials, and R2⁻¹ g2ᵀ as it is computed."""
+        priced = trace(
+            lambda x: self.price @ np.asarray(self.input_matrix(x)).T, self.slopes.n, name="priced"
+        )
+        return f"gradient {self.slopes.n} {self.slopes.degrees} {digest(priced)}"
 
     @property
     def coefficients(self) -> np.ndarray:
@@ -60,8 +62,6 @@ class GradientLaw:
         return -(self.price @ (np.asarray(self.input_matrix(x)).T @ slope))
 
 
-def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> tuple[Callable[[Any], Any], str]:
-    """g2 on any element, and a name for it: the exact one where the problem offers it, else its expansion."""
-    source = problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion
-    number = _numbers.setdefault(source, next(_next))
-    return source.input_matrix, f"{type(source).__name__} {number}"
+def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> Callable[[Any], Any]:
+    """g2 on any element: the exact one where the problem offers it, else its expansion."""
+    return (problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion).input_matrix

@@ -68,7 +68,7 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
 def is_feasible(linear: LinearPart, gamma: float) -> bool:
     """Whether the Riccati equation of this level has a stabilising solution P ≥ 0."""
     _, balanced = linear.scaled(gamma)
-    return balanced.riccati(gamma, polish=False) is not None
+    return balanced.riccati(gamma) is not None
 
 
 def _bracket(linear: LinearPart) -> tuple[float, float]:

@@ -44,7 +44,12 @@ The algorithm
    −(λ_{i1} + … + λ_{ik}); the change of variables works on at most C(n+k/2−1, k/2)² real numbers at a time. The error
    grows like cond(T)^k ε. One step of refinement repairs it while that is small; beyond, or when the measured residual
    says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.
-5. *Residual*: ‖V_k,x A_cl x + r_k‖ / (‖A_cl‖ ‖V_k‖ + ‖r_k‖) is measured for what is returned, at every degree.
+5. *States in which V is bounded* (`bounded_states.py`). Close to γ*, or where P is large for other reasons, the
+   recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
+6. *Accuracy* (`accuracy.py`). The V that is returned is inserted into (8) at random points; at every degree the
+   residual relative to the largest of the terms of (8) is told. The error of each degree is estimated from the
+   sensitivities of P, and measured by a second solve where these say that digits may be lost. A degree whose
+   coefficients hold to fewer than two digits is not returned.
 
 Cost of degree k: about n C(n+k/2−1, k/2)² multiplications for each of the k steps of a change of variables, and tables
 of n C(n+k−2, k−1) integers. Accuracy: 1e-15 to 1e-13 of the largest coefficient of the degree where the problem itself
@@ -56,17 +61,22 @@ References are keys of docs/references.bib; docs/synthesis.md has examples, time
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from numbers import Integral, Real
 from time import perf_counter
 
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
+from flexhinf.hinf.accuracy import check_errors, degree_errors, equation_residuals, moved, with_accuracy
+from flexhinf.hinf.bounded_states import BoundedStates
 from flexhinf.hinf.cost import check_memory, degree_progress
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart, check_problem
-from flexhinf.hinf.recursion import solve_degrees
-from flexhinf.hinf.scaled_problem import ScaledProblem
+from flexhinf.hinf.recursion import DegreeRecord, solve_degrees
+from flexhinf.hinf.riccati import RiccatiSolution, polish, sensitivity
+from flexhinf.hinf.scaled_problem import Parts, ScaledProblem, Scaling
 from flexhinf.hinf.solution import HJISolution
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
@@ -75,6 +85,14 @@ from flexhinf.polynomial.algebra import monomials
 
 __all__ = ["linear_law", "solve_hji"]
 
+_SMALL = 5_000  # coefficients of the highest degree up to which bounded states cost little: f is full in them
+_LARGE_P = (
+    64.0,
+    1e3,
+)  # eigenvalue of P in balanced states from which V is found in bounded ones: small, large problems
+_LARGE_GROWTH = 2.0  # ‖dP/d log γ‖/‖P‖ from which it is: γ below about 1.2 γ*
+_DOUBTFUL_GROWTH = 100.0  # the same, from which the error is measured: γ below about 1.005 γ*
+_DOUBTFUL_P = 1e4  # eigenvalue of P in balanced states from which it is
 _HIGHEST = 200  # degree; far beyond what converges, and even one state would take minutes
 
 
@@ -103,7 +121,7 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     InfeasibleGamma
         γ ≤ γ*, which is in the message and in `.gamma_star`.
     NumericalFailure
-        The coefficients left the finite numbers.
+        The coefficients left the finite numbers, or some degree holds to fewer than two digits.
 
     Notes
     -----
@@ -124,26 +142,112 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
     plant = _expansion(problem, degree)
     memory = check_memory(plant.size, degree)
-    begin = perf_counter()
     linear = LinearPart.of(plant)
     linear.check()
-    scaling, balanced = linear.scaled(gamma)
-    riccati = balanced.riccati(gamma)
-    if riccati is None:
-        raise _infeasible(linear, gamma)
-    riccati_seconds = perf_counter() - begin
-    scaled_problem = ScaledProblem.of(plant, gamma, degree, scaling)
     with degree_progress(len(plant.state_names), degree) as advance:
-        scaled, records, condition = solve_degrees(scaled_problem, riccati, riccati_seconds, advance)
-    parts = _unscaled(scaled, scaling.state, scaling.value)
-    if not all(np.isfinite(part).all() for part in parts.values()):
+        solved = _solve(plant, linear, gamma, degree, advance)
+    if solved is None:
+        raise _infeasible(linear, gamma)
+    if not all(np.isfinite(part).all() for part in solved.value.values()):
         raise NumericalFailure(
             "The solution left the finite numbers.",
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    p = scaling.unscale_hessian(riccati.p)
-    return HJISolution(gamma, degree, p, plant, problem, parts, records, condition, memory)
+    errors = degree_errors(solved.value, solved.growth, solved.largest, _nearby(plant, gamma, degree, solved))
+    records = with_accuracy(solved.records, equation_residuals(solved.problem, solved.value), errors)
+    check_errors(records, gamma, solved.growth)
+    parts, p = _unscaled(solved.value, solved.scaling)
+    return HJISolution(gamma, degree, p, plant, problem, parts, records, solved.condition, memory)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """One pass of the algorithm.
+
+    Attributes
+    ----------
+    scaling, problem : Scaling, ScaledProblem
+    value : dict degree → ndarray
+        Tensor entries in the scaled states.
+    records : tuple of DegreeRecord
+    condition : float
+        Condition number of the closed loop's eigenvectors, in the states the recursion ran in.
+    growth : float
+        ‖dP/d log γ‖/‖P‖ in scaled states.
+    largest : float
+        Largest eigenvalue of P in scaled states.
+    """
+
+    scaling: Scaling
+    problem: ScaledProblem
+    value: Parts
+    records: tuple[DegreeRecord, ...]
+    condition: float
+    growth: float
+    largest: float
+
+
+def _solve(
+    plant: PolynomialPlant,
+    linear: LinearPart,
+    gamma: float,
+    degree: int,
+    advance: Callable[[int], None],
+    stretch: np.ndarray | None = None,
+) -> _Solved | None:
+    """Scale, solve the Riccati equation, choose the states, and go through the degrees; None where P does not exist."""
+    begin = perf_counter()
+    scaling, balanced = linear.scaled(gamma)
+    riccati = balanced.riccati(gamma)
+    if riccati is None:
+        return None
+    eigenvalues, directions = np.linalg.eigh(riccati.p)
+    largest, riccati = float(eigenvalues[-1]), polish(*balanced.riccati_terms(gamma), riccati.p) or riccati
+    growth = _growth(balanced, riccati, gamma)
+    limit = _LARGE_P[basis.count(len(eigenvalues), degree) > _SMALL]
+    states = None
+    if stretch is not None or riccati.form is None or largest > limit or growth > _LARGE_GROWTH:
+        states = BoundedStates.of(eigenvalues, directions, stretch)
+        balanced = balanced.in_states(states.to_x, states.to_y)
+        riccati = polish(*balanced.riccati_terms(gamma), states.hessian(riccati.p))
+        if riccati is None:
+            return None
+        growth = _growth(balanced, riccati, gamma, states)
+    seconds = perf_counter() - begin
+    problem = ScaledProblem.of(plant, gamma, degree, scaling)
+    inner = problem if states is None or degree == 2 else states.problem(problem)
+    value, records, condition = solve_degrees(inner, riccati, seconds, advance)
+    value = value if states is None else states.value(value)
+    return _Solved(scaling, problem, value, records, condition, growth, largest)
+
+
+def _growth(
+    balanced: LinearPart, riccati: RiccatiSolution, gamma: float, states: BoundedStates | None = None
+) -> float:
+    """‖dP/d log γ‖/‖P‖, both taken back to the scaled states."""
+    b1 = balanced.b1.astype(float) / gamma
+    change, p = sensitivity(riccati, -2 * b1 @ b1.T), riccati.p.astype(float)
+    if states is not None:
+        back = states.to_y.astype(float)
+        change, p = back.T @ change @ back, back.T @ p @ back
+    size = float(np.linalg.norm(p))
+    return float(np.linalg.norm(change)) / size if size > 0 else 0.0
+
+
+def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts | None:
+    """V, in the same scaled states, of the problem with every number moved in its last bit; None where not needed."""
+    if solved.growth <= _DOUBTFUL_GROWTH and solved.largest <= _DOUBTFUL_P:
+        return None
+    rng = np.random.default_rng(0)
+    stretch = rng.uniform(0.7, 1.4, len(plant.state_names))
+    plant, gamma = moved(plant, rng), float(np.nextafter(gamma, np.inf))
+    other = _solve(plant, LinearPart.of(plant), gamma, degree, lambda done: None, stretch)
+    if other is None:
+        return {k: np.full(part.shape, np.inf) for k, part in solved.value.items()}
+    d, s = solved.scaling.state / other.scaling.state, other.scaling.value / solved.scaling.value
+    powers = monomials(d[None, :], other.value)
+    return {k: part * powers[k][0] * s**2 for k, part in other.value.items()}
 
 
 def linear_law(problem: Problem, gamma: float) -> HJISolution:
@@ -175,7 +279,8 @@ def _checked_degree(degree: int) -> int:
 def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
     check_problem(problem)
     n, m = len(problem.state_names), len(problem.r2)
-    check_memory((n, 0, m, 0), degree)  # the expansion itself would already not fit
+    if not isinstance(problem, PolynomialPlant):
+        check_memory((n, 0, m, 0), degree)  # the expansion itself would already not fit
     return problem.expand(degree - 1)
 
 
@@ -190,8 +295,14 @@ def _infeasible(linear: LinearPart, gamma: float) -> Exception:
     )
 
 
-def _unscaled(parts: dict[int, np.ndarray], d: np.ndarray, s: float) -> dict[int, np.ndarray]:
-    """Monomial coefficients in the plant's own units, from tensor entries in scaled ones."""
-    powers = monomials(1.0 / d[None, :], parts)
-    n = len(d)
-    return {k: entries * basis.multiplicity(n, k) * powers[k][0] * s**2 for k, entries in parts.items()}
+def _unscaled(parts: Parts, scaling: Scaling) -> tuple[Parts, np.ndarray]:
+    """Monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P."""
+    n = len(scaling.state)
+    powers = monomials(1.0 / scaling.state[None, :], parts)
+    value = {
+        k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
+        for k, entries in parts.items()
+    }
+    half = np.zeros((n, n))
+    half[np.triu_indices(n)] = value[2]
+    return value, half + half.T

@@ -6,7 +6,7 @@ Every mode that does not decay must be reached by u and seen in z. That is teste
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,12 +67,20 @@ class LinearPart:
         _, balanced = self.scaled(np.inf)
         check_standing_assumptions(balanced.a, balanced.b2, balanced.c, self.state_names)
 
-    def riccati(self, gamma: float, polish: bool = True) -> RiccatiSolution | None:
-        """Stabilising P ≥ 0 at this level, or None. Expects balanced coordinates."""
-        b1, b2, c = (self.b1 / gamma, self.b2, self.c)
-        if polish:  # the polished residual is formed in extended precision
-            b1, b2, c = (matrix.astype(np.longdouble) for matrix in (b1, b2, c))
-        return solve_riccati(self.a, b1 @ b1.T - b2 @ b2.T, c.T @ c, polish)
+    def riccati(self, gamma: float) -> RiccatiSolution | None:
+        """Stabilising P ≥ 0 at this level to about 1e-10, or None. Expects balanced coordinates."""
+        b1, b2 = self.b1 / gamma, self.b2
+        return solve_riccati(self.a, b1 @ b1.T - b2 @ b2.T, self.c.T @ self.c)
+
+    def riccati_terms(self, gamma: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, M = B1 B1ᵀ/γ² − B2 B2ᵀ and Q = CᵀC in extended precision (where the machine has it)."""
+        a, b1, b2, c = (matrix.astype(np.longdouble) for matrix in (self.a, self.b1, self.b2, self.c))
+        b1 = b1 / np.longdouble(gamma)
+        return a, b1 @ b1.T - b2 @ b2.T, c.T @ c
+
+    def in_states(self, to_x: np.ndarray, to_y: np.ndarray) -> LinearPart:
+        """The same in the states y of x = `to_x` y, y = `to_y` x."""
+        return replace(self, a=to_y @ self.a @ to_x, b1=to_y @ self.b1, b2=to_y @ self.b2, c=self.c @ to_x)
 
 
 def check_standing_assumptions(

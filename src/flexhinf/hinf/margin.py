@@ -25,6 +25,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
+from flexhinf.untrusted import real_array
 
 __all__ = [
     "GAMMA_MARGIN",
@@ -182,10 +183,7 @@ def _checked_penalty(
                 "the names of the problem's states",
             )
         penalty = [penalty.get(name, 0.0) for name in solution.state_names]
-    try:
-        weights = np.asarray(penalty, dtype=float)
-    except (TypeError, ValueError):
-        weights = np.full(n, np.nan)
+    weights = real_array(penalty)
     matrix: np.ndarray = np.diag(weights) if weights.ndim == 1 else weights
     if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
         raise InvalidInput(

@@ -38,15 +38,19 @@ class DegreeRecord:
     method : str
         "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity".
     residual : float
-        Relative, measured on what is returned.
+        Of Eq. (8) at this degree with the V that is returned, relative to the largest of its terms there.
     seconds : float
         Wall time.
+    error : float
+        Estimate of the largest error of a coefficient, relative to the largest coefficient of this degree; nan where
+        none was made.
     """
 
     degree: int
     method: str
     residual: float
     seconds: float
+    error: float = float("nan")
 
 
 def solve_degrees(
@@ -67,14 +71,15 @@ def solve_degrees(
     Returns
     -------
     value : dict degree → ndarray, shape (count(n, degree),)
-        Tensor entries; vanishing degrees are missing.
+        Tensor entries, of degree 2 in the precision of P; vanishing degrees are missing.
     records : tuple of DegreeRecord
+        Their residuals are those of the linear equation of each degree, relative to A_cl, V_k and right-hand side.
     condition : float
         Condition number of the closed loop's eigenvectors.
     """
-    n = problem.n
+    n, p = problem.n, riccati.p.astype(float)
     equation = HomologicalEquation(riccati.closed_loop)
-    value: Parts = {2: riccati.p[np.triu_indices(n)] / 2}
+    value: Parts = {2: p[np.triu_indices(n)] / 2}
     records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
     gradients: Parts = {2: gradient(value[2], n, 2)}
     rows: Parts = {1: gradients[2] @ problem.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
@@ -94,6 +99,7 @@ def solve_degrees(
                 add_part(rows, k - 1, gradients[k] @ problem.g[0][:, :, 0])
             records.append(DegreeRecord(k, solution.method, solution.residual, perf_counter() - begin))
         advance(k)
+    value[2] = riccati.p[np.triu_indices(n)] / 2
     return value, tuple(records), equation.condition if problem.degree > 2 else float("nan")
 
 

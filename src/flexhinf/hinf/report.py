@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexhinf.hinf.accuracy import DOUBTFUL
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.polynomial.basis import count
@@ -26,10 +27,11 @@ def solution_report(
         f"{_equation(solution)}, {', '.join(_counted(*size) for size in sizes)}",
         f"{_level(solution)}; V to degree {solution.degree}, the law to degree {solution.degree - 1}",
         "",
-        f"{'degree':>6}  {'coefficients':>12}  {'method':<19}  {'relative residual':>17}  {'time':>8}",
+        _columns("degree", "coefficients", "method", "relative residual", "error about", "time"),
         *(_row(n, record) for record in records),
-        f"{'total':>6}  {total:>12}  {'':<19}  {'':>17}  {_time(seconds):>8}",
+        _columns("total", total, "", "", "", _time(seconds)),
         "",
+        *_warning(records),
     ]
     if not np.isnan(condition):
         lines += _conditioning(solution.degree, condition)
@@ -46,8 +48,11 @@ def _level(solution: ValueFunction) -> str:
     if not np.isfinite(solution.gamma):
         return "gamma = inf: no disturbance"
     star = solution.gamma_star
-    ratio = f" = {solution.gamma / star:.4g} gamma*" if star > 0 else ""
-    return f"gamma = {solution.gamma:.10g}{ratio}, gamma* = {star:.10g}"
+    if star == 0:
+        return f"gamma = {solution.gamma:.10g}, gamma* = 0"
+    excess = solution.gamma / star - 1
+    ratio = f"{1 + excess:.4g}" if abs(excess) >= 1e-3 else f"(1 + {excess:.1e})"
+    return f"gamma = {solution.gamma:.10g} = {ratio} gamma*, gamma* = {star:.10g}"
 
 
 def _counted(number: int, name: str) -> str:
@@ -56,10 +61,28 @@ def _counted(number: int, name: str) -> str:
 
 def _row(n: int, record: DegreeRecord) -> str:
     solved = record.method != "zero by parity"
-    residual, time = (f"{record.residual:.1e}", _time(record.seconds)) if solved else ("–", "–")
-    return (
-        f"{record.degree:>6}  {count(n, record.degree):>12}  {record.method:<19}  {residual:>17}  {time:>8}"
-    )
+    residual = f"{record.residual:.1e}" if solved else "–"
+    error = f"{record.error:.1e}" if solved and not np.isnan(record.error) else "–"
+    time = _time(record.seconds) if solved else "–"
+    return _columns(record.degree, count(n, record.degree), record.method, residual, error, time)
+
+
+def _columns(degree: object, size: object, method: str, residual: str, error: str, time: str) -> str:
+    return f"{degree:>6}  {size:>12}  {method:<19}  {residual:>17}  {error:>11}  {time:>8}"
+
+
+def _warning(records: Sequence[DegreeRecord]) -> list[str]:
+    """Which degrees hold few digits, and what to do."""
+    doubtful = [record for record in records if record.error > DOUBTFUL]
+    if not doubtful:
+        return []
+    worst = max(doubtful, key=lambda record: record.error)
+    degrees = ", ".join(str(record.degree) for record in doubtful)
+    return [
+        f"warning: few digits are determined by the data in degree {degrees}: in degree {worst.degree}",
+        f"         each holds to about {worst.error:.0e} of the largest; a gamma further above gamma* gives more",
+        "",
+    ]
 
 
 def _conditioning(degree: int, condition: float) -> list[str]:

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["RiccatiSolution", "solve_riccati"]
+__all__ = ["RiccatiSolution", "polish", "sensitivity", "solve_riccati"]
 
 _AXIS = 1e-13  # eigenvalues this close to the imaginary axis, relative to the norm times n, lie on it
 _ISOTROPY = 1e-6  # asymmetry of U1ᵀU2 beyond which the subspace mixes a mode with its mirror image
 _NEGATIVE = 1e-9  # most negative eigenvalue of P, relative to the largest, that still counts as zero
 _LARGEST = 1e14  # bound on the norm of P, relative to the norm of the Hamiltonian matrix
 _NEWTON_STEPS = 6
+_ROUNDING = 4 * float(np.finfo(np.longdouble).eps)  # relative residual that no step improves
 
 
 @dataclass(frozen=True)
@@ -29,26 +30,28 @@ class RiccatiSolution:
     Attributes
     ----------
     p : ndarray, shape (n, n)
+        In extended precision (where the machine has it) once it is polished.
     closed_loop : ndarray, shape (n, n)
         A + M P, both the law and the worst disturbance applied.
     residual : float
         Norm of the left-hand side relative to the largest of its terms.
+    form : pair of ndarray, optional
+        Real Schur form of the closed loop before the last Newton step: close enough for a sensitivity.
     """
 
     p: np.ndarray
     closed_loop: np.ndarray
     residual: float
+    form: tuple[np.ndarray, np.ndarray] | None = None
 
 
-def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray, polish: bool = True) -> RiccatiSolution | None:
-    """Stabilising P ≥ 0, or None where there is none.
+def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray) -> RiccatiSolution | None:
+    """Stabilising P ≥ 0 to about 1e-10, or None where there is none; `polish` makes it exact.
 
     Parameters
     ----------
     a, m, q : ndarray, shape (n, n)
         In balanced coordinates. `m` is symmetric and indefinite, `q` symmetric positive semidefinite.
-    polish : bool
-        Newton steps; existence alone does not need them.
 
     Notes
     -----
@@ -82,7 +85,7 @@ def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray, polish: bool = Tr
     eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])
     if eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST * size:
         return None
-    return _polished(a, m, q, p) if polish else RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
+    return RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
 
 
 def _distance_to_axis(triangular: np.ndarray) -> float:
@@ -90,16 +93,25 @@ def _distance_to_axis(triangular: np.ndarray) -> float:
     return float(np.abs(np.diag(triangular)).min())
 
 
-def _polished(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
-    """Newton steps while the residual falls; the best iterate is kept.
+def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
+    """Newton steps while the residual falls; the best iterate is kept. None where it does not stabilise.
 
-    P M P cancels where P is large, so residual and closed loop are formed in extended precision (where the
+    P M P cancels where P is large, so P, residual and closed loop are formed in extended precision (where the
     machine has it); the steps themselves need no more than double.
+
+    Parameters
+    ----------
+    a, m, q : ndarray, shape (n, n)
+        As for `solve_riccati`.
+    p : ndarray, shape (n, n)
+        A first approximation.
     """
-    a, m, q = (matrix.astype(np.longdouble) for matrix in (a, m, q))
+    a, m, q, p = (matrix.astype(np.longdouble) for matrix in (a, m, q, p))
+    p, form = (p + p.T) / 2, None  # no step would take an antisymmetric part away
     left, scale = _riccati_residual(a, m, q, p)
     for _ in range(_NEWTON_STEPS):
-        step = _lyapunov_step((a + m @ p).astype(float), left.astype(float))
+        form = _schur((a + m @ p).astype(float))
+        step = _lyapunov_step(form, left.astype(float))
         if step is None:
             break
         candidate = p + step
@@ -108,24 +120,44 @@ def _polished(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> Ric
             break
         gained = _size(next_left) < 0.25 * _size(left)
         p, left, scale = candidate, next_left, next_scale
-        if not gained:
+        if not gained or _size(left) <= _ROUNDING * scale:
             break
     closed_loop = (a + m @ p).astype(float)
     if np.linalg.eigvals(closed_loop).real.max() >= 0:
         return None
-    return RiccatiSolution(p, closed_loop, _size(left) / scale)
+    return RiccatiSolution(p, closed_loop, _size(left) / scale, form)
+
+
+def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
+    """ΔP for a small change ΔM of M: A_clᵀ ΔP + ΔP A_cl = −P ΔM P, shape (n, n).
+
+    Parameters
+    ----------
+    riccati : RiccatiSolution
+    change : ndarray, shape (n, n)
+        ΔM, symmetric.
+    """
+    p = riccati.p.astype(float)
+    form = riccati.form or _schur(riccati.closed_loop)
+    step = _lyapunov_step(form, p @ change.astype(float) @ p)
+    return np.full(p.shape, np.inf) if step is None else step
 
 
 def _size(matrix: np.ndarray) -> float:
     return float(np.sqrt((matrix * matrix).sum()))
 
 
-def _lyapunov_step(closed: np.ndarray, left: np.ndarray) -> np.ndarray | None:
-    """Δ with closedᵀ Δ + Δ closed = −left; None where the equation is singular to working precision."""
+def _schur(closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.linalg import schur
-    from scipy.linalg.lapack import get_lapack_funcs
 
     form: tuple[Any, ...] = schur(closed, check_finite=False)
+    return form[0], form[1]
+
+
+def _lyapunov_step(form: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> np.ndarray | None:
+    """Δ with closedᵀ Δ + Δ closed = −left; None where the equation is singular to working precision."""
+    from scipy.linalg.lapack import get_lapack_funcs
+
     triangular, vectors = form
     (trsyl,) = get_lapack_funcs(("trsyl",), (triangular,))
     rotated, scale, info = trsyl(triangular, triangular, -vectors.T @ left @ vectors, trana="T")

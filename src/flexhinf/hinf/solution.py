@@ -134,9 +134,8 @@ class HJISolution(ValueFunction, Law):
         degrees = tuple(sorted(self.slope_parts))
         table = np.concatenate([self.slope_parts[k] for k in degrees]).T
         slopes = PolynomialLaw(len(self.P), tuple(k - 1 for k in degrees), table)
-        matrix, name = input_matrix_of(self.problem, self.expansion)
-        key = f"gradient {slopes.n} {slopes.degrees} {name}"
-        return GradientLaw(slopes, matrix, np.linalg.inv(self.expansion.r2), key)
+        matrix = input_matrix_of(self.problem, self.expansion)
+        return GradientLaw(slopes, matrix, np.linalg.inv(self.expansion.r2))
 
     @property
     def law_data(self) -> np.ndarray:

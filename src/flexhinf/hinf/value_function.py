@@ -16,6 +16,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.polynomial.kronecker import to_kronecker
+from flexhinf.untrusted import real_array
 
 __all__ = ["ValueFunction"]
 
@@ -181,10 +182,7 @@ class ValueFunction:
 
     def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
         n = len(self.P)
-        try:
-            points: np.ndarray = np.asarray(x, dtype=float)
-        except (TypeError, ValueError):
-            points = np.array(np.nan)
+        points = real_array(x)
         if points.ndim not in (1, 2) or points.shape[-1] != n:
             raise InvalidInput(
                 "The state does not fit the solution.",

@@ -6,6 +6,7 @@ differ in nothing that is compiled.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -15,8 +16,18 @@ __all__ = ["share"]
 
 CAPACITY = 128
 
-_kept: OrderedDict[Hashable, Any] = OrderedDict()
-_lock = threading.RLock()
+
+class _Entry:
+    """What was built for a key, and the lock of whoever builds it."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.built = False
+        self.value: Any = None
+
+
+_kept: OrderedDict[Hashable, _Entry] = OrderedDict()
+_lock = threading.Lock()  # of the table alone
 
 
 def share(key: Hashable, build: Callable[[], Any]) -> Any:
@@ -29,10 +40,26 @@ def share(key: Hashable, build: Callable[[], Any]) -> Any:
     except TypeError:
         return build()
     with _lock:
-        if key in _kept:
-            _kept.move_to_end(key)
+        entry = _kept.setdefault(key, _Entry())
+        _kept.move_to_end(key)
+        while len(_kept) > CAPACITY:
+            _kept.popitem(last=False)
+    with entry.lock:
+        if not entry.built:
+            entry.value, entry.built = build(), True
+    return entry.value
+
+
+def _forget_the_parents_threads() -> None:
+    """In a forked process: nobody holds a lock, and nobody goes on with what another thread was building."""
+    global _lock
+    _lock = threading.Lock()
+    for key, entry in list(_kept.items()):
+        if entry.built:
+            entry.lock = threading.RLock()
         else:
-            _kept[key] = build()
-            while len(_kept) > CAPACITY:
-                _kept.popitem(last=False)
-        return _kept[key]
+            del _kept[key]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_the_parents_threads)

@@ -141,7 +141,7 @@ def _program(filter: RecursiveFilter) -> Program:
         x: Any, belief: Any, u: Any, move: Any, noise: Any, truth: Any, model: Any, noises: Any
     ) -> tuple[Any, ...]:
         q, r = noises[: n * n].reshape(n, n), noises[n * n :].reshape(p, p)
-        y = np.atleast_1d(plant.output(x, u, named(truth))) + noise
+        y = plant.evaluate_output(x, u, truth) + noise
         prior = type(filter.initial)(belief[:n], belief[n:].reshape(n, n))
         posterior = filter.measurement_update(prior, y, u, named(model), r)
         error = posterior.mean - x

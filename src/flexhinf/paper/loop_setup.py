@@ -21,16 +21,9 @@ from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
 
 __all__ = [
-    "EFFORT",
-    "GOALS",
-    "INITIAL_VARIANCE",
-    "LONG",
-    "SAMPLED_PLANTS",
-    "PaperSetup",
-    "affordable",
-    "in_two_threads",
-    "name_goal",
-]
+    "EFFORT", "GOALS", "INITIAL_VARIANCE", "LONG", "SAMPLED_PLANTS", "PaperSetup", "affordable",
+    "in_two_threads", "name_goal",
+]  # fmt: skip
 
 #: R2 of Eq. (11).
 EFFORT = 10.0

@@ -17,8 +17,7 @@ from flexhinf.paper.experiments import (
 )
 from flexhinf.paper.figures import PaperFigure
 from flexhinf.paper.loop_setup import INITIAL_VARIANCE, SAMPLED_PLANTS
-from flexhinf.paper.misprints import misprint_table, open_table
-from flexhinf.paper.settings import PaperSettings
+from flexhinf.paper.settings import PaperSettings, misprint_table, open_table
 from flexhinf.report import (
     ClaimEvidence,
     Claims,

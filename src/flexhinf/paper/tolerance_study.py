@@ -21,14 +21,8 @@ from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, PaperSetup
 from flexhinf.plant import Law
 
 __all__ = [
-    "NO_ESTIMATOR",
-    "SWEPT",
-    "ToleranceStudy",
-    "growth_with",
-    "other_design",
-    "swept_noises",
-    "unstable_of",
-]
+    "NO_ESTIMATOR", "SWEPT", "ToleranceStudy", "growth_with", "other_design", "swept_noises", "unstable_of",
+]  # fmt: skip
 
 NO_ESTIMATOR = "true state fed back"
 

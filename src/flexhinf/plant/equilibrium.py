@@ -9,6 +9,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant.model import Model
+from flexhinf.untrusted import real_array
 
 __all__ = ["equilibrium", "pose_values"]
 
@@ -30,10 +31,7 @@ def pose_values(pose: Any, names: Sequence[str]) -> np.ndarray:
                 f"The pose names {unknown[0]!r}.", f"expected names out of {list(names)}", "one of these"
             )
         pose = [pose.get(name, 0.0) for name in names]
-    try:
-        values = np.atleast_1d(np.asarray(pose, dtype=float))
-    except (TypeError, ValueError):
-        values = np.array(np.nan)
+    values = np.atleast_1d(real_array(pose))
     if values.shape != (len(names),) or not np.all(np.isfinite(values)):
         raise InvalidInput(
             "The pose does not fit the plant.",

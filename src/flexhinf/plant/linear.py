@@ -83,10 +83,9 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
 
 def _output(plant: Plant, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """y at (x, u), and ∂y/∂u there."""
-    named = plant.parameters.named
 
     def output(v: Any, s: Any, w: Any) -> Any:
-        return np.atleast_1d(plant.output(s, v, named(w)))
+        return plant.evaluate_output(s, v, w)
 
     sizes = (len(plant.inputs), plant.n, plant.parameters.size)
     return jacobian(output, *sizes, name="output")(u, x, plant.parameters.vector())

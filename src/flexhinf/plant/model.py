@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -15,7 +14,8 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
+from flexhinf.scalars import Symbol, apply, digest, function_arrays, function_from_arrays, trace
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["Model", "StoredCode"]
 
@@ -23,7 +23,7 @@ __all__ = ["Model", "StoredCode"]
 class StoredCode:
     """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
 
-    It runs on numbers and symbols. Equal instructions are equal code, so that kernels are shared.
+    It runs on numbers and symbols.
 
     Parameters
     ----------
@@ -44,19 +44,6 @@ class StoredCode:
     @cached_property
     def _function(self) -> Any:
         return function_from_arrays(self.arrays, "stored")
-
-    @cached_property
-    def _digest(self) -> str:
-        digest = hashlib.sha256(repr(self.table.names).encode())
-        for name, array in sorted(self.arrays.items()):
-            digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
-        return digest.hexdigest()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, StoredCode) and self._digest == other._digest
-
-    def __hash__(self) -> int:
-        return hash(self._digest)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,9 +149,37 @@ class Model(Summarised):
 
     @property
     def code_key(self) -> tuple[object, ...]:
-        """What distinguishes this plant's code from another's (not its parameter values)."""
+        """What distinguishes this plant's code from another's (not its parameter values).
+
+        The code is what it computes, not who computes it: two functions that do the same share their machine code, and
+        one function that reads a changed constant has another key when its plant is built anew.
+        """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
-        return (self.flow, self.output, self.states, self.inputs, self.disturbances, self.outputs, shapes)
+        names = (self.states, self.inputs, self.disturbances, self.outputs)
+        return (*self._content, *names, shapes)
+
+    @cached_property
+    def _content(self) -> tuple[str, str]:
+        """Digests of the traced flow and output."""
+        return digest(self.traced_flow), digest(self.traced_output)
+
+    def check_unchanged(self) -> None:
+        """Refuse code that no longer computes what it did when the plant was built.
+
+        Numbers, derivatives and machine code are those of the flow as it was traced then; whoever runs its text again
+        asks here first, so that two models are never mixed.
+
+        Raises
+        ------
+        InvalidInput
+            If the flow reads something that has changed since.
+        """
+        if digest(self._trace_flow()) != self._content[0]:
+            raise InvalidInput(
+                "flow(x, u, d, p) computes something else than when its plant was built.",
+                "expected the same operations and constants: a global or an attribute that it reads has changed",
+                "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
+            )
 
     def with_parameters(self, **changes: Any) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
@@ -202,7 +217,10 @@ class Model(Summarised):
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
     def traced_flow(self) -> Any:
-        """flow as a CasADi function of (x, u, d, parameter vector)."""
+        """flow as a CasADi function of (x, u, d, parameter vector), as it is when the plant is built."""
+        return self._trace_flow()
+
+    def _trace_flow(self) -> Any:
         table = self.parameters
         sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
         return trace(
@@ -221,6 +239,18 @@ class Model(Summarised):
             lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
             len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
+
+    def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """ẋ (n,) on any element, p the parameter vector; symbols go through what was traced, as all machine code."""
+        if _symbolic(x, u, d, p):
+            return apply(self.traced_flow, x, u, d, p)[0]
+        return self.flow(x, u, d, self.parameters.named(p))
+
+    def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
+        """y (p,) on any element, likewise."""
+        if _symbolic(x, u, p):
+            return apply(self.traced_output, x, u, p)[0]
+        return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
 
     @cached_property
     def traced_jacobians(self) -> Any:
@@ -298,6 +328,11 @@ class Model(Summarised):
         return float(np.abs(np.linalg.eigvals(a)).max())
 
 
+def _symbolic(*arrays: Any) -> bool:
+    """Whether there is a symbol among the elements."""
+    return any(isinstance(element, Symbol) for array in arrays for element in np.ravel(array))
+
+
 def _has_a_name(function: Callable[..., Any]) -> bool:
     """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
     try:
@@ -330,14 +365,12 @@ def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:
     """Rows of numbers (N, len(names)); zeros for None."""
-    try:
-        rows = np.atleast_2d(np.zeros(len(names)) if value is None else np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        rows = np.zeros((0, 0, 0))
-    if rows.ndim != 2 or rows.shape[1] != len(names) or (at_once and len(rows) != at_once):
+    rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
+    fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
+    if not fits or np.isnan(rows).any():
         raise InvalidInput(
             f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value!r}",
+            f"expected {len(names)} numbers for {list(names)}, got {value_text(value)}",
             "one number per name" + ("" if at_once else ", or one row of them for each point"),
         )
     return rows

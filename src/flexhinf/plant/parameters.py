@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["ParameterTable", "Parameters"]
 
@@ -143,11 +144,11 @@ class ParameterTable:
             for name, value in self.values.items():
                 given = [k for k, row in enumerate(rows) if name in row]
                 if given:
-                    columns = np.array([rows[k][name] for k in given], dtype=float)
+                    columns = real_array([rows[k][name] for k in given])
                     fits &= columns.shape == (len(given), *value.shape)
                     found[given, start : start + value.size] = columns.reshape(len(given), -1)
                 start += value.size
-        except (TypeError, ValueError):  # another size, or no number
+        except (TypeError, ValueError, OverflowError):  # another size, or no number
             fits = False
         if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
             return np.array([self.replaced(row).vector() for row in rows])
@@ -155,14 +156,11 @@ class ParameterTable:
 
 
 def _finite(name: str, value: Any) -> np.ndarray:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    array = real_array(value)
     if not np.all(np.isfinite(array)):
         raise InvalidInput(
             f"The parameter {name!r} is not a finite number.",
-            f"expected finite numbers, got {value!r}",
+            f"expected finite numbers, got {value_text(value)}",
             "correct the value; a limit that does not exist is left out rather than infinite",
         )
     array.setflags(write=False)

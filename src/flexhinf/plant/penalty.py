@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["Penalty"]
 
@@ -39,14 +40,11 @@ class Penalty:
     def __post_init__(self) -> None:
         if isinstance(self.states, Mapping):
             object.__setattr__(self, "states", dict(self.states))
-        try:
-            effort = np.array(self.effort, dtype=float)
-        except (TypeError, ValueError):
-            effort = np.array(np.nan)
+        effort = real_array(self.effort)
         if not np.all(np.isfinite(effort)) or effort.ndim > 2:
             raise InvalidInput(
                 "The effort penalty R2 is not made of finite numbers.",
-                f"expected a number, one number per input, or a matrix, got {self.effort!r}",
+                f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
                 "a positive number, for example effort=10",
             )
 
@@ -142,14 +140,11 @@ class Penalty:
             listed: Any = [self.states.get(name, 0.0) for name in names]
         else:
             listed = self.states
-        try:
-            weights = np.asarray(listed, dtype=float)
-        except (TypeError, ValueError):
-            weights = np.array(np.nan)
+        weights = real_array(listed)
         if weights.shape != (len(names),) or not np.all(np.isfinite(weights)):
             raise InvalidInput(
                 "The penalty does not fit the states.",
-                f"expected {len(names)} finite weights for {list(names)}, got {listed!r}",
+                f"expected {len(names)} finite weights for {list(names)}, got {value_text(listed)}",
                 "one weight per state, zero for what may be large",
             )
         return weights

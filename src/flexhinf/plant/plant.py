@@ -248,6 +248,7 @@ class GeneralisedPlant(Summarised):
         InvalidInput
             As `flexhinf.plant.expansion.expand_control_affine`.
         """
+        self.plant.check_unchanged()
         n, table = len(self.state_names), self.plant.parameters
         parameters = table.named(table.vector())
         flow = expand_control_affine(
@@ -283,6 +284,7 @@ class GeneralisedPlant(Summarised):
         """f, g1, g2, h as one CasADi function of the deviation x, at the nominal parameters."""
         import casadi as ca
 
+        self.plant.check_unchanged()
         n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
         named = self.plant.parameters.named
         flow = trace(

@@ -243,8 +243,10 @@ class PolynomialPlant(Summarised):
 
     def expand(self, degree: int) -> PolynomialPlant:
         """The same plant with f and h truncated after `degree`, g1 and g2 after `degree` − 1."""
-        kept = {}
-        for name, highest in (("f", degree), ("g1", degree - 1), ("g2", degree - 1), ("h", degree)):
+        kept, last = {}, (("f", degree), ("g1", degree - 1), ("g2", degree - 1), ("h", degree))
+        if all(max(getattr(self, f"{name}_parts")) <= highest for name, highest in last):
+            return self
+        for name, highest in last:
             parts = getattr(self, f"{name}_parts")
             kept[name] = {k: part for k, part in parts.items() if k <= highest}
         return PolynomialPlant.from_parts(

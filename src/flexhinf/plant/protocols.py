@@ -66,7 +66,7 @@ class Law(Summarised):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        for form in ("law_table", "evaluate_about"):
+        for form in ("law_table", "evaluate_about", "law_key"):
             use_default_form(cls, Law, "evaluate_law", form)
 
     def summary(self) -> dict[str, str]:
@@ -215,6 +215,7 @@ class Estimator(Summarised):
         super().__init_subclass__(**arguments)
         for written in ("time_update", "measurement_update"):
             use_default_form(cls, Estimator, written, f"{written}_on")
+            use_default_form(cls, Estimator, written, "estimator_key")
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""

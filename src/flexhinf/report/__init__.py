@@ -3,6 +3,9 @@
 from flexhinf.report.blocks import Bullets, Figure, FigureRow, Listing, Note, Paragraph
 from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
+    INK,
+    MUTED,
+    SERIES,
     figure_to_svg,
     house_style,
     label,
@@ -16,48 +19,14 @@ from flexhinf.report.figure import (
 from flexhinf.report.folder import check, is_report, write
 from flexhinf.report.json_text import to_json
 from flexhinf.report.page import KeyNumber, Page, Section, Status
-from flexhinf.report.palette import INK, MUTED, SERIES
 from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
 from flexhinf.report.text import number
 
 __all__ = [
-    "INK",
-    "MUTED",
-    "SERIES",
-    "Bullets",
-    "Claim",
-    "ClaimEvidence",
-    "Claims",
-    "Column",
-    "Figure",
-    "FigureRow",
-    "KeyNumber",
-    "Listing",
-    "Note",
-    "Page",
-    "Paragraph",
-    "Provenance",
-    "Section",
-    "Setting",
-    "Settings",
-    "Status",
-    "Table",
-    "by_verdict",
-    "check",
-    "figure_to_svg",
-    "house_style",
-    "is_report",
-    "label",
-    "legend",
-    "new_figure",
-    "number",
-    "quantile_band",
-    "reference_line",
-    "settling_band",
-    "summary",
-    "time_response",
-    "to_json",
-    "versions",
-    "write",
-]
+    "INK", "MUTED", "SERIES", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure", "FigureRow",
+    "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
+    "Status", "Table", "by_verdict", "check", "figure_to_svg", "house_style", "is_report", "label", "legend",
+    "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary", "time_response",
+    "to_json", "versions", "write",
+]  # fmt: skip

@@ -16,23 +16,46 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.palette import GRID, INK, MUTED, SERIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
-    "figure_to_svg",
-    "house_style",
-    "label",
-    "legend",
-    "new_figure",
-    "quantile_band",
-    "reference_line",
-    "settling_band",
-    "time_response",
-]
+    "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "figure_to_svg", "house_style", "label", "legend",
+    "new_figure", "quantile_band", "reference_line", "settling_band", "time_response",
+]  # fmt: skip
+
+#: Colours of figures and pages, by role, for light and for dark surroundings. The series colours are those of Okabe and
+#: Ito [okabe2008], which readers with any of the common colour-vision deficiencies can tell apart; in the dark they are
+#: the same hues, lighter.
+LIGHT: dict[str, str] = {
+    "ink": "#1f2328",
+    "muted": "#6a737d",
+    "grid": "#dfe3e8",
+    "series-1": "#0072b2",
+    "series-2": "#d55e00",
+    "series-3": "#009e73",
+    "series-4": "#a6559d",
+    "series-5": "#c98a00",
+    "series-6": "#3f9bd4",
+}
+DARK: dict[str, str] = {
+    "ink": "#e6e8eb",
+    "muted": "#9aa3ad",
+    "grid": "#353b43",
+    "series-1": "#4fa8e0",
+    "series-2": "#ff8b4d",
+    "series-3": "#2fc799",
+    "series-4": "#d794cf",
+    "series-5": "#edbb45",
+    "series-6": "#8cc8ee",
+}
+
+INK: str = LIGHT["ink"]
+MUTED: str = LIGHT["muted"]
+GRID: str = LIGHT["grid"]
+SERIES: tuple[str, ...] = tuple(colour for role, colour in LIGHT.items() if role.startswith("series-"))
 
 _STYLE: dict[str, object] = {
     "font.family": ["DejaVu Sans"],

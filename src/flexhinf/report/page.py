@@ -13,7 +13,7 @@ from importlib import resources
 from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import Block, check_id
 from flexhinf.report.claims import ClaimEvidence, Claims
-from flexhinf.report.palette import DARK, LIGHT
+from flexhinf.report.figure import DARK, LIGHT
 from flexhinf.report.settings import Provenance, Settings
 from flexhinf.report.text import escape, prose, scalar
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.palette import LIGHT
+from flexhinf.report.figure import LIGHT
 
 __all__ = ["inline"]
 

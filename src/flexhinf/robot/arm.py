@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint
+from flexhinf.untrusted import HUGE, real_array, value_text
 
 __all__ = ["Arm"]
 
@@ -39,15 +40,12 @@ class Arm:
     down: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     def __post_init__(self) -> None:
-        try:
-            vector = np.asarray(self.down, dtype=float)
-            length = float(np.linalg.norm(vector))
-        except (TypeError, ValueError):
-            vector, length = np.zeros(0), 0.0
-        if vector.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        vector = real_array(self.down)
+        length = float(np.linalg.norm(vector))
+        if vector.shape != (3,) or not 1.0 / HUGE < length < HUGE:
             raise InvalidInput(
                 "The direction of gravity is none.",
-                f"expected three numbers, got {self.down!r}",
+                f"expected three numbers, got {value_text(self.down)}",
                 "[0, 0, -1]",
             )
         object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))

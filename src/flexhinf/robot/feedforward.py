@@ -22,6 +22,7 @@ from flexhinf.plant.parameters import ParameterTable
 from flexhinf.robot.elastic import Links
 from flexhinf.robot.extras import friction_torque
 from flexhinf.scalars import derivative, series, trace
+from flexhinf.untrusted import real_array
 
 __all__ = ["MODELLED", "InverseFlow", "flat_coordinates", "motion_rows", "state_and_input"]
 
@@ -144,10 +145,7 @@ def motion_rows(motion: tuple[Any, ...], joints: tuple[str, ...]) -> tuple[tuple
     """
     arrays = []
     for name, value in zip(ORDERS, motion):
-        try:
-            array = np.zeros(len(joints)) if value is None else np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
+        array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
         if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
             raise InvalidInput(
                 f"The motion's {name} does not fit the robot.",

@@ -12,6 +12,7 @@ from flexhinf.plant.motion import motion_of
 from flexhinf.robot.drive import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
+from flexhinf.untrusted import real_array
 
 __all__ = ["check_holding", "check_reference"]
 
@@ -132,8 +133,8 @@ def _efforts(robot: Robot, effort: Any) -> np.ndarray:
         given = [named.pop(joint, np.nan) for joint in joints]
         given = [np.nan] if named else given
     try:
-        limits = np.broadcast_to(np.asarray(given, dtype=float), (len(joints),))
-    except (TypeError, ValueError):
+        limits = np.broadcast_to(real_array(given), (len(joints),))
+    except ValueError:
         limits = np.array([np.nan])
     if not np.all(limits > 0.0):
         raise InvalidInput(

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.elastic import Links
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["checked_pose", "operating_point"]
 
@@ -84,14 +85,11 @@ def checked_pose(pose: Any, default: np.ndarray, links: Links, robot: str) -> np
                 "one of these",
             )
         pose = [named.get(name, value) for name, value in zip(names, default)]
-    try:
-        values = np.atleast_1d(np.array(pose, dtype=float))
-    except (TypeError, ValueError):
-        values = np.array([np.nan])
+    values = np.atleast_1d(real_array(pose))
     if values.shape != (len(names),) or not np.all(np.isfinite(values)):
         raise InvalidInput(
             f"The pose does not fit the robot {robot!r}.",
-            f"expected {len(names)} finite positions for {list(names)}, got {pose!r}",
+            f"expected {len(names)} finite positions for {list(names)}, got {value_text(pose)}",
             "one link position per joint, rad (m for a prismatic joint)",
         )
     for name, value, limits, slides in zip(names, values, links.limits, links.slides):

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text
 
 __all__ = ["Parameter"]
 
@@ -37,16 +38,25 @@ class Parameter:
     source: str = "assumption"
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.value):
+        checked_text("the name of a parameter", self.name)
+        checked_text(f"the unit of {self.name!r}", self.unit)
+        checked_text(f"the source of {self.name!r}", self.source)
+        if not (is_real(self.value) and math.isfinite(real_array(self.value))):
             raise InvalidInput(
                 f"The parameter {self.name!r} is not finite.",
-                f"expected a finite number, got {self.value!r}",
+                f"expected a finite number, got {value_text(self.value)}",
                 "correct the value",
             )
-        if not (math.isfinite(self.tolerance) and 0.0 <= self.tolerance < 100.0):
+        if abs(self.value) > HUGE:
+            raise InvalidInput(
+                f"The parameter {self.name!r} is out of all proportion.",
+                f"expected a magnitude of at most {HUGE:g} {self.unit}".rstrip() + f", got {self.value:g}",
+                "its value in SI units",
+            )
+        if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
             raise InvalidInput(
                 f"The tolerance of {self.name!r} is not a percentage.",
-                f"expected 0 to below 100 per cent, got {self.tolerance!r}",
+                f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
                 "12 for ±12 %",
             )
 

@@ -184,7 +184,7 @@ class ElasticJoint:
 
 
 def _value(number: Number) -> float:
-    return number.value if isinstance(number, Parameter) else float(number)
+    return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
 
 
 def _listed(numbers: Any) -> list[float]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameter import Parameter
+from flexhinf.untrusted import HUGE, within_proportion
 
 __all__ = ["INERTIA", "QUANTITIES", "VECTOR", "Quantity", "check_parameters", "per_joint", "unit_of"]
 
@@ -96,6 +97,7 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
     known: dict[str, tuple[str, bool]] = {"gravity": ("gravity", False)}
     for joint, sliding in slides.items():
         known |= {per_joint(quantity, joint, len(slides)): (quantity, sliding) for quantity in QUANTITIES}
+    _check_meanings(robot, list(slides))
     for parameter in parameters:
         if parameter.name not in known:
             close = difflib.get_close_matches(parameter.name, known, n=1)
@@ -113,3 +115,25 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                 f"expected {'> 0' if sign == 'positive' else '>= 0'} {unit}, got {parameter.value:g} {unit}",
                 "correct the value",
             )
+        if not within_proportion(parameter.value, positive=sign == "positive"):
+            raise InvalidInput(
+                f"The parameter {parameter.name!r} is out of all proportion.",
+                f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {parameter.value:g} {unit}",
+                "its value in SI units",
+            )
+
+
+def _check_meanings(robot: str, joints: Sequence[str]) -> None:
+    """Refuse joints whose names make one name of two numbers: friction of smoothing_a, friction_smoothing of a."""
+    if len(joints) < 2:
+        return
+    meaning: dict[str, tuple[str, str]] = {}
+    for joint in joints:
+        for quantity in QUANTITIES:
+            other = meaning.setdefault(per_joint(quantity, joint, len(joints)), (quantity, joint))
+            if other != (quantity, joint):
+                raise InvalidInput(
+                    f"Two numbers of the robot {robot!r} have one name: {per_joint(quantity, joint, len(joints))!r}.",
+                    f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
+                    f"another name for the joint {joint!r}",
+                )

@@ -22,6 +22,7 @@ from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.quantities import check_parameters
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
 from flexhinf.robot.single_link import Pendulum
+from flexhinf.untrusted import checked_name, checked_text
 
 __all__ = ["Robot"]
 
@@ -60,6 +61,8 @@ class Robot(Summarised):
     description: str = ""
 
     def __post_init__(self) -> None:
+        checked_name("a robot", self.name, spaces=True)
+        checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
         names = [parameter.name for parameter in self.parameters]
         required = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,8 @@ from flexhinf.robot.quantities import INERTIA
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
 from flexhinf.robot.shipped import catalogue
-from flexhinf.robot.urdf import RigidArm, read_urdf
+from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, read_urdf
+from flexhinf.untrusted import distinct, read_toml, value_text
 
 __all__ = ["load_robot"]
 
@@ -78,11 +78,14 @@ def _found(source: str | Path) -> Path:
     if str(source) in shipped:
         return shipped[str(source)]
     path = Path(source)
-    if path.is_file():
-        return path
+    try:
+        if path.is_file():
+            return path
+    except (OSError, ValueError):  # a name that no file can have
+        pass
     close = difflib.get_close_matches(str(source), shipped, n=1)
     raise InvalidInput(
-        f"There is no robot file {str(source)!r}.",
+        f"There is no robot file {value_text(str(source), 120)}.",
         f"expected a file, or a name of the catalogue: {list(shipped)}",
         f"{close[0]!r}" if close else "the path of a .toml or .urdf file",
     )
@@ -91,12 +94,14 @@ def _found(source: str | Path) -> Path:
 def _read(path: Path) -> tuple[RobotTable, str]:
     from pydantic import ValidationError
 
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    data = read_toml(path)
+    rows = data.get("joint")
+    if isinstance(rows, list) and len(rows) > MOST_JOINTS:
         raise InvalidInput(
-            f"{path.name}: this is no TOML.", f"expected key = value, got: {error}", "correct that line"
-        ) from error
+            f"{path.name}: there are too many joints.",
+            f"expected at most {MOST_JOINTS}, got {len(rows)}",
+            "one robot",
+        )
     try:
         table = RobotTable.model_validate(data)
     except ValidationError as error:
@@ -196,6 +201,7 @@ def _with_urdf(
             )
     chosen = joints if joints is not None else table.joints
     arm: RigidArm = read_urdf(urdf, chosen, {**table.locked, **(locked or {})})
+    distinct(f"{file}: the joint", [row.name for row in table.joint])
     rows = {row.name: row for row in table.joint}
     names = [joint.name for joint in arm.joints]
     unknown = [name for name in rows if name not in arm.movable]

@@ -16,8 +16,12 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parts import Link
+from flexhinf.untrusted import HUGE, checked_name, distinct, is_real, read_xml, value_text
 
-__all__ = ["RigidArm", "read_urdf"]
+__all__ = ["MOST_JOINTS", "RigidArm", "read_urdf"]
+
+#: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
+MOST_JOINTS, MOST_LINKS = 100, 1000
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ def read_urdf(
     """
     path = Path(path)
     file = _File(path.name, _root(path))
+    _check_locked(path.name, locked)
     locked = dict(locked or {})
     file.check_names([*(joints or ()), *locked])
     if joints is not None:
@@ -72,7 +77,13 @@ def read_urdf(
             )
         locked |= {name: locked.get(name, 0.0) for name in file.movable if name not in joints}
     walk = _Walk(file, locked)
-    walk.visit(file.base(), None, Placement())
+    walk.visit(file.base())
+    if len(walk.joints) > MOST_JOINTS:
+        raise InvalidInput(
+            f"{path.name}: too many joints move.",
+            f"expected at most {MOST_JOINTS}, got {len(walk.joints)}",
+            "joints=[...]: the others are locked",
+        )
     if not walk.joints:
         raise InvalidInput(
             f"{path.name}: nothing moves.", f"all of {list(file.movable)} are fixed or locked", "joints=[...]"
@@ -82,17 +93,11 @@ def read_urdf(
 
 
 def _root(path: Path) -> ElementTree.Element:
-    try:
-        text = path.read_text(encoding="utf-8")
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
-        raise InvalidInput(
-            f"{path.name}: this is no XML.", f"expected a URDF, got: {error}", "a URDF file, as text"
-        ) from error
+    root = read_xml(path)
     if root.tag != "robot":
         raise InvalidInput(
             f"{path.name}: this is no URDF.",
-            f"expected the root element <robot>, got <{root.tag}>",
+            f"expected the root element <robot>, got <{root.tag[:60]}>",
             "convert it to URDF first",
         )
     if any("xacro" in element.tag for element in root.iter()):
@@ -109,8 +114,8 @@ class _File:
 
     def __init__(self, name: str, root: ElementTree.Element) -> None:
         self.name = name
-        self.links = {str(link.get("name")): link for link in root.findall("link")}
-        self.joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+        self.links = self._named(root, "link")
+        self.joints = self._named(root, "joint")
         self.children: dict[str, list[str]] = {}
         for joint, element in self.joints.items():
             for end in ("parent", "child"):
@@ -121,6 +126,19 @@ class _File:
                         f"<{end} link='…'/>",
                     )
             self.children.setdefault(self.end(element, "parent"), []).append(joint)
+
+    def _named(self, root: ElementTree.Element, tag: str) -> dict[str, ElementTree.Element]:
+        """Elements by their names, which are usable and stand once."""
+        found = root.findall(tag)
+        if len(found) > MOST_LINKS:
+            raise InvalidInput(
+                f"{self.name}: there are too many {tag}s.",
+                f"expected at most {MOST_LINKS}, got {len(found)}",
+                "one robot",
+            )
+        names = [checked_name(f"a {tag} of {self.name}", one.get("name"), spaces=True) for one in found]
+        distinct(f"{self.name}: the {tag}", names)
+        return dict(zip(names, found))
 
     @staticmethod
     def end(joint: ElementTree.Element, which: str) -> str:
@@ -173,47 +191,50 @@ class _Walk:
     joints: list[Joint] = field(default_factory=list)
     bodies: list[list[Any]] = field(default_factory=list)
 
-    def visit(self, link: str, carrier: int | None, placement: Placement) -> None:
-        """One link at a place in the frame of the joint that carries it (None: the world)."""
-        if carrier is not None:
-            self.bodies[carrier] += _body(self.file, link, placement)
-        for name in self.file.children.get(link, []):
-            element = self.file.joints[name]
-            child = self.file.end(element, "child")
-            kind, axis = (
-                element.get("type"),
-                _vector(self.file, name, element.find("axis"), "xyz", (1.0, 0.0, 0.0)),
+    def visit(self, base: str) -> None:
+        """The tree from its base on, each link before those behind it, without recursion: chains may be long."""
+        ahead = [(name, None, Placement()) for name in reversed(self.file.children.get(base, []))]
+        while ahead:
+            name, carrier, placement = ahead.pop()
+            carrier, placement = self.cross(name, carrier, placement)
+            link = self.file.end(self.file.joints[name], "child")
+            if carrier is not None:
+                self.bodies[carrier] += _body(self.file, link, placement)
+            ahead += [(after, carrier, placement) for after in reversed(self.file.children.get(link, []))]
+
+    def cross(self, name: str, carrier: int | None, placement: Placement) -> tuple[int | None, Placement]:
+        """The joint that carries the link behind `name` (None: the world), and where the link is in its frame."""
+        element = self.file.joints[name]
+        kind = element.get("type")
+        place = placement.then(_origin(self.file, name, element))
+        if kind == "fixed":
+            return carrier, place
+        if kind not in KINDS:
+            raise InvalidInput(
+                f"{self.file.name}: the joint {name!r} is of kind {value_text(kind, 60)}.",
+                f"expected fixed or one of {list(KINDS)}",
+                "a robot on a fixed base with joints of one degree of freedom",
             )
-            place = placement.then(_origin(self.file, name, element))
-            if kind == "fixed":
-                self.visit(child, carrier, place)
-                continue
-            if kind not in KINDS:
-                raise InvalidInput(
-                    f"{self.file.name}: the joint {name!r} is of kind {kind!r}.",
-                    f"expected fixed or one of {list(KINDS)}",
-                    "a robot on a fixed base with joints of one degree of freedom",
-                )
-            if not any(axis):
-                raise InvalidInput(
-                    f"{self.file.name}: the axis of the joint {name!r} has no direction.",
-                    f"expected a vector that is not zero, got {axis}",
-                    "xyz='0 0 1'",
-                )
-            if name in self.locked:
-                self.check_lock(name, element)
-                self.visit(child, carrier, place.then(_moved(kind, axis, float(self.locked[name]))))
-                continue
-            if element.find("mimic") is not None:
-                raise InvalidInput(
-                    f"{self.file.name}: the joint {name!r} mimics another one, which an elastic joint cannot.",
-                    f"expected independent joints, got <mimic> in {name!r}",
-                    f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
-                )
-            above = "world" if carrier is None else self.joints[carrier].name
-            self.joints.append(Joint(name, kind, axis, place, _limits(self.file, name, element), above))
-            self.bodies.append([])
-            self.visit(child, len(self.joints) - 1, Placement())
+        axis = _vector(self.file, name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
+        if not np.linalg.norm(axis) > 1.0 / HUGE:
+            raise InvalidInput(
+                f"{self.file.name}: the axis of the joint {name!r} has no direction.",
+                f"expected a vector that is not zero, got {axis}",
+                "xyz='0 0 1'",
+            )
+        if name in self.locked:
+            self.check_lock(name, element)
+            return carrier, place.then(_moved(kind, axis, float(self.locked[name])))
+        if element.find("mimic") is not None:
+            raise InvalidInput(
+                f"{self.file.name}: the joint {name!r} mimics another one, which an elastic joint cannot.",
+                f"expected independent joints, got <mimic> in {name!r}",
+                f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
+            )
+        above = "world" if carrier is None else self.joints[carrier].name
+        self.joints.append(Joint(name, kind, axis, place, _limits(self.file, name, element), above))
+        self.bodies.append([])
+        return len(self.joints) - 1, Placement()
 
     def check_lock(self, name: str, element: ElementTree.Element) -> None:
         """A joint is locked inside its limits."""
@@ -223,6 +244,16 @@ class _Walk:
                 f"{self.file.name}: the joint {name!r} is locked outside its limits.",
                 f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
                 "a position that the joint can have",
+            )
+
+
+def _check_locked(file: str, locked: Mapping[str, float] | None) -> None:
+    for name, value in (locked or {}).items():
+        if not (is_real(value) and abs(value) <= HUGE):
+            raise InvalidInput(
+                f"{file}: the joint {value_text(name, 60)} is locked at no position.",
+                f"expected a finite number in rad or m, got {value_text(value, 60)}",
+                "0.0",
             )
 
 
@@ -236,10 +267,10 @@ def _vector(
         numbers = tuple(float(word) for word in str(element.get(key)).split())
     except ValueError:
         numbers = ()
-    if len(numbers) != len(default) or not all(map(math.isfinite, numbers)):
+    if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
         raise InvalidInput(
             f"{file.name}: {key} of <{element.tag}> in {name!r} cannot be read.",
-            f"expected {len(default)} numbers, got {element.get(key)!r}",
+            f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
             f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
         )
     return numbers

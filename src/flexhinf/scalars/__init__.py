@@ -6,7 +6,7 @@ from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, w
 from flexhinf.scalars.series import Series, derivative, series
 from flexhinf.scalars.stored import function_arrays, function_from_arrays
 from flexhinf.scalars.symbol import Symbol
-from flexhinf.scalars.trace import apply, drop_empty, jacobian, pack, symbols, trace, unpack
+from flexhinf.scalars.trace import apply, digest, drop_empty, jacobian, pack, symbols, trace, unpack
 
 __all__ = [
     "Jet",
@@ -18,6 +18,7 @@ __all__ = [
     "clip",
     "coefficients",
     "derivative",
+    "digest",
     "drop_empty",
     "function_arrays",
     "function_from_arrays",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 
-__all__ = ["apply", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
+__all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
 
 Shape = int | tuple[int, ...]
 
@@ -91,6 +92,11 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
         return tuple(unpack(r, (r.numel(),)) for r in results)
     numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
+
+
+def digest(function: ca.Function) -> str:
+    """SHA-256 of a traced function's content: CasADi's serial form, which holds its instructions and constants."""
+    return hashlib.sha256(function.serialize().encode()).hexdigest()
 
 
 def jacobian(

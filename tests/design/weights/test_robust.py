@@ -10,8 +10,7 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.linear_family import LinearFamily
-from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem
 from flexhinf.design.weights.robust import LEAST_FRACTION, RobustProblem, Scalings, find_scalings
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.uncertainty import Channel, channels

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, solve_continuous_are
 
-from flexhinf.design.weights.linear_family import LinearFamily
-from flexhinf.design.weights.linear_problem import LinearProblem
+from flexhinf.design.weights.linear_family import LinearFamily, LinearProblem
 from flexhinf.design.weights.scales import JointScales
 
 pytestmark = pytest.mark.oracle

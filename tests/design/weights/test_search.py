@@ -10,8 +10,7 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.weights.linear_family import LinearFamily, behaviour_of
-from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
+from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, behaviour_of
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import FITS, SearchResult, TargetBehaviour, search
 from flexhinf.errors import InvalidInput

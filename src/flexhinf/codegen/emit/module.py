@@ -16,6 +16,7 @@ and returns the largest code.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     import casadi
 
 _UNROLLED = 32  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
+_INLINED = (
+    2  # places of which a function's calls may be replaced by it: a Map has one for blocks, one for the rest
+)
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ class _Emitter:
         self.fused = fused
         self.operations = 0
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
+        self.calls: Counter[str] = Counter()
         self.writer = Writer(self.module)
         self.pointers: dict[str, str] = {}
         self.turns: dict[str, str] = {}
@@ -107,8 +112,16 @@ class _Emitter:
         writer.do(f"ret i64 {self._largest_code()}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
         self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
+        self._inline()
         text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
         return Module(text, dict(self.module.library), self.operations)
+
+    def _inline(self) -> None:
+        """Put a function where it is called, if that is a place or two: the columns in hand then stay in registers."""
+        for name, places in self.calls.items():
+            if places <= _INLINED:
+                text = self.module.definitions[name]
+                self.module.definitions[name] = text.replace(") nounwind {", ") nounwind alwaysinline {", 1)
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
@@ -210,6 +223,7 @@ class _Emitter:
         name = self._function(step.function, self.lanes, shared)
         pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*step.inputs, *step.outputs))
         self.writer.do(f"call void @{name}({pointers})")
+        self.calls[name] += 1
 
     def _map(self, step: Map, turns: tuple[str, ...]) -> None:
         """Blocks of columns, and what is left over."""
@@ -244,6 +258,7 @@ class _Emitter:
                 pointers[len(step.inputs) :] = moved
                 results = [(place, *rest) for place, (_, *rest) in zip(moved, results, strict=True)]
             call = f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})"
+            self.calls[name] += 1
             if step.times > 1:
                 self._loop("0", str(step.times), lambda _: writer.do(call))
             else:

@@ -9,12 +9,11 @@ import numpy as np
 
 from flexhinf.design.laws import REFERENCE
 from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
-from flexhinf.design.report.sections.files import files_section
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
 from flexhinf.design.report.sections.law_responses import responses_figure, trade_off_figure
 from flexhinf.design.report.sections.requirements import requirement_text
-from flexhinf.design.report.settings import comparison_settings
+from flexhinf.design.report.settings import comparison_settings, files_section
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import TunedLaw, best_rival, trade_offs
 from flexhinf.report import (

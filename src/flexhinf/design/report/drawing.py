@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "figure_block", "framed", "joint_lines", "limit_lines", "line_style", "panels", "reference_line", "thin",
-    "vertical_line",
-    "widened",
+    "vertical_line", "widened",
 ]  # fmt: skip
 
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,13 +12,13 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
-from flexhinf.report import number
+from flexhinf.report import Note, number
 from flexhinf.robot.extras import EXTRAS
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
-    "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite", "joint_count",
-    "law_name", "pose_text", "range_text", "rounded", "settling_text", "units_of",
+    "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite",
+    "joint_count", "law_name", "notes_of", "pose_text", "range_text", "rounded", "settling_text", "units_of",
 ]  # fmt: skip
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
@@ -214,3 +215,11 @@ def finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
+
+
+_OPTION = re.compile(r"(?<!`)(--[a-z]+(?:-[a-z]+)*)(?!`)")
+
+
+def notes_of(remarks: Iterable[str]) -> list[Note]:
+    """Remarks as blocks of a page, options of the command line set as code."""
+    return [Note(_OPTION.sub(r"`\g<1>`", text)) for text in remarks]

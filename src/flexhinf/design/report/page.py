@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,29 +11,26 @@ from flexhinf.design.report.formatting import (
     Units,
     joint_count,
     law_name,
+    notes_of,
     pose_text,
     range_text,
     rounded,
     units_of,
 )
-from flexhinf.design.report.remarks import Remark
 from flexhinf.design.report.sections import (
     corners,
-    law,
-    load,
+    load_and_move,
     margins,
     monte_carlo,
-    move,
     noise,
     poles,
     region,
     requirements,
-    rigid,
     step,
     weights,
 )
-from flexhinf.design.report.sections.files import files_section
-from flexhinf.design.report.settings import design_settings
+from flexhinf.design.report.sections import law as law_section
+from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.status import Status as Judged
@@ -40,24 +38,32 @@ from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Stat
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
 
-#: In the order of the page; a section that is None does not apply.
-SECTIONS: tuple[Callable[[Design], Section | None], ...] = (
-    step.section,
-    monte_carlo.section,
-    load.section,
-    move.section,
-    margins.section,
-    poles.section,
-    corners.section,
-    weights.section,
-    noise.section,
-    region.section,
-    rigid.section,
-    law.section,
-)
 
-#: Sections with remarks, in the order of the page.
-REMARKS = (step, monte_carlo, load, move, margins, poles, corners, region, law)
+class Part(NamedTuple):
+    """A section of the page: anchor, title, its blocks (none where it does not apply), and what must not be missed."""
+
+    anchor: str
+    title: str
+    blocks: Callable[[Design], list[Any]]
+    remarks: Callable[[Design], Iterable[str]] = lambda design: ()
+
+
+#: In the order of the page.
+PARTS = (
+    Part("specification", "Requirements", requirements.blocks),
+    Part("step", "Step response", step.blocks, step.remarks),
+    Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
+    Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
+    Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
+    Part("margins", "Margins of the running loop", margins.blocks, margins.remarks),
+    Part("modes", "Poles", poles.blocks, poles.remarks),
+    Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
+    Part("weights", "Weights", weights.blocks),
+    Part("noise", "Noise levels of the estimator", noise.blocks),
+    Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
+    Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
+    Part("law", "The law", law_section.law_blocks, law_section.law_remarks),
+)
 
 
 def design_page(
@@ -75,14 +81,20 @@ def design_page(
     files : sequence of str
         Names of the files that stand beside the page.
     """
-    sections = [requirements.section(design, warnings), *(section(design) for section in SECTIONS)]
+    notes = {**remarks(design), "specification": [" ".join(text.split()) for text in warnings]}
+    blocks = {part: part.blocks(design) for part in PARTS}
+    sections = [
+        Section(part.title, (*notes_of(notes[part.anchor]), *found), part.anchor)
+        for part, found in blocks.items()
+        if found
+    ]
     if files:
         sections.append(files_section(files))
     return Page(
         title_of(design),
         _intro(design),
         _headline(design),
-        tuple(section for section in sections if section is not None),
+        tuple(sections),
         Settings(design_settings(design)),
         Provenance(tuple(command), design.specification.seed),
         _key_numbers(design),
@@ -104,14 +116,14 @@ def _sentence(parts: Sequence[str]) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def remarks(design: Design) -> list[Remark]:
-    """What the reader must not miss, in the order of the page."""
-    return [remark for part in REMARKS for remark in part.remarks(design)]
+def remarks(design: Design) -> dict[str, list[str]]:
+    """What the reader must not miss, by the anchor of its section, in the order of the page."""
+    return {part.anchor: list(part.remarks(design)) for part in PARTS}
 
 
 def notes(design: Design) -> list[str]:
     """The same as plain sentences, for a terminal and for design.json."""
-    return [remark.plain for remark in remarks(design)]
+    return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
 def verdict(design: Design) -> str:
@@ -121,7 +133,8 @@ def verdict(design: Design) -> str:
         parts.append(f"On MuJoCo's plant: {step.difference_text(design, units_of(design.evaluation))}.")
     if design.rigid is not None:
         sides = (
-            f"fed from the {loop.side} side it is {rigid.loop_text(loop)}" for loop in design.rigid.loops
+            f"fed from the {loop.side} side it is {law_section.loop_text(loop)}"
+            for loop in design.rigid.loops
         )
         parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
     return " ".join(parts)

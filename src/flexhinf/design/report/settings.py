@@ -1,7 +1,9 @@
-"""Every setting of a design or a comparison with who states it, and every number of the robot with its source."""
+"""What ends a page: every setting with who states it, every number of the robot with its source, and the files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,21 @@ from flexhinf.design.report.sections.weights import effort_unit, state_weights
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
-from flexhinf.report import Setting
+from flexhinf.report import Section, Setting, Table
 from flexhinf.robot import Robot
 
-__all__ = ["comparison_settings", "design_settings"]
+__all__ = ["comparison_settings", "design_settings", "files_section"]
+
+#: What a file is, by its name or its ending; the first that fits.
+MEANING = (
+    ("design.toml", "the request and its result; `flexhinf design design.toml` makes the design again"),
+    ("design.json", "every number of this page"),
+    ("comparison.json", "every number of this page"),
+    ("controller.json", "the controller: `flexhinf.load_controller`"),
+    ("controller", "the controller: `flexhinf.load_controller`"),
+    (".csv", "one run, one column for each signal, SI units, time in s"),
+    (".nc", "one run as NetCDF: `xarray.open_dataset`, units as attributes"),
+)
 
 
 def design_settings(design: Design) -> dict[str, list[Setting]]:
@@ -193,3 +206,16 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
         Setting("plan of the move", float(runs.plan.duration), "s", "limited jerk, the same for every law"),
         Setting("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]  # fmt: skip
+
+
+def files_section(files: Sequence[str]) -> Section:
+    """One row for each file."""
+    rows = [(f"`{name}`", _meaning(name)) for name in sorted(files)]
+    return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")
+
+
+def _meaning(name: str) -> str:
+    for key, text in MEANING:
+        if name == key or PurePath(name).suffix == key or PurePath(name).stem == key:
+            return text
+    return ""

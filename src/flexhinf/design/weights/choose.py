@@ -23,13 +23,11 @@ import numpy as np
 
 from flexhinf.analysis import LinearCorners
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.linear_family import LinearFamily, worst_members
-from flexhinf.design.weights.linear_problem import LinearDesign, LinearProblem
-from flexhinf.design.weights.products import acting_corners, covering_products, dissipation_of
+from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, worst_members
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
-from flexhinf.design.weights.uncertainty import channels
+from flexhinf.design.weights.uncertainty import acting_corners, channels, covering_products, dissipation_of
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty

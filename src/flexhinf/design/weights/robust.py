@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.weights.linear_problem import ROUGH, LinearDesign, LinearProblem
+from flexhinf.design.weights.linear_family import ROUGH, LinearDesign, LinearProblem
 from flexhinf.design.weights.uncertainty import Channel
 from flexhinf.errors import NoFeasibleGamma
 from flexhinf.hinf.gamma import is_feasible

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.design.weights.linear_family import Behaviour, LinearFamily, behaviour_of
-from flexhinf.design.weights.linear_problem import LinearDesign
+from flexhinf.design.weights.linear_family import Behaviour, LinearDesign, LinearFamily, behaviour_of
 from flexhinf.errors import FlexhinfError, InvalidInput
 
 __all__ = ["Candidate", "SearchResult", "TargetBehaviour", "search"]

@@ -15,6 +15,7 @@ from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Limits, Mode
 from flexhinf.loop.controller.transfer import inverse_slope
 from flexhinf.plant import Estimator
+from flexhinf.untrusted import real_array
 
 __all__ = ["Layout", "data_layout", "data_values", "filler", "input_before", "memory_layout"]
 
@@ -156,10 +157,7 @@ def input_before(given: Any, rest: Any, limits: Limits, names: tuple[str, ...]) 
     """
     if given is None:
         return np.array(rest, dtype=float)
-    try:
-        u = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        u = np.full(1, np.nan)
+    u = real_array(given)
     u = u.reshape(1) if u.shape == () else u
     if u.shape != (len(names),) or not np.all((u >= limits.lower) & (u <= limits.upper) & np.isfinite(u)):
         raise InvalidInput(
@@ -180,10 +178,10 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
         if isinstance(value, float):
             memory[0] = value
         else:
-            memory[0] = (value if type(value) is array_type else np.asarray(value, dtype=float)).item()
+            memory[0] = (value if type(value) is array_type else real_array(value, strict=True)).item()
 
     def fill(value: Any) -> None:
-        array = np.asarray(value, dtype=float)
+        array = real_array(value, strict=True)
         if array.shape != shape:
             raise ValueError(array.shape)
         buffer[:] = array

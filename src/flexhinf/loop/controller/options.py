@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
+from flexhinf.untrusted import real_array, real_number
 
 __all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "positive"]
 
@@ -119,10 +120,7 @@ def checked_period(value: Any) -> float:
 
 def positive(value: Any, what: str, example: str) -> float:
     """A positive finite number of seconds."""
-    try:
-        seconds = float(value)
-    except (TypeError, ValueError):
-        seconds = np.nan
+    seconds = real_number(value)
     if not (np.isfinite(seconds) and seconds > 0.0):
         raise InvalidInput(f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example)
     return seconds
@@ -160,7 +158,7 @@ class Limits:
 
 def _edge(value: Any, inputs: int) -> np.ndarray:
     try:
-        return np.array(np.broadcast_to(np.asarray(value, dtype=float), (inputs,)))
+        return np.array(np.broadcast_to(real_array(value), (inputs,)))
     except (TypeError, ValueError) as error:
         raise InvalidInput(
             "The saturation does not fit the inputs.",

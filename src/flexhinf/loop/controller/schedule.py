@@ -14,6 +14,7 @@ from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import where
+from flexhinf.untrusted import real_number
 
 __all__ = ["PaddedLaw", "Schedule", "chosen", "with_common_monomials"]
 
@@ -159,10 +160,7 @@ def _check_poses(laws: Sequence[Law]) -> None:
 
 
 def _fraction(hysteresis: Any) -> float:
-    try:
-        fraction = float(hysteresis)
-    except (TypeError, ValueError):
-        fraction = np.nan
+    fraction = real_number(hysteresis)
     if not 0.0 <= fraction < 1.0:
         raise InvalidInput(
             "The hysteresis of a schedule is no fraction.",

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order
+from flexhinf.untrusted import real_array
 
 __all__ = ["JerkLimited", "RestToRest"]
 
@@ -202,10 +203,7 @@ def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
 
 
 def _numbers(name: str, value: Any) -> np.ndarray:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
+    array = real_array(value)
     if array.ndim > 1 or not np.all(np.isfinite(array)):
         raise InvalidInput(
             "A jerk-limited motion needs finite numbers.",

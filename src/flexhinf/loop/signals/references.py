@@ -18,6 +18,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip, where
+from flexhinf.untrusted import real_array, real_number, value_text
 
 __all__ = [
     "Constant",
@@ -83,14 +84,10 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
 
 def _finite(name: str, **numbers: Any) -> None:
     for key, value in numbers.items():
-        try:
-            fits = np.ndim(value) == 0 and np.isfinite(float(value))
-        except (TypeError, ValueError):
-            fits = False
-        if not fits:
+        if not np.isfinite(real_number(value)):
             raise InvalidInput(
                 f"{name} needs finite numbers.",
-                f"got {key}={value!r}",
+                f"got {key}={value_text(value)}",
                 "one number; for several channels a mapping of names to signals",
             )
 
@@ -103,10 +100,7 @@ def checked_samples(times: Any, values: Any) -> tuple[np.ndarray, np.ndarray]:
     InvalidInput
         If they are not a function of time.
     """
-    try:
-        times, values = np.array(times, dtype=float), np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        times = values = np.array(np.nan)
+    times, values = real_array(times), real_array(values)
     finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
     shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
     if not (finite and shaped and np.all(np.diff(times) > 0.0)):

@@ -14,6 +14,7 @@ from flexhinf.loop.signals.noise import standard_normal
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.plant import BlackBox, Plant
+from flexhinf.untrusted import real_array
 
 __all__ = ["by_name", "sample_disturbance", "sample_noise", "sample_signal", "signal_name"]
 
@@ -92,10 +93,10 @@ def _values(signal: Any, times: np.ndarray) -> np.ndarray:
     later = times * LATER
     try:
         if not callable(signal):
-            return np.asarray(signal, dtype=float)
+            return real_array(signal)
         if isinstance(signal, VECTORISED):
-            return np.asarray(signal(later), dtype=float)
-        return np.asarray([signal(float(t)) for t in later], dtype=float)
+            return real_array(signal(later))
+        return real_array([signal(float(t)) for t in later])
     except (TypeError, ValueError):
         return np.zeros((0, 0, 0))
 
@@ -156,10 +157,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
         )
     if noise is None:
         return np.zeros((samples, len(channels)))
-    try:
-        deviation = np.asarray(noise, dtype=float)
-    except (TypeError, ValueError):
-        deviation = np.array(np.nan)
+    deviation = real_array(noise)
     if deviation.shape not in ((), (len(channels),)) or not np.all(
         np.isfinite(deviation) & (deviation >= 0.0)
     ):

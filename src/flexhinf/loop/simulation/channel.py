@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array, real_number
 
 __all__ = ["DIRECT", "MOST_QUEUED", "WHOLE", "Channel", "check_delay"]
 
@@ -86,11 +87,8 @@ class Channel:
         InvalidInput
             If they do not fit.
         """
-        try:
-            steps = np.zeros(0) if quantisation is None else np.asarray(quantisation, dtype=float)
-            late = float(delay)
-        except (TypeError, ValueError):
-            steps, late = np.full(1, np.nan), np.nan
+        steps = np.zeros(0) if quantisation is None else real_array(quantisation)
+        late = real_number(delay)
         if (
             steps.shape not in ((0,), (), (len(measured),))
             or not np.all(np.isfinite(steps))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice
 from flexhinf.loop.controller.controller import Controller
@@ -40,9 +39,8 @@ def rk4_function(plant: Plant) -> ca.Function:
     nd = len(plant.disturbances)
 
     def advance(x: Any, u: Any, d: Any, truth: Any) -> Any:
-        p = plant.parameters.named(truth[1:])
         stages = [d[k * nd : (k + 1) * nd] for k in range(3)]
-        return rk4_step(lambda s, v: plant.flow(s, u, v, p), x, stages, truth[0])
+        return rk4_step(lambda s, v: plant.evaluate_flow(s, u, v, truth[1:]), x, stages, truth[0])
 
     return trace(advance, plant.n, len(plant.inputs), 3 * nd, 1 + plant.parameters.size, name="advance")
 
@@ -54,8 +52,7 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
         if places is not None:
             return channel.quantised(x[places] + noise)
-        y = np.atleast_1d(plant.output(x, u, plant.parameters.named(truth[1:])))
-        return channel.quantised(y + noise)
+        return channel.quantised(plant.evaluate_output(x, u, truth[1:]) + noise)
 
     return trace(
         measure,

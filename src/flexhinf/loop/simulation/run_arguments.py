@@ -12,6 +12,7 @@ from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
+from flexhinf.untrusted import real_array, real_number, value_text
 
 __all__ = ["check_ranges", "check_turns", "sample_count", "starting_state"]
 
@@ -80,26 +81,20 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
         raise InvalidInput(
             f"There is no state {unknown[0]!r}.", f"expected names out of {list(states)}", "one of these"
         )
-    try:
-        x = np.array([float(named.get(name, 0.0)) for name in states])
-    except (TypeError, ValueError):
-        x = np.array([np.nan])
+    x = np.array([real_number(named.get(name, 0.0)) for name in states])
     if not np.all(np.isfinite(x)):
-        raise InvalidInput("The initial state is not finite.", f"got {given!r}", "finite numbers")
+        raise InvalidInput("The initial state is not finite.", f"got {value_text(given)}", "finite numbers")
     return x
 
 
 def _by_name(given: Any, states: Sequence[str], designed: Sequence[str]) -> dict[str, float]:
-    try:
-        values = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        values = np.zeros((0, 0))
+    values = real_array(given)
     for names in (states, designed):
         if values.shape == (len(names),):
             return {name: float(value) for name, value in zip(names, values)}
     raise InvalidInput(
         "The initial state does not fit the true plant.",
-        f"expected {len(states)} values for {list(states)}, got {given!r}",
+        f"expected {len(states)} values for {list(states)}, got {value_text(given)}",
         "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
     )
 

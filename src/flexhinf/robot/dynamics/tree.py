@@ -20,6 +20,7 @@ from flexhinf.robot.dynamics.folded import (
     product,
     transpose,
 )
+from flexhinf.untrusted import HUGE, checked_name, real_array, value_text
 
 __all__ = ["KINDS", "Joint", "Placement", "Tree"]
 
@@ -105,16 +106,11 @@ class Joint:
     parent: str | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name or self.name.split() != [self.name]:
-            raise InvalidInput(
-                "A joint has no usable name.",
-                f"expected text without spaces, got {self.name!r}",
-                "'shoulder'",
-            )
-        if self.name == "world" or self.name.endswith("_integral"):
+        checked_name("a joint", self.name)
+        if self.name == "world" or self.name == "integral" or self.name.endswith("_integral"):
             raise InvalidInput(
                 f"The joint name {self.name!r} has another meaning.",
-                "expected neither 'world' (the base) nor an ending '_integral' (the integral of an error)",
+                "expected neither 'world' (the base) nor an ending 'integral' (the integral of an error)",
                 "another name",
             )
         if self.kind not in KINDS:
@@ -124,21 +120,21 @@ class Joint:
                 "merge fixed joints into their links; a planar or floating base is not supported",
             )
         length = float(np.linalg.norm(_three(f"axis of joint {self.name!r}", self.axis)))
-        if length == 0.0:
+        if not length > 1.0 / HUGE:
             raise InvalidInput(
                 f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
             )
         unit = tuple(_snap(float(a) / length) for a in self.axis)
         object.__setattr__(self, "axis", unit)
         if self.limits is not None:
-            lower, upper = (float(limit) for limit in self.limits)
-            if not lower < upper:
+            limits = real_array(self.limits)
+            if limits.shape != (2,) or not limits[0] < limits[1]:
                 raise InvalidInput(
                     f"The limits of joint {self.name!r} leave no room.",
-                    f"expected lower < upper, got {lower:g} and {upper:g}",
+                    f"expected lower < upper, got {value_text(self.limits)}",
                     "limits = [lower, upper] in rad (m for a prismatic joint)",
                 )
-            object.__setattr__(self, "limits", (lower, upper))
+            object.__setattr__(self, "limits", tuple(limits.tolist()))
 
     @property
     def slides(self) -> bool:
@@ -237,13 +233,12 @@ class Tree:
 
 
 def _three(name: str, value: Sequence[float]) -> np.ndarray:
-    try:
-        vector = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        vector = np.array(np.nan)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+    vector = real_array(value)
+    if vector.shape != (3,) or not np.all(np.abs(vector) <= HUGE):
         raise InvalidInput(
-            f"The {name} is no vector.", f"expected three finite numbers, got {value!r}", "[0, 0, 1]"
+            f"The {name} is no vector.",
+            f"expected three numbers of at most {HUGE:g}, got {value_text(value)}",
+            "[0, 0, 1]",
         )
     return vector
 

@@ -10,11 +10,10 @@ import numpy as np
 from flexhinf.analysis import GrowthRates, ToleranceCorners
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.formatting import changes_text, count_text
-from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
-from flexhinf.report import Paragraph, Section, Table, number
+from flexhinf.report import Paragraph, Table, number
 
-__all__ = ["CornerRow", "corner_cells", "corner_rows", "corners_text", "remarks", "section"]
+__all__ = ["CornerRow", "blocks", "corner_cells", "corner_rows", "corners_text", "remarks"]
 
 
 class CornerRow(NamedTuple):
@@ -41,18 +40,16 @@ class CornerRow(NamedTuple):
     rate: float
 
 
-def section(design: Design) -> Section | None:
-    """How many corners are unstable; None for a robot without tolerances."""
+def blocks(design: Design) -> list[Any]:
+    """How many corners are unstable; none for a robot without tolerances."""
     e = design.evaluation
     if e.corners is None:
-        return None
-    blocks: list[Any] = [*notes_of(remarks(design)), Paragraph(corners_text(e)), Paragraph(_how(e.corners))]
-    if e.corners.swept:
-        blocks += [Paragraph(_retuning(e.corners)), _table(e.corners)]
-    return Section("Corners of the tolerances", tuple(blocks), "corners")
+        return []
+    found: list[Any] = [Paragraph(corners_text(e)), Paragraph(_how(e.corners))]
+    return [*found, Paragraph(_retuning(e.corners)), _table(e.corners)] if e.corners.swept else found
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """Corners that are unstable as designed, or with another R^v."""
     e, robust = design.evaluation, design.design_problem.preset == "robust"
     found = e.corners
@@ -67,18 +64,16 @@ def remarks(design: Design) -> Iterator[Remark]:
             if itself
             else f"the estimator causes it: try another --torque-noise or --estimator{preset}"
         )
-        yield Remark(
-            "corners", f"{found.unstable} of {found.count} corners are unstable",
-            f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}.",
-        )  # fmt: skip
+        yield (
+            f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}."
+        )
         return
     anywhere = max((swept.unstable for swept in found.swept), default=0)
     if anywhere:
-        yield Remark(
-            "corners", "corners that another Rᵛ makes unstable",
+        yield (
             f"No corner is unstable with this estimator, but with another Rᵛ up to {anywhere} are. Retune the "
-            "estimator only where the table of unstable corners over Rᵛ shows 0.",
-        )  # fmt: skip
+            "estimator only where the table of unstable corners over Rᵛ shows 0."
+        )
 
 
 def corners_text(e: LawEvaluation) -> str:

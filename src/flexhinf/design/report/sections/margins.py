@@ -11,69 +11,60 @@ from flexhinf.analysis import Margins
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, joint_lines
 from flexhinf.design.report.formatting import Units, range_text, units_of
-from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.result import Design
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
-from flexhinf.report import Column, Figure, Paragraph, Section, Table, label, legend, new_figure, number
+from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
-__all__ = ["estimation_figure", "margin_rows", "remarks", "section"]
+__all__ = ["blocks", "estimation_figure", "margin_rows", "remarks"]
 
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3
 
 
-def section(design: Design) -> Section:
+def blocks(design: Design) -> list[Any]:
     """Margins beside those of the true state, frequency responses, noise, estimation error."""
     e = design.evaluation
     units, joints = units_of(e), e.setup.joints
-    blocks: list[Any] = [*notes_of(remarks(design)), Paragraph(_text(e)), _table(e)]
-    loops = [Loop("this law", e.frequency_response)]
-    blocks += frequency_figures(loops, joints, units.load, units.position)
-    if e.input_noises is not None:
-        blocks.append(_noise(e, units))
+    figures = frequency_figures([Loop("this law", e.frequency_response)], joints, units.load, units.position)
+    noise = [] if e.input_noises is None else [_noise(e, units)]
     error = estimation_figure(e, units)
-    blocks += [] if error is None else [error]
-    return Section("Margins of the running loop", tuple(blocks), "margins")
+    return [Paragraph(_text(e)), _table(e), *figures, *noise, *([] if error is None else [error])]
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """An unstable loop, a small delay margin, noise at the motors, extras that the linear loop leaves out."""
     e = design.evaluation
     found, s = e.margins, e.setup.specification
     if e.setup.left_out:
         names = " and ".join(e.setup.left_out).replace("_", " ")
-        yield Remark(
-            "margins", "extras left out of the linear loop",
+        yield (
             f"The linear loop leaves out {names}: the slope at standstill holds only for the smallest velocities and "
-            "would count as damping. The simulated runs have it.",
-        )  # fmt: skip
+            "would count as damping. The simulated runs have it."
+        )
     if not found.stable:
-        yield Remark(
-            "margins", "the sampled loop is unstable",
+        yield (
             "Linearised at the goal, the sampled loop with its estimator is unstable. Try a shorter --period, a faster "
-            "estimator (--torque-noise) or a slower law (--bandwidth).",
-        )  # fmt: skip
+            "estimator (--torque-noise) or a slower law (--bandwidth)."
+        )
         return
     if found.delay_margin_s < FEW_PERIODS * s.period:
-        yield Remark(
-            "margins", f"a delay margin of {number(1e3 * found.delay_margin_s, 2)} ms",
+        yield (
             f"The loop tolerates {number(1e3 * found.delay_margin_s, 2)} ms of extra delay, "
             f"{number(found.delay_margin_s / s.period, 2)} periods. A late computation and a slow bus may use that "
             f"up; the loop would then oscillate at {number(found.delay_frequency / (2.0 * np.pi), 3)} Hz. Try a "
-            "shorter --period, less --damping or less --bandwidth.",
-        )  # fmt: skip
+            "shorter --period, less --damping or less --bandwidth."
+        )
     noise, peak = e.input_noises, e.step.peak_input
     if noise is not None and float(noise.max()) > NOISE_FRACTION * peak:
         worst = int(np.argmax(noise))
         units = units_of(e)
         where = f" ({e.setup.joints[worst]})" if len(noise) > 1 else ""
-        yield Remark(
-            "margins", "sensor noise at the motors",
+        yield (
             f"In equilibrium the sensor noise moves an input{where} by {number(float(noise[worst]), 2)} {units.effort} "
             f"rms, {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak input. Try a slower estimator "
-            "(smaller --torque-noise), better sensors, or less --bandwidth.",
-        )  # fmt: skip
+            "(smaller --torque-noise), better sensors, or less --bandwidth."
+        )
 
 
 def _text(e: LawEvaluation) -> str:

@@ -11,14 +11,12 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.report.drawing import DASHED, figure_block, panels, reference_line
 from flexhinf.design.report.formatting import Units, changes_text, units_of
-from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
 from flexhinf.report import (
     INK,
     SERIES,
     Figure,
     Paragraph,
-    Section,
     Table,
     house_style,
     label,
@@ -32,7 +30,7 @@ from flexhinf.report import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["remarks", "section", "spread_rows"]
+__all__ = ["blocks", "remarks", "spread_rows"]
 
 #: Panels of link positions: of the joints whose robots differ most, relative to the largest step.
 PANELS = 3
@@ -44,32 +42,25 @@ FEW = 15
 CLOSE = 0.12
 
 
-def section(design: Design) -> Section | None:
-    """Bands, histograms, table; None where no robot was sampled."""
+def blocks(design: Design) -> list[Any]:
+    """Bands, histograms, table; none where no robot was sampled."""
     e = design.evaluation
     samples = e.step_samples
     if samples is None or not len(samples):
-        return None
+        return []
     units = units_of(e)
-    blocks: list[Any] = [
-        *notes_of(remarks(design)),
-        Paragraph(_text(e, samples)),
-        *_bands(e, samples, units),
-        *_histograms(e, samples, units),
-        _table(e, samples, units),
-    ]
-    return Section(f"Step response of {len(samples)} robots within their tolerances", blocks, "draws")
+    figures = [*_bands(e, samples, units), *_histograms(e, samples, units)]
+    return [Paragraph(_text(e, samples)), *figures, _table(e, samples, units)]
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """Runs that diverge."""
     samples = design.evaluation.step_samples
     if samples is not None and samples.diverged:
-        yield Remark(
-            "draws", f"{samples.diverged} of {len(samples)} sampled robots diverge",
+        yield (
             f"{samples.diverged} of {len(samples)} robots within their tolerances diverge with this controller. "
-            "--preset robust includes the tolerances in the synthesis.",
-        )  # fmt: skip
+            "--preset robust includes the tolerances in the synthesis."
+        )
 
 
 def _text(e: LawEvaluation, samples: MonteCarlo) -> str:

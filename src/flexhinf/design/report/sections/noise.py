@@ -8,22 +8,19 @@ import numpy as np
 
 from flexhinf.design.result import Design
 from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
-from flexhinf.report import Column, Paragraph, Section, Table, number
+from flexhinf.report import Column, Paragraph, Table, number
 
-__all__ = ["section", "selected_candidates"]
+__all__ = ["blocks", "selected_candidates"]
 
 #: Candidates beside the one that is used, the nearest in the order of the search.
 NEIGHBOURS = 3
 
 
-def section(design: Design) -> Section | None:
-    """Levels in use, and the candidates of the search; None without an estimator."""
+def blocks(design: Design) -> list[Any]:
+    """Levels in use, and the candidates of the search; none without an estimator."""
     if design.specification.estimator == "none":
-        return None
-    blocks: list[Any] = [Paragraph(_text(design))]
-    if design.noise_search is not None:
-        blocks.append(_table(design))
-    return Section("Noise levels of the estimator", tuple(blocks), "noise")
+        return []
+    return [Paragraph(_text(design)), *([] if design.noise_search is None else [_table(design)])]
 
 
 def _text(design: Design) -> str:

@@ -11,14 +11,13 @@ import numpy as np
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, panels, reference_line, vertical_line
 from flexhinf.design.report.formatting import range_text
-from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Section, Table, house_style, label
+from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, house_style, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["PoleGroup", "mode_groups", "poles_figure", "remarks", "section", "vibration_damping"]
+__all__ = ["PoleGroup", "blocks", "mode_groups", "poles_figure", "remarks", "vibration_damping"]
 
 #: A vibration with less damping than this rings.
 HARDLY_DAMPED = 0.1
@@ -77,46 +76,37 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     )
 
 
-def section(design: Design) -> Section:
+def blocks(design: Design) -> list[Any]:
     """Figure, and a table of what oscillates or does not decay."""
-    blocks = (
-        *notes_of(remarks(design)),
-        poles_figure(_groups(design)),
-        _table(design),
-        Paragraph(_decays(design)),
-    )
-    return Section("Poles", blocks, "modes")
+    return [poles_figure(_groups(design)), _table(design), Paragraph(_decays(design))]
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """A vibration that rings, in the loop or in the estimation error."""
     after = vibration_damping(design.law_modes)
     if after and min(after) < HARDLY_DAMPED:
-        yield Remark(
-            "modes", "a vibration that rings",
+        yield (
             f"A vibration has a damping ratio of {min(after):.2g} with this law: its weights hardly act on it. "
-            "`--damping 0.3` searches for weights that do.",
-        )  # fmt: skip
+            "`--damping 0.3` searches for weights that do."
+        )
     error = [mode for mode in design.evaluation.estimator_modes if mode.vibration]
     unseen = [mode for mode in error if mode.damping < HARDLY_SEEN]
     target = design.design_problem.target
     required = 0.0 if target is None else target.damping
     if unseen:
         worst = min(unseen, key=lambda mode: mode.damping)
-        yield Remark(
-            "modes", "a vibration that the sensors hardly show",
+        yield (
             f"The estimator's error at {worst.frequency:.3g} Hz ({worst.joint}) has a damping ratio of "
             f"{worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions or joint "
-            "torques, or raise --process-noise.",
-        )  # fmt: skip
+            "torques, or raise --process-noise."
+        )
     elif error and min(mode.damping for mode in error) < required:
         worst = min(error, key=lambda mode: mode.damping)
-        yield Remark(
-            "modes", "an estimation error that rings",
+        yield (
             f"The estimator's error at {worst.frequency:.3g} Hz ({worst.joint}) has a damping ratio of "
             f"{worst.damping:.2g}, less than required of the law. After a disturbance that the model does not know the "
-            "loop rings with it. Try a larger --torque-noise, or another sensor (--measured).",
-        )  # fmt: skip
+            "loop rings with it. Try a larger --torque-noise, or another sensor (--measured)."
+        )
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:

@@ -11,7 +11,6 @@ import numpy as np
 from flexhinf.analysis import BudgetTerm
 from flexhinf.design.report.drawing import DASHED, figure_block, thin
 from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
-from flexhinf.design.report.remarks import Remark, notes_of
 from flexhinf.design.result import Design
 from flexhinf.report import (
     INK,
@@ -19,7 +18,6 @@ from flexhinf.report import (
     Column,
     Figure,
     Paragraph,
-    Section,
     Table,
     house_style,
     label,
@@ -28,7 +26,7 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["budget_rows", "level_rows", "remarks", "section"]
+__all__ = ["blocks", "budget_rows", "level_rows", "remarks"]
 
 PARTS = {
     "sampling": "the input is held between samples",
@@ -41,56 +39,43 @@ PARTS = {
 NEAR = 0.05
 
 
-def section(design: Design) -> Section:
+def blocks(design: Design) -> list[Any]:
     """Level set and step of every degree; the gain found; the budget."""
-    blocks: list[Any] = [*notes_of(remarks(design)), Paragraph(_region_text(design)), _regions(design)]
+    found: list[Any] = [Paragraph(_region_text(design)), _regions(design)]
     if design.attenuation.attained is not None:
-        blocks += [Paragraph(_attained_text(design)), _levels(design)]
+        found += [Paragraph(_attained_text(design)), _levels(design)]
     if design.attenuation.budget:
-        blocks += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
-    return Section("Sampled region and dissipation", tuple(blocks), "region")
+        found += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
+    return found
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """What the region does not say."""
     s = design.specification
     for low, high in design.shrinking:
-        yield Remark(
-            "region",
-            "a degree that shrinks the region",
-            f"Degree {high} allows a smaller step than degree {low}.",
-        )
+        yield f"Degree {high} allows a smaller step than degree {low}."
     if design.chosen.looked and math.isnan(design.chosen.level):
         why = design.chosen.limit.removeprefix("no region: ").rstrip(".")
-        yield Remark(
-            "region", "no region", f"The sampled check gives no region for the law that is used: {why}."
-        )
+        yield f"The sampled check gives no region for the law that is used: {why}."
     if design.attenuation.failure:
-        yield Remark("region", "no worst disturbance", design.attenuation.failure)
+        yield design.attenuation.failure
     found = design.attenuation.attained
     if found is not None and found.gain > design.gamma:
-        yield Remark(
-            "region", "a disturbance beyond γ",
+        yield (
             f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
-            "not keep its level there, because the truncated V or the sampling leaves too much out.",
-        )  # fmt: skip
+            "not keep its level there, because the truncated V or the sampling leaves too much out."
+        )
     if design.attenuation.budget:
         budget = design.attenuation.budget[-1].budget
         if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
-            yield Remark(
-                "region", "a dissipation budget that is exceeded",
+            yield (
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
                 f"{number(budget.level - budget.start, 3)} that are left. Nothing follows from the region for this "
-                "step. Try a shorter --period, a faster estimator, or a smaller step.",
-            )  # fmt: skip
+                "step. Try a shorter --period, a faster estimator, or a smaller step."
+            )
     if not design.chosen.looked:
-        asked = (
-            f"No region was sampled: with {len(design.problem.state_names)} states it takes minutes. `--rays 50` "
-            "samples one."
-        )
-        yield Remark(
-            "region", "no sampled region", asked if s.rays is None else "No region was sampled (--rays 0)."
-        )
+        many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
+        yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
 
 
 def _region_text(design: Design) -> str:

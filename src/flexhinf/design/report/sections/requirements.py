@@ -11,32 +11,20 @@ from flexhinf.design.report.formatting import Units, units_of
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
-from flexhinf.report import Column, Note, Paragraph, Section, Table, number
+from flexhinf.report import Column, Paragraph, Table, number
 
 __all__ = [
-    "InputRow",
-    "found_text",
-    "input_rows",
-    "limit_text",
-    "requirement_table",
-    "requirement_text",
-    "section",
-]
+    "InputRow", "blocks", "found_text", "input_rows", "limit_text", "requirement_table", "requirement_text",
+]  # fmt: skip
 
 
-def section(design: Design, warnings: Sequence[str] = ()) -> Section:
-    """Requirements, those that are not met first; warnings of the robot's file; inputs."""
-    units = units_of(design.evaluation)
-    blocks: list[Any] = [Note(" ".join(text.split())) for text in warnings]
-    blocks.append(requirement_table(design.requirements))
-    if design.design_problem.target is None:
-        blocks.append(
-            Paragraph(
-                "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
-            )
-        )
-    blocks.append(_inputs(design, units))
-    return Section("Requirements", tuple(blocks), "specification")
+def blocks(design: Design) -> list[Any]:
+    """Requirements, those that are not met first; inputs."""
+    given = (
+        "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
+    )
+    free = [Paragraph(given)] if design.design_problem.target is None else []
+    return [requirement_table(design.requirements), *free, _inputs(design, units_of(design.evaluation))]
 
 
 def limit_text(line: Requirement) -> str:

@@ -1,8 +1,9 @@
-"""The step from the start pose to the goal: figure, arm, table; the same on MuJoCo's plant where it was run."""
+"""The step from the start pose to the goal: figure, the arm at a few instants, table; and on MuJoCo's plant."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,18 +13,37 @@ from flexhinf.design.report.drawing import (
     framed,
     joint_lines,
     limit_lines,
+    panels,
     reference_line,
     thin,
     widened,
 )
 from flexhinf.design.report.formatting import ESTIMATORS, Units, settling_text, units_of
-from flexhinf.design.report.remarks import Remark, notes_of
-from flexhinf.design.report.sections.arm import arm_figure, instants
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
-from flexhinf.report import Column, Figure, Section, Table, label, legend, new_figure, number
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    Column,
+    Figure,
+    Table,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+)
+from flexhinf.robot import Robot
+from flexhinf.robot.skeleton import skeleton
 
-__all__ = ["difference_text", "effort_limit", "fed_text", "remarks", "section", "spring_torques", "step_text"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "arm_figure", "blocks", "difference_text", "effort_limit", "fed_text", "instants", "remarks",
+    "spring_torques", "step_text",
+]  # fmt: skip
 
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
@@ -31,47 +51,42 @@ STARTING, MUCH = 20, 1.5
 #: What a robot may state and a true plant leaves out unless asked: how the parameter's name begins, and the extra.
 STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
 
+#: Parts of the way at which the arm is drawn.
+PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
-def section(design: Design) -> Section:
+#: Points closer together than this part of the robot's size lie in one plane.
+FLAT = 0.02
+
+
+def blocks(design: Design) -> list[Any]:
     """What the step looks like, and its figures for each joint."""
     e = design.evaluation
-    units = units_of(e)
-    arm = _arm(e)
-    blocks = [
-        *notes_of(remarks(design)),
-        _figure(e, units),
-        *([] if arm is None else [arm]),
-        _table(e, units),
-        *_mujoco(design, units),
-    ]
-    return Section("Step response", tuple(blocks), "step")
+    units, arm = units_of(e), _arm(e)
+    drawn = [] if arm is None else [arm]
+    return [_figure(e, units), *drawn, _table(e, units), *_mujoco(design, units)]
 
 
-def remarks(design: Design) -> Iterator[Remark]:
+def remarks(design: Design) -> Iterator[str]:
     """What the reader must not miss."""
     e = design.evaluation
     left = _left_out(design)
     if left:
-        yield Remark(
-            "step", "what the true plant leaves out",
+        yield (
             f"The robot states numbers of {' and '.join(left).replace('_', ' ')} that the true plant of this report "
-            f"leaves out. `--extras {','.join(left)}` includes them.",
-        )  # fmt: skip
+            f"leaves out. `--extras {','.join(left)}` includes them."
+        )
     if e.step.diverged_at is not None:
-        yield Remark(
-            "step", "the step diverges",
-            f"The step diverges at {number(e.step.diverged_at, 3)} s. Start nearer to the goal, or change the weights.",
-        )  # fmt: skip
+        when = number(e.step.diverged_at, 3)
+        yield f"The step diverges at {when} s. Start nearer to the goal, or change the weights."
     started = _estimator_start(e, units_of(e))
     if started:
-        yield Remark("step", "a peak input at the estimator's start", started)
+        yield started
     if design.inside is False and not np.isnan(design.chosen.level):
-        yield Remark(
-            "step", "a start outside the sampled region",
+        yield (
             "The step starts outside the region in which the sampled check found no violation, so the region says "
             "nothing about it. The start includes the integrals that the controller chooses so that the input does "
-            "not jump.",
-        )  # fmt: skip
+            "not jump."
+        )
 
 
 def _left_out(design: Design) -> list[str]:
@@ -260,3 +275,109 @@ def difference_text(design: Design, units: Units) -> str:
         return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
     apart = units.scale * float(np.abs(theirs.positions - ours.positions).max())
     return f"link positions differ by at most {number(apart, 2)} {units.angle}"
+
+
+# The arm ---------------------------------------------------------------------------------------------
+def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
+    """Samples at which a run (N, n) first has done these `PARTS` of its way, the last one at the end of the run.
+
+    Parameters
+    ----------
+    positions : (N, n)
+        Link positions.
+    start, goal : (n,)
+    """
+    way = goal - start
+    length = float(way @ way)
+    if not length:
+        return [0]
+    done = (positions - start) @ way / length
+    found = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
+    return sorted({*found, len(done) - 1})
+
+
+def arm_figure(
+    robot: Robot, time: np.ndarray, links: np.ndarray, motors: np.ndarray, at: Sequence[int]
+) -> Figure | None:
+    """Links and motors of a run at some samples; None for a robot whose links have no length.
+
+    Parameters
+    ----------
+    robot : Robot
+    time : (N,)
+        s.
+    links, motors : (N, n)
+        Positions, the motors' seen from the link side.
+    at : sequence of int
+    """
+    poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
+    points = np.concatenate([line for pair in poses for lines in pair for line in lines])
+    size = float(np.ptp(points, axis=0).max())
+    if size < 1e-9:
+        return None
+    right, up, names = _plane(np.asarray(robot.links.down, dtype=float), points, size)
+    figure, (axes,) = panels(1, len(at), 2.7, 8.4, sharex=True, sharey=True)
+    for k, (axis, (own, held)) in enumerate(zip(axes, poses, strict=True)):
+        _drawn(axis, own, held, right, up, first=k == 0)
+        axis.set_title(f"{number(float(time[at[k]]), 3)} s")
+        axis.set_xlabel(f"{names[0]} (m)")
+    flat = points @ np.column_stack([right, up])
+    low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
+    with house_style():
+        for axis in axes:
+            axis.set_xlim(low[0], high[0])
+            axis.set_ylim(low[1], high[1])
+            axis.set_aspect("equal")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
+    label(axes[0], names[1], "m")
+    return figure_block(
+        "arm",
+        figure,
+        "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "
+        "motors are seen from the link side of their gears. A last link is drawn to twice the distance of its centre "
+        "of mass.",
+        "The arm during the step",
+    )
+
+
+def _drawn(
+    axis: Axes,
+    own: Sequence[np.ndarray],
+    held: Sequence[np.ndarray],
+    right: np.ndarray,
+    up: np.ndarray,
+    first: bool,
+) -> None:
+    """One pose: motors dashed behind the links, joints as dots."""
+    with house_style():
+        for j, line in enumerate(held):
+            axis.plot(
+                line @ right, line @ up, color=SERIES[1], linewidth=1.3, dashes=(4.0, 2.0),
+                label="motors (springs without twist)" if first and j == 0 else None,
+            )  # fmt: skip
+        for j, line in enumerate(own):
+            axis.plot(
+                line @ right, line @ up, color=SERIES[0], linewidth=2.6, alpha=0.85,
+                label="links" if first and j == 0 else None,
+            )  # fmt: skip
+        joints = np.array([line[0] for line in own])
+        axis.plot(
+            joints @ right, joints @ up, "o", color=INK, markersize=3.5, label="joints" if first else None
+        )
+        axis.axhline(float(own[0][0] @ up), color=MUTED, linewidth=0.6, zorder=0.5)
+
+
+def _plane(
+    down: np.ndarray, points: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
+    """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
+    up = -down / np.linalg.norm(down)
+    centred = points - points.mean(axis=0)
+    level = centred - np.outer(centred @ up, up)
+    spread = np.linalg.svd(level, full_matrices=True)[2]
+    across = [row for row in spread if abs(row @ up) < 0.5]
+    right = across[0] * (1.0 if across[0].sum() >= 0.0 else -1.0)
+    if np.ptp(centred @ up) > FLAT * size:
+        return right, up, ("horizontal", "height")
+    ahead = np.cross(up, right)
+    return right, ahead, ("horizontal", "seen from above")

@@ -12,11 +12,12 @@ from flexhinf.design.report.formatting import count_text, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Section, Table, house_style, label, number
+from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
-    "Weight", "candidate_rows", "effort_unit", "robust_rows", "section", "selected_candidates", "state_weights",
+    "Weight", "blocks", "candidate_rows", "effort_unit", "robust_rows", "selected_candidates",
+    "state_weights",
 ]  # fmt: skip
 
 PRESETS = {
@@ -35,15 +36,15 @@ class Weight(NamedTuple):
     unit: str
 
 
-def section(design: Design) -> Section:
+def blocks(design: Design) -> list[Any]:
     """Preset, search and weights; with the preset robust what its channels cover and cost."""
     problem = design.design_problem
-    blocks: list[Any] = [Paragraph(_preset(design))]
+    found: list[Any] = [Paragraph(_preset(design))]
     if problem.search is not None:
-        blocks += [Paragraph(_search(design)), _search_figure(design), _candidates(design)]
+        found += [Paragraph(_search(design)), _search_figure(design), _candidates(design)]
     if problem.robustness is not None:
-        blocks += [_robust(design), Paragraph(_robust_text(design))]
-    return Section("Weights", (*blocks, *_weights(design)), "weights")
+        found += [_robust(design), Paragraph(_robust_text(design))]
+    return [*found, *_weights(design)]
 
 
 def _preset(design: Design) -> str:

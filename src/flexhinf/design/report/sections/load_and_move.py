@@ -1,0 +1,196 @@
+"""Two more runs: constant torques on the links at the goal, and the way of the step as a planned move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.report.drawing import (
+    DOTTED,
+    figure_block,
+    joint_lines,
+    limit_lines,
+    reference_line,
+    thin,
+    vertical_line,
+)
+from flexhinf.design.report.formatting import Units, units_of
+from flexhinf.design.report.sections.step import effort_limit
+from flexhinf.design.result import Design
+from flexhinf.report import (
+    MUTED,
+    Column,
+    Figure,
+    Paragraph,
+    Table,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+)
+
+__all__ = ["load_blocks", "load_remarks", "move_blocks", "move_remarks"]
+
+
+def load_blocks(design: Design) -> list[Any]:
+    """Figure and table."""
+    e = design.evaluation
+    return [_load_figure(e, units_of(e)), _load_table(e, units_of(e))]
+
+
+def load_remarks(design: Design) -> Iterator[str]:
+    """A load run that diverges, or does not recover."""
+    found = design.evaluation.load_response
+    if found.response.diverged_at is not None:
+        yield "With torques on the links the loop diverges. Try a smaller `--load`."
+        return
+    slow = [row["joint"] for row in found.metrics if row["recovery_time_s"] is None]
+    if slow:
+        names = f"{' and '.join(slow)} {'is' if len(slow) == 1 else 'are'}"
+        yield (
+            f"With constant torques on the links, {names} still more than 2 % of the step away from the goal at the "
+            "end of the load run."
+        )
+
+
+def _load_figure(e: LawEvaluation, units: Units) -> Figure:
+    loaded, joints = e.load_response, e.setup.robot.joint_names
+    run, (unit, scale) = loaded.response.run, units.small
+    figure, axes = new_figure(2)
+    joint_lines(axes[0], run.time, scale * (loaded.response.positions - loaded.response.goal), joints)
+    joint_lines(axes[1], run.time, loaded.response.inputs, joints)
+    reference_line(axes[0])
+    limit, name = effort_limit(e, units)
+    limit_lines(axes[1], limit, loaded.response.inputs, name)
+    for axis in axes:
+        vertical_line(axis, loaded.at)
+    label(axes[0], "link position − goal", unit)
+    label(axes[1], "input", units.effort)
+    if len(joints) > 1:
+        legend(axes[0])
+    return figure_block(
+        "load", figure,
+        f"The robot is in equilibrium at the goal. At {loaded.at:g} s (dotted) constant torques begin to act on all "
+        "links at once. Neither law nor estimator knows of them.",
+        "Torques on the links",
+    )  # fmt: skip
+
+
+def _load_table(e: LawEvaluation, units: Units) -> Table:
+    parameters = e.setup.model.parameters
+    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness).astype(float)
+    unit, scale = units.small
+    rows = [
+        (
+            row["joint"],
+            row["load"],
+            scale * abs(row["load"]) / float(k),
+            scale * row["peak_deviation"],
+            row["recovery_time_s"],
+            scale * row["remaining_error"],
+        )
+        for row, k in zip(e.load_response.metrics, stiffness)
+    ]
+    columns = (
+        "joint",
+        Column("torque on the link", units.load),
+        Column("twist of its spring", unit),
+        Column("largest deviation", unit),
+        Column("recovered after", "s", 3),
+        Column("remaining deviation", unit),
+    )
+    caption = (
+        "Twist: of the spring under this torque alone. Recovered: within 2 % of the joint's step from start to goal "
+        "from then on. Remaining: largest in the last tenth of the time under load"
+    )
+    return Table(columns, rows, caption, "table-load")
+
+
+# The planned move ---------------------------------------------------------------------------------------
+def move_blocks(design: Design) -> list[Any]:
+    """What a plan changes, figure and table."""
+    e = design.evaluation
+    units = units_of(e)
+    return [Paragraph(_text(e, units)), _move_figure(e, units), _move_table(e, units)]
+
+
+def move_remarks(design: Design) -> Iterator[str]:
+    """A move that diverges."""
+    if design.evaluation.move.response.diverged_at is not None:
+        yield (
+            "The loop diverges while it follows the planned move. Ask for a smaller step or a lower `--bandwidth`."
+        )
+
+
+def _text(e: LawEvaluation, units: Units) -> str:
+    step, move = e.step.peak_input, e.move.response.peak_input
+    return (
+        "Robots follow plans more often than steps. Here the plan covers the way of the step with limited jerk in "
+        f"{e.move.plan.duration:.3g} s, its feedforward comes from the elastic inverse dynamics, and the law acts on "
+        f"the error that is left. The move needs at most {number(move, 3)} {units.effort}, the step "
+        f"{number(step, 3)} {units.effort}."
+    )
+
+
+def _move_figure(e: LawEvaluation, units: Units) -> Figure:
+    move, joints = e.move, e.setup.robot.joint_names
+    response, (unit, scale) = move.response, units.small
+    time, few = response.run.time, thin(response.run.time)
+    limit, name = effort_limit(e, units)
+    away = response.positions - response.goal
+    figure, axes = new_figure(3, height=6.6)
+    joint_lines(axes[0], time, units.scale * away, joints)
+    joint_lines(axes[1], time, scale * move.error, joints)
+    joint_lines(axes[2], time, response.inputs, joints)
+    with house_style():
+        for joint in range(len(joints)):
+            plan = units.scale * (away - move.error)[few, joint]
+            axes[0].plot(
+                time[few],
+                plan,
+                color=MUTED,
+                linewidth=1.2,
+                linestyle=DOTTED,
+                label="plan" if joint == 0 else None,
+            )
+    reference_line(axes[1])
+    limit_lines(axes[2], limit, response.inputs, name)
+    label(axes[0], "link position − goal", units.angle)
+    label(axes[1], "link position − plan", unit)
+    label(axes[2], "input", units.effort)
+    legend(axes[0])
+    return figure_block(
+        "move", figure,
+        "Link positions and the plan (dotted), the difference of the two, and the inputs. The inputs jump where the "
+        "fourth derivative of the plan does.",
+        "The move",
+    )  # fmt: skip
+
+
+def _move_table(e: LawEvaluation, units: Units) -> Table:
+    unit, scale = units.small
+    ways = np.abs(e.setup.goal - e.setup.start)
+    rows = [
+        (
+            row["joint"],
+            units.scale * float(way),
+            scale * row["largest_error"],
+            100.0 * row["largest_error"] / float(way) if way else None,
+            scale * row["rms_error"],
+            row["peak_input"],
+        )
+        for row, way in zip(e.move.metrics, ways)
+    ]
+    columns = (
+        "joint",
+        Column("way", units.angle),
+        Column("largest error", unit),
+        Column("of the way", "%", 2),
+        Column("rms error", unit),
+        Column("peak input", units.effort),
+    )
+    return Table(columns, rows, "Errors of the true link positions from the plan", "table-move")

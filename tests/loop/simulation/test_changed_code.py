@@ -1,0 +1,154 @@
+"""A run is that of the plant it is given: what a flow reads may change between two plants, but not in one.
+
+The pairs of numbers ask for the same number of sub-steps, so that nothing but the code itself distinguishes the loops.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Plant
+
+GRAVITY = 9.81
+SCALE = 1.0
+
+
+class Spring:
+    """A model whose numbers are attributes, not parameters."""
+
+    def __init__(self, stiffness):
+        self.stiffness = stiffness
+
+    def flow(self, x, u, d, p):
+        return np.array([x[1], -self.stiffness * x[0] - x[1] + u[0] + d[0]])
+
+    def output(self, x, u, p):
+        return np.array([x[0]])
+
+
+def falling(x, u, d, p):
+    return np.array([x[1], -GRAVITY * np.sin(x[0]) - x[1] + u[0] + d[0]])
+
+
+def measured(x, u, p):
+    return np.array([SCALE * x[0]])
+
+
+def plant_of(flow, output):
+    return Plant(flow, output, ("a", "da"), ("u",), ("push",), {"mass": 1.0})
+
+
+def built(plant):
+    """Problem, law, estimator, loop: everything anew."""
+    problem = plant.with_objective({"a": 3.0, "da": 1.0}, disturbances=("push",))
+    solution = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=4)
+    ukf = fh.UnscentedKalmanFilter(plant, 0.01, 1e-6, 1e-6, np.zeros(2), 1e-4)
+    return fh.Loop(plant, fh.Controller(solution, ukf, period=0.01))
+
+
+def run_of(plant):
+    return built(plant).run(initial_state=[0.5, 0.0], duration=0.5)
+
+
+def simulated(run, flow):
+    """The same plant in plain NumPy, with the inputs of the run."""
+    x, h = np.array(run.data.state[0]), 1e-3
+    states = [x]
+    for u in run.data.input.values[:-1]:
+        for _ in range(10):
+            f = lambda s, u=u: flow(s, u, [0.0], None)  # noqa: E731
+            k1 = f(x)
+            k2 = f(x + h / 2 * k1)
+            k3 = f(x + h / 2 * k2)
+            x = x + h / 6 * (k1 + 2 * (k2 + k3) + f(x + h * k3))
+        states.append(x)
+    return np.array(states)
+
+
+def test_a_changed_global_is_in_the_next_plant(monkeypatch):
+    for gravity in (9.81, 5.0, 9.81):
+        monkeypatch.setitem(globals(), "GRAVITY", gravity)
+        run = run_of(plant_of(falling, measured))
+        np.testing.assert_allclose(run.data.state, simulated(run, falling), rtol=0, atol=1e-8)
+
+
+def test_a_changed_global_of_the_output_is_in_the_next_plant(monkeypatch):
+    for scale in (1.0, 0.25):
+        monkeypatch.setitem(globals(), "SCALE", scale)
+        run = run_of(plant_of(falling, measured))
+        np.testing.assert_allclose(run.data.output[:, 0], scale * run.data.state[:, 0], rtol=1e-13)
+
+
+def test_a_changed_object_of_a_bound_method_is_in_the_next_plant():
+    spring = Spring(4.0)
+    for stiffness in (30.0, 40.0):
+        spring.stiffness = stiffness
+        run = run_of(plant_of(spring.flow, spring.output))
+        np.testing.assert_allclose(run.data.state, simulated(run, spring.flow), rtol=0, atol=1e-8)
+
+
+def test_equal_code_is_compiled_once():
+    one, two = (built(plant_of(spring.flow, spring.output)) for spring in (Spring(3.0), Spring(3.0)))
+    assert one.kernel is two.kernel
+    assert built(plant_of(Spring(5.0).flow, Spring(5.0).output)).kernel is not one.kernel
+
+
+def test_a_plant_stays_what_it_was_and_models_are_not_mixed():
+    spring = Spring(4.0)
+    plant = plant_of(spring.flow, spring.output)
+    first = run_of(plant)
+    loop = built(plant)
+    spring.stiffness = 40.0
+    np.testing.assert_array_equal(
+        loop.run(initial_state=[0.5, 0.0], duration=0.5).data.state, first.data.state
+    )
+    with pytest.raises(InvalidInput, match="something else than when its plant was built"):
+        run_of(plant)  # its expansion would be that of the other spring
+    spring.stiffness = 4.0
+    np.testing.assert_array_equal(run_of(plant).data.state, first.data.state)
+
+
+class Curved:
+    """g2(x) by an attribute: the law has the exact one in it."""
+
+    def __init__(self, slope):
+        self.slope = slope
+
+    def flow(self, x, u, d, p):
+        return np.array([x[1], -x[0] - x[1] + (1.0 + self.slope * x[0]) * u[0] + d[0]])
+
+
+def test_the_input_matrix_of_a_law_is_its_own():
+    model, keys = Curved(0.1), []
+    for slope in (0.1, 0.3, 0.1):
+        model.slope = slope
+        loop = built(plant_of(model.flow, measured))
+        run = loop.run(initial_state=[0.5, 0.0], duration=0.2)
+        law: Any = loop.controller.law
+        estimate = run.data.estimate.values
+        np.testing.assert_allclose(run.data.input[:, 0], law.law(estimate)[:, 0], rtol=1e-12, atol=1e-12)
+        keys.append(law.law_key)
+    assert keys[0] == keys[2] != keys[1]
+
+
+class Halved(fh.HJISolution):
+    """A law of one's own from another: half of it, or a third."""
+
+    part = 0.5
+
+    def evaluate_law(self, x, data):
+        return self.part * super().evaluate_law(x, data)
+
+
+def test_a_law_that_is_written_anew_has_code_of_its_own():
+    solution = built(plant_of(falling, measured)).controller.law
+    inputs = []
+    for part in (0.5, 0.25):
+        law = object.__new__(Halved)
+        vars(law).update(vars(solution))
+        object.__setattr__(law, "part", part)
+        inputs.append(fh.Controller(law, None, period=0.01).step([0.3, 0.1]))
+    np.testing.assert_allclose(inputs[0], 2.0 * inputs[1], rtol=1e-14)

@@ -1,0 +1,182 @@
+"""The gate for what comes from outside: what it lets through, what it refuses, in which time and in how many words."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.plant import Penalty
+from flexhinf.untrusted import checked_name, read_toml, read_xml, real_array, real_number, value_text
+
+SECONDS = 1.0
+"""Processor time within which any file is refused."""
+
+SENTENCES = 2000
+"""Characters: a message of a few lines."""
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["1.0", b"1", 1j, np.array([1j]), np.str_("1"), 10**400, [10**5000], [[1.0], [1.0, 2.0]], object(),
+     np.datetime64("2020-01-01"), {"a": 1}],
+)  # fmt: skip
+def test_what_is_no_real_number_is_nan(value: object) -> None:
+    array = real_array(value)
+    assert array.shape == ()
+    assert np.isnan(array)
+    assert np.isnan(real_number(value))
+    with pytest.raises(ValueError, match="real"):
+        real_array(value, strict=True)
+
+
+def test_missing_entries_are_nan() -> None:
+    masked = np.ma.array([1.0, 2.0], mask=[True, False])
+    for value in (masked, [np.ma.masked, 2.0], (np.ma.masked, 2), [None, 2.0]):
+        np.testing.assert_array_equal(real_array(value), [np.nan, 2.0])
+    np.testing.assert_array_equal(real_array([masked, [3.0, 4.0]]), [[np.nan, 2.0], [3.0, 4.0]])
+    assert np.isnan(real_number(np.ma.masked))
+
+
+def test_real_numbers_stay_as_they_are_and_are_copied() -> None:
+    given = np.array([1.0, np.inf, np.nan])
+    found = real_array(given)
+    np.testing.assert_array_equal(found, given)
+    assert not np.shares_memory(found, given)
+    for value in ([1, 2.5, True], (1, 2.5, 1), np.array([1, 2.5, 1], dtype=object), np.float32([1, 2.5, 1])):
+        np.testing.assert_array_equal(real_array(value), [1.0, 2.5, 1.0])
+
+
+@pytest.mark.parametrize("masked", [np.ma.masked, [np.ma.masked], np.ma.array([0.5], mask=[True])])
+def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) -> None:
+    robot = fh.paper_arm()
+    for refused in (
+        lambda: robot.operating_point(masked),
+        lambda: robot.problem(Penalty([1.0] * 5, effort=masked)),
+        lambda: robot.plant().derivative(np.zeros(4), masked),
+        lambda: fh.Step(masked, at=0.0),
+        lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, masked, 1e-6, np.zeros(4), 1e-4),
+        lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4).correct(masked),
+    ):
+        with pytest.raises(FlexhinfError):
+            refused()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        " ",
+        "a b",
+        "a\nb",
+        "a\x1b[31mb",
+        "a\u202eb",
+        "a\u200bb",
+        "a\x00",
+        "a" * 101,
+        None,
+        3,
+        b"a",
+        "\ud800",
+    ],
+)
+def test_names_that_cannot_be_printed_are_refused(name: object) -> None:
+    with pytest.raises(InvalidInput, match="no usable name") as caught:
+        checked_name("a joint", name)
+    assert str(caught.value).replace("\n", "").isprintable()
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("name", ["elbow", "左肘", "q$1$", "[red]", "<b>", "url(", "😀", "a-b_c.d"])
+def test_names_of_any_script_and_markup_are_taken(name: str) -> None:
+    assert checked_name("a joint", name) == name
+
+
+def test_messages_are_a_few_lines_without_control_characters() -> None:
+    error = InvalidInput("x" * 60_000_000, "line\n" * 1000, "a\x1b[2J\u202eb")
+    text = str(error)
+    assert len(text) < SENTENCES
+    assert text.count("\n") < 20
+    assert text.replace("\n", "").isprintable()
+    assert "59999550 characters" in error.what
+    assert error.advice == r"a\x1b[2J\u202eb"
+
+
+def test_any_value_has_a_short_text() -> None:
+    class Foreign:
+        def __repr__(self) -> str:
+            raise RuntimeError("no")
+
+    deep: list = []
+    for _ in range(100_000):
+        deep = [deep]
+    for value in (10**5000, Foreign(), deep, "a" * 10**6):
+        assert 0 < len(value_text(value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("x = " + "[" * 900 + "]" * 900, "nested too deeply"),
+        ("x = " + "{a = " * 900 + "1" + "}" * 900, "nested too deeply"),
+        ("x = " + "9" * 4301, "no TOML"),
+        ("a." * 200_000 + "a = 1", "too many parts"),
+        ("1." * 200_000 + "1 = 1", "too many parts"),
+        ('"a"."b".' * 50_000 + "a = 1", "too many parts"),
+        ("[" + "a." * 200_000 + "a]", "too many parts"),
+        ("x = [" + "0.5," * 20_000_000 + "]", "too large"),
+        ('"\\' * 400_000, "no TOML"),
+        ('x = """' + "\\" * 900_000, "no TOML"),
+        ("x = 1\nx = 2", "no TOML"),
+    ],
+)  # fmt: skip
+def test_what_is_too_deep_or_too_large_is_refused_in_a_second(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(text, encoding="utf-8")
+    start = time.process_time()
+    with pytest.raises(InvalidInput, match=what) as caught:
+        read_toml(path)
+    assert time.process_time() - start < SECONDS
+    assert len(str(caught.value)) < SENTENCES
+
+
+def test_dots_and_brackets_inside_of_texts_and_comments_do_not_count(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    dots = "." * 100 + "[" * 100
+    path.write_text(
+        f'a = "{dots}\\"{dots}"  # {dots}\nb = \'{dots}\'\nc = """\n{dots}"{dots}"""\nd = \'\'\'{dots}\'{dots}\'\'\'\n'
+        f"e = [{'0.5, ' * 100}]\n",
+        encoding="utf-8",
+    )
+    assert read_toml(path)["e"] == [0.5] * 100
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("<robot>" + "<a>" * 900 + "</a>" * 900 + "</robot>", "nested too deeply"),
+        ("<robot>" + "<a/>" * 200_000 + "</robot>", "too many elements"),
+        ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type"),
+        ("<robot>", "no XML"),
+        ("", "no XML"),
+        ("<robot>" + " " * 11_000_000 + "</robot>", "too large"),
+    ],
+)
+def test_xml_that_no_robot_needs_is_refused_in_a_second(tmp_path: Path, text: str, what: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(text, encoding="utf-8")
+    start = time.process_time()
+    with pytest.raises(InvalidInput, match=what):
+        read_xml(path)
+    assert time.process_time() - start < SECONDS
+
+
+def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bytes.toml").write_bytes(b"x = '\xff'")
+    for name, what in (("bytes.toml", "no TOML"), ("nowhere.toml", "no robot file"), ("", "no robot file")):
+        with pytest.raises(InvalidInput, match=what):
+            read_toml(tmp_path / name)
