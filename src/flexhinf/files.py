@@ -1,5 +1,8 @@
 """Results in files: each is written under a temporary name and then renamed, so that it is whole or not there.
 
+Arrays end with a digest of all bytes before it, in the comment that a ZIP archive may have: a changed bit is refused,
+also where it would give other numbers and no error.
+
 `recorded` tells what has been written so, also where Ctrl-C comes right after the renaming; `locked` keeps others from
 the same place meanwhile.
 """
@@ -7,9 +10,12 @@ the same place meanwhile.
 from __future__ import annotations
 
 import errno
+import hashlib
+import io
 import os
 import tempfile
 import time
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -25,7 +31,7 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["locked", "publish", "recorded", "write_arrays", "write_file"]
+__all__ = ["locked", "publish", "read_arrays", "recorded", "write_arrays", "write_file"]
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
@@ -43,6 +49,9 @@ NO_LOCKS = {
 
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
+
+_DIGEST = 64  # bytes of a SHA-256 in hexadecimal
+_LARGEST = 32 << 30  # bytes that an archive may unpack to
 
 
 def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], Any]) -> None:
@@ -87,13 +96,59 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
 
 
 def write_arrays(path: str | os.PathLike[str], what: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write arrays as a compressed NumPy archive without pickles; see `write_file`."""
+    """Write arrays as a compressed NumPy archive without pickles, with a digest; see `write_file`."""
 
     def write(name: str) -> None:
         with open(name, "wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
+        with zipfile.ZipFile(name, "a") as archive:
+            archive.comment = b"0" * _DIGEST
+        with open(name, "r+b") as file:
+            end = os.path.getsize(name) - _DIGEST
+            digest = _digest(file.read(end))
+            file.seek(end)
+            file.write(digest)
 
     write_file(path, what, write)
+
+
+def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bool]:
+    """The arrays that `write_arrays` wrote, and whether a digest stands under them (older files have none).
+
+    Raises
+    ------
+    InvalidInput
+        Not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own message.
+    """
+    path = Path(path)
+    if not path.is_file():  # a pipe would wait for ever
+        raise _unreadable("no such file" if not path.exists() else "not a file")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(error.strerror or str(error)) from error
+    whole = content[-_DIGEST:] == _digest(content[:-_DIGEST])
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if archive.comment and not whole:
+                raise _unreadable("damaged: its digest is that of another content")
+            unpacked = sum(member.file_size for member in archive.infolist())
+            if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
+                raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}, whole
+    except InvalidInput:
+        raise
+    except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
+        raise _unreadable(f"damaged or not such a file ({type(error).__name__})") from error
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
+
+
+def _unreadable(found: str) -> InvalidInput:
+    return InvalidInput("The file cannot be read.", found, "the file as it was written")
 
 
 def publish(temporary: str | os.PathLike[str], path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
@@ -86,3 +88,14 @@ def test_interrupted_right_after_a_report_got_its_name_it_says_so(
     assert "nothing was written" not in told
     assert str(tmp_path / "r") in told
     assert (tmp_path / "r" / "index.html").read_text() == "new"
+
+
+def test_names_in_tables_are_no_markup() -> None:
+    from flexhinf.design.report.text import LiteralTable
+
+    table = LiteralTable("[/red]")
+    table.add_row("[red]:cat:[/blue]")
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(table)
+    assert "[red]:cat:[/blue]" in console.export_text(clear=False)
+    assert "[/red]" in console.export_text()

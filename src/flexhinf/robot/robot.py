@@ -313,7 +313,7 @@ class Robot(Summarised):
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         return plant.with_objective(
-            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states),
+            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups),
             command=command,
             integrate=integrate,
             disturbances=disturbances,
@@ -321,7 +321,7 @@ class Robot(Summarised):
         )
 
     # Tolerances -----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def uncertain(self) -> tuple[Parameter, ...]:
         """The parameters whose tolerance leaves them room (a per cent of zero is none)."""
         return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])

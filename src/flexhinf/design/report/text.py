@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
 
 from flexhinf.design.report.formatting import count_text, law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
@@ -13,16 +17,13 @@ from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.noise import selected_candidates as selected_noise
 from flexhinf.design.report.sections.poles import mode_groups
-from flexhinf.design.report.sections.region import budget_rows
+from flexhinf.design.report.sections.region import budget_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
 from flexhinf.design.requirements import TOLERANCE
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 __all__ = ["comparison_tables", "design_tables", "requirement_table", "robots_table"]
 
@@ -47,6 +48,18 @@ GAP = 2
 #: Short names of the forms of R^v.
 FORMS = {"all states": "all states", "velocities only": "velocities", "link velocities only": "links",
          "motor velocities only": "motors"}  # fmt: skip
+
+
+class LiteralTable(Table):
+    """A table whose texts are taken as they are: a joint called [red] or :cat: is neither mark-up nor an emoji."""
+
+    def add_column(self, header: Any = "", *others: Any, **options: Any) -> None:
+        """As a table's."""
+        super().add_column(Text(header), *others, **options)
+
+    def add_row(self, *cells: Any, **options: Any) -> None:
+        """As a table's."""
+        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
 
 def robots_table() -> Table:
@@ -93,15 +106,16 @@ def requirement_table(design: Design) -> Table:
         table.add_row(where)
         for line in sorted(lines, key=lambda line: line.met):
             required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
-            met = "[green]met[/]" if line.met else "[red]NOT MET[/]"
+            met = Text("met", "green") if line.met else Text("NOT MET", "red")
             table.add_row(f"  {line.what}", required, found_text(line), met)
     return table
 
 
 def _inputs(design: Design) -> Table:
-    table = _table("Inputs of the motors", "in", "largest input", "joint")
+    several = len(design.robot.joint_names) > 1
+    table = _table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
     for row in input_rows(design):
-        table.add_row(row.what, row.text, row.joint)
+        table.add_row(row.what, row.text, *([row.joint] if several else []))
     return table
 
 
@@ -130,12 +144,13 @@ def _margins(design: Design) -> Table:
 
 def _modes(design: Design) -> Table:
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
-    modes = _table(title, "loop", "mode", "mainly", "Hz", "damping")
-    few = len(design.robot.joint_names) <= MANY
+    joints = len(design.robot.joint_names)
+    modes = _table(title, "loop", "mode", *(["mainly"] if joints > 1 else []), "Hz", "damping")
     for loop, found in mode_groups(design):
         for mode in found:
-            if mode.eigenvalue.imag and (mode.vibration or few):
-                modes.add_row(loop, mode.name, mode.joint, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
+            if mode.eigenvalue.imag and (mode.vibration or joints <= MANY):
+                place = [mode.joint] if joints > 1 else []
+                modes.add_row(loop, mode.name, *place, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
     return modes
 
 
@@ -210,7 +225,7 @@ def _budget(design: Design) -> Table:
     if attained is not None:
         gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         title = f"{gain}\n{title}"
-    table = _table(title, "part", "uses", "with all above", "left of the level", "within budget")
+    table = _table(title, "part", "uses", "with all above", "remaining level", "within budget")
     for row in budget_rows(design):
         left = number(row["left"]) if math.isfinite(row["left"]) else "–"
         kept = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
@@ -219,16 +234,18 @@ def _budget(design: Design) -> Table:
 
 
 def _regions(design: Design) -> Table:
-    unit = units_of(design.evaluation).position
+    unit, most = units_of(design.evaluation).position, widest_step(design)
     columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
     regions = _table("Region of each solution: sampled, not proved (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
         if c.looked:
-            degrees = f"{math.degrees(c.step_amplitude):.3g}" if unit == "rad" else "–"
-            sampled = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
-            if math.isinf(c.step_amplitude):
+            step = min(c.step_amplitude, most)
+            at_limit = "≥ " if step < c.step_amplitude else ""
+            degrees = f"{at_limit}{math.degrees(step):.3g}" if unit == "rad" else "–"
+            sampled = (f"{c.level:.3g}", f"{at_limit}{step:.3g}", degrees)
+            if math.isinf(step):
                 sampled = ("any", "any", "–")
             if math.isnan(c.level):
                 sampled = ("none", "–", "–")
@@ -238,11 +255,8 @@ def _regions(design: Design) -> Table:
 
 
 def _table(title: str, *columns: str) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(
-        title=title,
+    table = LiteralTable(
+        title=Text(title, "table.title"),
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -288,12 +302,10 @@ def _cell(line: TableLine, place: int) -> str:
 
 
 def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    title = f"{comparison.robot.name}: laws in the same runs, * best of its row" if first else None
-    table = Table(
-        title=title,
+    legend = "* best of its row, or as good as the best"
+    title = f"{comparison.robot.name}: laws in the same runs; {legend}" if first else legend
+    table = LiteralTable(
+        title=Text(title, "table.title"),
         title_justify="left",
         box=SIMPLE_HEAD,
         show_edge=False,
@@ -307,5 +319,5 @@ def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> T
         if line.cells:
             table.add_row(_label(line), *(_cell(line, place) for place in range(len(rows))))
         else:
-            table.add_row(f"[bold]{line.label}[/]")
+            table.add_row(Text(line.label, "bold"))
     return table

@@ -7,8 +7,8 @@ Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
 has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
 [shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
 on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
-few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses fraction one)
-ends it. Where no γ does for the whole tolerances, the largest fraction of them is looked for, and told.
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
+ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
 """
 
 from __future__ import annotations
@@ -77,7 +77,10 @@ class RobustProblem:
 
     def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
         """The problem of one level γ, its Δ-channels entering with γ L."""
-        enter, seen, price = self.parts(scalings)
+        return self._scaled(gamma, self.parts(scalings))
+
+    def _scaled(self, gamma: float, parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> LinearProblem:
+        enter, seen, price = parts
         g = self.nominal
         disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
         return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
@@ -94,9 +97,9 @@ class RobustProblem:
         NoFeasibleGamma
             If there is none.
         """
-        low = self.nominal.gamma_star()
+        low, parts = self.nominal.gamma_star(), self.parts(scalings)
         high = LARGEST * low
-        if not self.feasible(high, scalings):
+        if not is_feasible(self._scaled(high, parts).linear_part(), high):
             raise NoFeasibleGamma(
                 "No attenuation level holds for the whole tolerances.",
                 f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
@@ -104,7 +107,8 @@ class RobustProblem:
             )
         while high > (1.0 + relative) * low:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self.feasible(middle, scalings) else (middle, high)
+            fits = is_feasible(self._scaled(middle, parts).linear_part(), middle)
+            low, high = (low, middle) if fits else (middle, high)
         return high
 
     def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
