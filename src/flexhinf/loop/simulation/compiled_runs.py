@@ -57,7 +57,7 @@ class LoopCode:
             estimate=len(controller.states), parameters=plant.parameters.size,
             capacity=1 << (sub_steps - 1).bit_length(),
         )  # fmt: skip
-        key = ("loop", plant.code_key, controller.code_key, sizes, channel)
+        key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
 
     def kernel(self, lanes: int = 1) -> Kernel:
@@ -96,6 +96,8 @@ class PreparedRun:
         Signals that are known before the run.
     parts : int
         Runge–Kutta steps per period.
+    delay : int
+        Samples between an input and its effect.
     settings : mapping
         For the trajectory.
     """
@@ -107,17 +109,18 @@ class PreparedRun:
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
     parts: int
+    delay: int
     settings: dict[str, Any]
 
     @property
     def fits(self) -> tuple[object, ...]:
         """Runs for which this is equal can be made side by side."""
-        return self.code.key, len(self.times), self.parts
+        return self.code.key, len(self.times), self.parts, self.delay
 
     @property
     def counts(self) -> dict[str, int]:
-        """Turns of the kernel's loops."""
-        return {"steps": len(self.times), "parts": self.parts}
+        """Turns of the kernel's loops, and elements of the inputs that wait."""
+        return {"steps": len(self.times), "parts": self.parts, "late": self.delay * self.code.sizes.u}
 
     @property
     def _outputs(self) -> dict[str, tuple[str, int]]:
@@ -145,9 +148,12 @@ class PreparedRun:
         return self.trajectory(arrays, int(status.code), int(status.step))
 
     def trajectory(self, arrays: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
-        """What the run left in its output buffers, up to its end."""
+        """What the run left in its output buffers, up to its end; the inputs stand behind those that waited before."""
         count = len(self.times)
-        recorded = {signal: arrays[name].reshape(count, -1) for name, (signal, _) in self._outputs.items()}
+        recorded = {
+            signal: arrays[name][arrays[name].size - count * width :].reshape(count, -1)
+            for name, (signal, width) in self._outputs.items()
+        }
         signals = {**recorded, **self.recorded}
         return Trajectory.until(self.plant, self.controller, self.times, signals, self.settings, code, last)
 
