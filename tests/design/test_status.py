@@ -20,8 +20,10 @@ def judged(
     """The status of a loop that is fine but for what is given."""
     margins: dict[str, Any] = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
     noise, recovery = margins.pop("noise", 0.0), margins.pop("recovery", 0.3)
+    count = margins.pop("elsewhere", 0)
+    corners = None if count is None else SimpleNamespace(unstable=0, count=8, most_unstable=count)
     evaluation: Any = SimpleNamespace(
-        estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
+        corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
         setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3)), step=SimpleNamespace(peak_input=10.0),
         load_response=SimpleNamespace(
             metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining_error": 0.1}, FINE]
@@ -40,6 +42,8 @@ def test_a_loop_without_faults_has_only_what_is_not_proved() -> None:
     ("changes", "words"),
     [
         ({"damping": 0.04}, "damped by 0.04 only"),
+        ({"damping": 0.093}, "damped by 0.093 only, and no damping is required"),
+        ({"elsewhere": 3}, "another Rᵛ makes up to 3 of 8 corners unstable"),
         ({"delay_margin_s": 0.0029}, "tolerates 2.9 ms of extra delay, 2.9 periods"),
         (
             {"recovery": None},
@@ -53,9 +57,16 @@ def test_what_is_risky_is_named(changes: dict[str, float | None], words: str) ->
     assert words in risk
 
 
-@pytest.mark.parametrize("changes", [{"damping": 0.06}, {"delay_margin_s": 0.0031}, {"noise": 0.49}])
+@pytest.mark.parametrize("changes", [{"damping": 0.11}, {"delay_margin_s": 0.0031}, {"noise": 0.49}])
 def test_what_is_not_risky_is_not_named(changes: dict[str, float]) -> None:
     assert judged(**changes).risky == ()
+
+
+def test_a_robot_without_tolerances_is_met_for_the_nominal_robot_only() -> None:
+    scope = "no tolerance stated: only the nominal robot was judged"
+    assert judged(elsewhere=None).scope == scope
+    assert judged(elsewhere=None).line.startswith(f"Specification met on the running loop ({scope}).")
+    assert judged().scope == ""
 
 
 def test_failures_come_first_in_the_line() -> None:

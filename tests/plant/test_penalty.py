@@ -93,3 +93,16 @@ def test_a_matrix_goes_through_a_problem_as_weights_do():
 def test_matrices_that_do_not_fit_the_states_are_refused(rows):
     with pytest.raises(InvalidInput, match="matrix of finite numbers with a column for each"):
         Penalty(rows).evaluate(np.ones(3), NAMES, None)
+
+
+@pytest.mark.parametrize(
+    "states", [{"a": -1.0}, {"a": [1.0, -1.0]}, [1.0, 0.0, -2.0], np.array([-1.0, 0.0, 0.0])]
+)
+def test_negative_weights_are_refused(states):
+    with pytest.raises(InvalidInput, match=r"negative[\s\S]*weights >= 0"):
+        Penalty(states)
+
+
+def test_a_misspelt_name_is_answered_with_the_nearest():
+    with pytest.raises(InvalidInput, match=r"'bb'[\s\S]*'b';"):
+        Penalty({"bb": 1.0}).weights(NAMES)

@@ -18,7 +18,7 @@ def _h(problem: fh.GeneralisedPlant, x: np.ndarray) -> np.ndarray:
 def test_the_rate_is_the_derivative_of_the_torque_along_any_motion() -> None:
     """One weight on torques and one on rates, two problems: h of the rates is d/dt of h of the torques."""
     robot = fh.load_robot("planar-two-link")
-    weights = [0.7, -1.3]
+    weights = [0.7, 1.3]
     torque = robot.problem({"joint_torque": weights})
     rate = robot.problem({"joint_torque_rate": weights})
     rng = np.random.default_rng(0)
@@ -76,3 +76,13 @@ def test_what_is_no_signal_is_refused_by_name(name: str) -> None:
         robot.problem({"joint_torque_rate": 1.0, name: 1.0})
     with pytest.raises(InvalidInput, match="do not fit its signals"):
         robot.problem({"joint_torque_rate": [1.0, 2.0, 3.0]})
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"), [("link_positon", "link_position"), ("joint_torqe_rate", "joint_torque_rate")]
+)
+def test_a_misspelt_weight_of_a_robot_is_answered_with_the_nearest_name(name: str, meant: str) -> None:
+    for robot in ("paper", "planar-two-link"):
+        with pytest.raises(InvalidInput, match=f"{name!r}[\\s\\S]*{meant!r};") as caught:
+            fh.load_robot(robot).problem({name: 3.0})
+        assert "motor_voltage" not in str(caught.value)  # an input has no weight in h(x)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import typer
 from typer.exceptions import TyperException
@@ -28,6 +29,8 @@ PEAKS = ("--peak-voltage", "--peak-torque")
 _OTHERS = {"laws": "--laws", "tune": "--tune"}
 _NAMES = "|".join((*FIELDS, *_OTHERS))
 _KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
+_NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
+_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|n·?m|n", re.IGNORECASE)
 _FIELD = re.compile(rf"`({_NAMES})`")
 
 
@@ -103,9 +106,19 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     known = getattr(error, "possibilities", None)
     what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
     what = what.rstrip(".")
-    advice = ", ".join(known) if known else meant.rstrip("?").strip("'") or f"{path} --help"
+    advice = (
+        ", ".join(known) if known else meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
+    )
     found = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
     return str(FlexhinfError(f"{what}.", found, advice))
+
+
+def _joined(arguments: Sequence[str]) -> str:
+    """Advice where a number and its unit are two words; else empty."""
+    for value, unit in pairwise(arguments):
+        if _NUMBERS.match(value) and _UNIT.fullmatch(unit):
+            return f"write {value}{unit} or '{value} {unit}', in one word"
+    return ""
 
 
 class Progress:

@@ -140,11 +140,12 @@ class Specification:
         "robust (as damped, with the tolerances as disturbances).", "damped",
         default="the robot's own weights, or damped where a bandwidth or a damping is required")] = None
     bandwidth: Annotated[Frequencies | None, About(BEHAVIOUR,
-        "Least bandwidth, where |command → link position| falls below 1/√2, for the robot and its "
-        "tolerances: 4 (rad/s), one per joint 4,6, or with a unit 4rad/s, 0.6Hz.", "4", "rad/s",
+        "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
+        "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
+        "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors")] = None
     damping: Annotated[Ratio | None, About(BEHAVIOUR,
-        "Least damping ratio of every oscillation, for the robot and its tolerances.", "0.3",
+        "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
         default="0.2 where weights are searched")] = None
     peak_effort: Annotated[Positive | None, About(BEHAVIOUR, "Largest input of every motor in the step.", "60",
         "V, N·m or N", zero="no limit", default="no limit")] = None

@@ -12,9 +12,12 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.synthesis import Synthesis
 
-__all__ = ["FEW_PERIODS", "NOISE_FRACTION", "Status", "status_of"]
+__all__ = ["FEW_PERIODS", "NOISE_FRACTION", "RINGS", "Status", "status_of"]
 
-#: An oscillation of the running loop with a smaller damping ratio than this is called hardly damped.
+#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
+RINGS = 0.1
+
+#: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05
 
 #: A loop that tolerates less extra delay than so many periods is at risk from a late computation and a slow bus.
@@ -36,11 +39,14 @@ class Status:
         What was only sampled, or found by search.
     risky : tuple of str
         What no requirement covers, and what nevertheless endangers the loop.
+    scope : str
+        What the requirements were judged for, where that is less than the robot and its tolerances; else empty.
     """
 
     not_met: tuple[str, ...] = ()
     not_proved: tuple[str, ...] = ()
     risky: tuple[str, ...] = ()
+    scope: str = ""
 
     @property
     def met(self) -> bool:
@@ -50,9 +56,8 @@ class Status:
     @property
     def line(self) -> str:
         """One line: what is not met, not proved or risky."""
-        parts = [
-            "Not met: " + "; ".join(self.not_met) if self.not_met else "Specification met on the running loop"
-        ]
+        met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
+        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else met]
         if self.risky:
             parts.append("Risky: " + "; ".join(self.risky))
         if self.not_proved:
@@ -71,7 +76,9 @@ def status_of(
     missing = [line for line in lines if not line.met]
     names = [line.what for line in missing]
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
-    return Status(missed, tuple(_not_proved(synthesis, worth, inside)), tuple(_risks(lines, evaluation)))
+    scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
+    risks = tuple(_risks(lines, evaluation))
+    return Status(missed, tuple(_not_proved(synthesis, worth, inside)), risks, scope)
 
 
 def _missed(line: Requirement, places: bool) -> str:
@@ -108,8 +115,10 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
         )
     damping = evaluation.margins.damping
     judged = any(line.what.startswith("damping") for line in lines)
-    if damping < HARDLY_DAMPED and not slow and not judged:
-        found.append(f"an oscillation of the running loop is damped by {damping:.2g} only")
+    if damping < RINGS and not slow and not judged:
+        found.append(
+            f"an oscillation of the running loop is damped by {damping:.2g} only, and no damping is required"
+        )
     margins, period = evaluation.margins, evaluation.setup.specification.period
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
         found.append(
@@ -124,4 +133,7 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
         found.append(f"sensor noise at a motor is {100.0 * noise / peak:.2g} % of the step's peak input, rms")
+    corners = evaluation.corners
+    if corners is not None and not corners.unstable and (most := corners.most_unstable):
+        found.append(f"another Rᵛ makes up to {most} of {corners.count} corners unstable")
     return found

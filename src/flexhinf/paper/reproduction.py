@@ -58,19 +58,19 @@ def reproduce(
     InfeasibleGamma
         If γ is not above γ*.
     """
-    tell = progress or (lambda text: None)
-    tell("synthesis")
+    begin = progress or (lambda text: None)
+    begin("synthesis")
     experiments = Experiments(PaperSetup(settings))
     figures: list[PaperFigure] = []
     for figure in FIGURES:
-        tell(figure.__name__.replace("_", " ").replace(" 0", " "))
+        begin(figure.__name__.replace("_", " ").replace(" 0", " "))
         figures.append(figure(experiments))
     judged: list[Judged] = []
     for what, judge in JUDGES:
-        tell(f"claim: {what}")
+        begin(f"claim: {what}")
         found = judge(experiments)
         judged += found if isinstance(found, list) else [found]
-    tell("report")
+    begin("report")
     metrics = _metrics(experiments, figures, judged)
     files = {
         "index.html": paper_page(experiments, figures, judged, command).html(),

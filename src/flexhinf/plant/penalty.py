@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["Penalty"]
+__all__ = ["Penalty", "unknown_weight"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Penalty:
     Raises
     ------
     InvalidInput
-        If R2 is not symmetric positive definite or a weight is not finite.
+        If R2 is not symmetric positive definite, or a weight is negative or not finite.
     """
 
     states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray
@@ -40,6 +41,7 @@ class Penalty:
     def __post_init__(self) -> None:
         if isinstance(self.states, Mapping):
             object.__setattr__(self, "states", dict(self.states))
+        _refuse_negative(self.states)
         effort = real_array(self.effort)
         if not np.all(np.isfinite(effort)) or effort.ndim > 2:
             raise InvalidInput(
@@ -132,11 +134,7 @@ class Penalty:
         if isinstance(self.states, Mapping):
             unknown = [name for name in self.states if name not in names]
             if unknown:
-                raise InvalidInput(
-                    f"The penalty names a state that the problem does not have: {unknown[0]!r}.",
-                    f"expected names out of {list(names)}",
-                    "integrals of a tracking error are called NAME_integral",
-                )
+                raise unknown_weight(unknown[0], names)
             listed: Any = [self.states.get(name, 0.0) for name in names]
         else:
             listed = self.states
@@ -148,6 +146,32 @@ class Penalty:
                 "one weight per state, zero for what may be large",
             )
         return weights
+
+
+def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
+    """The error for a weight of something that is not known, with the known name that is most like it."""
+    close = max(known, key=lambda one: difflib.SequenceMatcher(None, name, one).ratio())
+    return InvalidInput(
+        f"The penalty names a state that the problem does not have: {name!r}.",
+        f"expected names out of {list(known)}",
+        f"{close!r}; integrals of a tracking error are called NAME_integral",
+    )
+
+
+def _refuse_negative(states: Any) -> None:
+    """Refuse a negative weight: |h(x)|² does not see the sign, so another number was meant."""
+    if callable(states) or (not isinstance(states, Mapping) and np.ndim(states) != 1):
+        return
+    named = states if isinstance(states, Mapping) else {k + 1: weight for k, weight in enumerate(states)}
+    for name, weight in named.items():
+        values = np.atleast_1d(real_array(weight))
+        if np.any(values < 0.0):  # what is no number is refused where the names are known
+            what = f"of {name!r}" if isinstance(states, Mapping) else f"number {name}"
+            raise InvalidInput(
+                f"The weight {what} in the penalty is negative.",
+                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {weight!r}",
+                f"{np.abs(values).max():g}, or leave the weight out",
+            )
 
 
 def _check_rows(rows: np.ndarray, names: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.plant import Penalty
+from flexhinf.plant.penalty import unknown_weight
 from flexhinf.robot.signals import signal_names
 
 __all__ = ["WeightedStatesAndTorques", "robot_penalty"]
@@ -41,7 +42,12 @@ class WeightedStatesAndTorques:
         return np.array(weighted)
 
 
-def robot_penalty(penalty: Penalty, joints: Sequence[str], states: Sequence[str]) -> Penalty:
+def robot_penalty(
+    penalty: Penalty,
+    joints: Sequence[str],
+    states: Sequence[str],
+    groups: Mapping[str, Sequence[str]] | None = None,
+) -> Penalty:
     """The penalty as the plant understands it: one without torques stays as it is.
 
     Parameters
@@ -50,6 +56,8 @@ def robot_penalty(penalty: Penalty, joints: Sequence[str], states: Sequence[str]
         Single names only, see `Penalty.expanded`.
     joints, states : sequence of str
         Names; the states with the integrals.
+    groups : mapping of str to sequence of str
+        Plain names that stand for all joints, which an error lists first.
 
     Raises
     ------
@@ -57,7 +65,14 @@ def robot_penalty(penalty: Penalty, joints: Sequence[str], states: Sequence[str]
         For a weight of something that is neither a state nor a spring's torque.
     """
     named = [signal_names(quantity, joints) for quantity in ("joint_torque", "joint_torque_rate")]
-    if not isinstance(penalty.states, Mapping) or not {*named[0], *named[1]} & set(penalty.states):
+    if not isinstance(penalty.states, Mapping):
+        return penalty
+    singles = (*states, *named[0], *named[1])
+    plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
+    known = dict.fromkeys((*plain, *singles))
+    if unknown := [name for name in penalty.states if name not in known]:
+        raise unknown_weight(unknown[0], list(known))
+    if not {*named[0], *named[1]} & set(penalty.states):
         return penalty
     weights = dict(penalty.states)
     torques, rates = (tuple(float(weights.pop(name, 0.0)) for name in names) for names in named)

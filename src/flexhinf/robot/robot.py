@@ -313,7 +313,7 @@ class Robot(Summarised):
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         return plant.with_objective(
-            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states),
+            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups),
             command=command,
             integrate=integrate,
             disturbances=disturbances,

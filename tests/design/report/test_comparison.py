@@ -14,7 +14,7 @@ from flexhinf.design import Comparison
 from flexhinf.design.report import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.design.report.comparison import rival_of
 from flexhinf.design.report.numbers import comparison_numbers
-from flexhinf.design.report.sections.law_figures import FIGURES, best_of, cell, table_lines
+from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, best_of, cell, table_lines
 from flexhinf.design.result import ComparedLaw
 from flexhinf.report import to_json
 
@@ -120,6 +120,9 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert best_of(deviation, [1.0, 2.0, None]) == (True, False, False)
     assert best_of(by_key["delay_margin_s"], [1.0, 2.0, 2.001]) == (False, True, True)
     assert best_of(deviation, [1.0, 1.0]) == (False, False)
+    html = FigureTable(report_comparison).html()
+    assert "★" not in html
+    assert '</strong> <span class="unit">best</span>' in html
     lines = table_lines(report_comparison, report_comparison.compared)
     assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
 

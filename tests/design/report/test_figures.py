@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -34,6 +35,22 @@ def test_a_robot_without_lengths_is_not_drawn() -> None:
 
 
 @pytest.mark.slow
+def test_the_figure_is_as_high_as_the_arm_needs() -> None:
+    time = np.linspace(0.0, 1.0, 5)
+    heights = {}
+    for name, angle in (
+        ("paper", 1.5),
+        ("planar-two-link", 0.1),
+    ):  # one is nearly level, the other hangs down
+        robot = fh.load_robot(name)
+        links = angle + 0.01 * np.outer(time, np.ones(len(robot.joint_names)))
+        figure = arm_figure(robot, time, links, links, [0, 1, 2, 3, 4])
+        assert figure is not None
+        (box,) = re.findall(r'viewBox="([^"]+)"', figure.html())
+        heights[name] = float(box.split()[3])
+    assert heights["planar-two-link"] > 1.5 * heights["paper"]
+
+
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
     one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")

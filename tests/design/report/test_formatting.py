@@ -15,6 +15,7 @@ from flexhinf.design.report.formatting import (
     amplitude_text,
     changes_text,
     finite,
+    listed,
     pose_text,
     range_text,
     settling_text,
@@ -47,6 +48,10 @@ def test_poses_of_a_user_who_gave_degrees() -> None:
 def test_steps_ranges_and_settling() -> None:
     assert amplitude_text(math.pi, "rad") == "3.14 rad (180°)"
     assert amplitude_text(0.5, "m") == "0.5 m"
+    assert amplitude_text(6.3, "rad", 2.0) == "2 rad (115°), all that the joint limits allow"
+    assert amplitude_text(1.0, "rad", 2.0) == "1 rad (57.3°)"
+    assert listed(["a"]) == "a"
+    assert listed(["a", "b", "c"]) == "a, b and c"
     assert amplitude_text(math.inf, "rad") == "any looked at"
     assert amplitude_text(math.nan, "rad") == "–"
     assert range_text([2.0, 1.0]) == "1 to 2"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Callable
 from html import unescape
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +17,14 @@ from flexhinf.design import Design
 from flexhinf.design.report import design_page
 from flexhinf.design.report.formatting import units_of
 from flexhinf.design.report.page import remarks, title_of
+from flexhinf.design.report.sections import poles, region
 from flexhinf.design.report.sections.corners import corner_cells, corner_rows, corners_text
 from flexhinf.design.report.sections.margins import margin_rows
-from flexhinf.design.report.sections.monte_carlo import spread_rows
-from flexhinf.design.report.sections.region import level_rows
+from flexhinf.design.report.sections.monte_carlo import histogram_bins, spread_rows
+from flexhinf.design.report.sections.region import level_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, limit_text, requirement_table
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
+from flexhinf.design.report.settings import design_settings
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.status import Status
@@ -69,8 +74,42 @@ def test_the_status_comes_first_failures_before_the_rest(report_design: Make) ->
     fine = dataclasses.replace(design, status=Status())
     (met,) = design_page(fine, ["flexhinf"]).status
     assert met.kind == "met"
-    assert met.text.endswith("requirements, all of them our defaults.")
+    assert met.text.endswith(
+        "requirements, all of them our defaults; neither bandwidth nor damping is required."
+    )
+    (alone,) = design_page(
+        dataclasses.replace(design, status=Status(scope="only the nominal")), ["flexhinf"]
+    ).status
+    assert alone.text.endswith("; only the nominal.")
     assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
+
+
+def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None:
+    design = report_design("met")
+    assert widest_step(design) == math.inf
+    robot = SimpleNamespace(links=SimpleNamespace(limits=[(0.0, 3.0), None, (-1.0, 2.5)]))
+    limited: Any = SimpleNamespace(robot=robot, goal=np.array([1.0, 5.0, 1.0]))
+    assert widest_step(limited) == 1.5
+    text = "".join(block.html() for block in region.blocks(design))
+    assert "integrals at which V is smallest" in text
+    assert "left of the level" not in text
+
+
+def test_one_joint_is_not_named(report_design: Make) -> None:
+    design = report_design("met")
+    assert "mainly" not in "".join(block.html() for block in poles.blocks(design))
+    settings = {row.name: row.unit for row in design_settings(design)["Synthesis"]}
+    assert settings["pose"] == "rad"
+
+
+def test_bins_of_a_histogram_hold_equally_many_sampling_instants() -> None:
+    values = 1e-3 * np.random.default_rng(0).integers(862, 908, 200)
+    edges = histogram_bins(values, 1e-3)
+    held = np.histogram(1e-3 * np.arange(800, 1000), edges)[0]
+    assert len(set(held.tolist())) == 1
+    assert edges[0] < values.min() < values.max() < edges[-1]
+    assert len(histogram_bins(np.array([0.5, 0.5]), 1e-3)) > 1
+    assert len(histogram_bins(values, 0.0)) == 21
 
 
 def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() -> None:

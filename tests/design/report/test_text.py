@@ -42,6 +42,7 @@ def test_the_requirements_come_first(report_design: Make) -> None:
     places = [text.index(words) for words in order]
     assert places == sorted(places)
     assert ("NOT MET" in text) is not design.met
+    assert "mainly" not in text  # there is one joint
     assert verdict(design).startswith(design.status.line)
     assert "The rigid design on the same robot" in verdict(design)
 
@@ -52,6 +53,8 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
     assert "…" not in text
     for row in report_comparison.compared:
         assert row.name in text
+    for table in comparison_tables(report_comparison):
+        assert "* best of its row" in printed([table])
 
 
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:

@@ -18,7 +18,7 @@ from flexhinf.robot.signals import signal_names
 
 __all__ = [
     "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite",
-    "joint_count", "law_name", "notes_of", "pose_text", "range_text", "rounded", "settling_text", "units_of",
+    "joint_count", "law_name", "listed", "notes_of", "pose_text", "range_text", "rounded", "settling_text", "units_of",
 ]  # fmt: skip
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
@@ -118,6 +118,11 @@ def count_text(count: int, noun: str, plural: str = "") -> str:
     return f"{count} {noun if count == 1 else plural or f'{noun}s'}"
 
 
+def listed(words: Sequence[str]) -> str:
+    """Words as in a sentence: ``a, b and c``."""
+    return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)
+
+
 def range_text(values: Any, digits: int = 3) -> str:
     """Smallest and largest of some numbers, or the one that they all are."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
@@ -142,14 +147,15 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
     return ", ".join(words) if len(words) == 1 else f"({', '.join(words)})"
 
 
-def amplitude_text(amplitude: float, unit: str) -> str:
-    """A step from one equilibrium to another, rad with degrees beside, or m."""
+def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
+    """A step from one equilibrium to another, rad with degrees beside, or m; at most what the joints' limits allow."""
     if math.isnan(amplitude):
         return "–"
     if math.isinf(amplitude):
         return "any looked at"
-    degrees = f" ({math.degrees(amplitude):.3g}°)" if unit == "rad" else ""
-    return f"{amplitude:.3g} {unit}{degrees}"
+    step = min(amplitude, most)
+    degrees = f" ({math.degrees(step):.3g}°)" if unit == "rad" else ""
+    return f"{step:.3g} {unit}{degrees}{', all that the joint limits allow' if step < amplitude else ''}"
 
 
 def settling_text(value: float | None, duration: float | None = None) -> str:

@@ -104,9 +104,15 @@ def design_page(
 
 def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     """What is not met, not proved and risky, one entry each; what is met where nothing is missed."""
-    stated = any(line.stated_by != "default" for line in lines)
-    met = f"{len(lines)} of {len(lines)} requirements{'' if stated else ', all of them our defaults'}."
-    found = [Status("not met", _sentence(status.not_met))] if status.not_met else [Status("met", met)]
+    met = [f"{len(lines)} of {len(lines)} requirements"]
+    if not any(line.stated_by != "default" for line in lines):
+        met[0] += ", all of them our defaults"
+    if not any(line.what.startswith("damping") for line in lines):
+        met.append("neither bandwidth nor damping is required")
+    met += [status.scope] if status.scope else []
+    found = (
+        [Status("not met", _sentence(status.not_met))] if status.not_met else [Status("met", _sentence(met))]
+    )
     found += [Status("risky", _sentence(status.risky))] if status.risky else []
     return found + ([Status("not proved", _sentence(status.not_proved))] if status.not_proved else [])
 

@@ -16,6 +16,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.report import Section, Setting, Table
 from flexhinf.robot import Robot
+from flexhinf.robot.signals import signal_names
 
 __all__ = ["comparison_settings", "design_settings", "files_section"]
 
@@ -70,9 +71,7 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
     return [
         Setting("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        Setting(
-            "pose", synthesis.goal, "rad or m", "the robot's home" if s.pose is None else "option --pose"
-        ),
+        Setting("pose", synthesis.goal, _units(e), "the robot's home" if s.pose is None else "option --pose"),
         *(
             Setting(f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
             for w in state_weights(problem, e.setup.joints)
@@ -94,6 +93,12 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
             "rays", synthesis.rays, "", "for the number of states" if s.rays is None else "option --rays"
         ),
     ]
+
+
+def _units(e: LawEvaluation) -> str:
+    """The unit of link positions, or that of each joint where they differ."""
+    units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
+    return units[0] if len(set(units)) == 1 else ", ".join(units)
 
 
 def _checked(s: Specification) -> Any:
@@ -141,7 +146,7 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
         Setting(
             "start pose",
             e.setup.start,
-            "rad or m",
+            _units(e),
             "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose",
         ),
         Setting("command", "the goal, from the first sample on", "", "ours"),

@@ -13,7 +13,7 @@ from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.noise import selected_candidates as selected_noise
 from flexhinf.design.report.sections.poles import mode_groups
-from flexhinf.design.report.sections.region import budget_rows
+from flexhinf.design.report.sections.region import budget_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
 from flexhinf.design.requirements import TOLERANCE
@@ -99,9 +99,10 @@ def requirement_table(design: Design) -> Table:
 
 
 def _inputs(design: Design) -> Table:
-    table = _table("Inputs of the motors", "in", "largest input", "joint")
+    several = len(design.robot.joint_names) > 1
+    table = _table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
     for row in input_rows(design):
-        table.add_row(row.what, row.text, row.joint)
+        table.add_row(row.what, row.text, *([row.joint] if several else []))
     return table
 
 
@@ -130,12 +131,13 @@ def _margins(design: Design) -> Table:
 
 def _modes(design: Design) -> Table:
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
-    modes = _table(title, "loop", "mode", "mainly", "Hz", "damping")
-    few = len(design.robot.joint_names) <= MANY
+    joints = len(design.robot.joint_names)
+    modes = _table(title, "loop", "mode", *(["mainly"] if joints > 1 else []), "Hz", "damping")
     for loop, found in mode_groups(design):
         for mode in found:
-            if mode.eigenvalue.imag and (mode.vibration or few):
-                modes.add_row(loop, mode.name, mode.joint, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
+            if mode.eigenvalue.imag and (mode.vibration or joints <= MANY):
+                place = [mode.joint] if joints > 1 else []
+                modes.add_row(loop, mode.name, *place, f"{mode.frequency:.3g}", f"{mode.damping:.3g}")
     return modes
 
 
@@ -210,7 +212,7 @@ def _budget(design: Design) -> Table:
     if attained is not None:
         gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         title = f"{gain}\n{title}"
-    table = _table(title, "part", "uses", "with all above", "left of the level", "within budget")
+    table = _table(title, "part", "uses", "with all above", "remaining level", "within budget")
     for row in budget_rows(design):
         left = number(row["left"]) if math.isfinite(row["left"]) else "–"
         kept = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
@@ -219,16 +221,18 @@ def _budget(design: Design) -> Table:
 
 
 def _regions(design: Design) -> Table:
-    unit = units_of(design.evaluation).position
+    unit, most = units_of(design.evaluation).position, widest_step(design)
     columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
     regions = _table("Region of each solution: sampled, not proved (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
         if c.looked:
-            degrees = f"{math.degrees(c.step_amplitude):.3g}" if unit == "rad" else "–"
-            sampled = (f"{c.level:.3g}", f"{c.step_amplitude:.3g}", degrees)
-            if math.isinf(c.step_amplitude):
+            step = min(c.step_amplitude, most)
+            at_limit = "≥ " if step < c.step_amplitude else ""
+            degrees = f"{at_limit}{math.degrees(step):.3g}" if unit == "rad" else "–"
+            sampled = (f"{c.level:.3g}", f"{at_limit}{step:.3g}", degrees)
+            if math.isinf(step):
                 sampled = ("any", "any", "–")
             if math.isnan(c.level):
                 sampled = ("none", "–", "–")
@@ -291,7 +295,8 @@ def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> T
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    title = f"{comparison.robot.name}: laws in the same runs, * best of its row" if first else None
+    legend = "* best of its row, or as good as the best"
+    title = f"{comparison.robot.name}: laws in the same runs; {legend}" if first else legend
     table = Table(
         title=title,
         title_justify="left",

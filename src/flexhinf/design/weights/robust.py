@@ -7,8 +7,8 @@ Channel i of the tolerances enters with g_i/s_i and is seen through s_i z_i. If
 has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
 [shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
 on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
-few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses fraction one)
-ends it. Where no γ does for the whole tolerances, the largest fraction of them is looked for, and told.
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
+ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
 """
 
 from __future__ import annotations

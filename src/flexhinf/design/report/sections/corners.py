@@ -68,11 +68,10 @@ def remarks(design: Design) -> Iterator[str]:
             f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}."
         )
         return
-    anywhere = max((swept.unstable for swept in found.swept), default=0)
-    if anywhere:
+    if found.most_unstable:
         yield (
-            f"No corner is unstable with this estimator, but with another Rᵛ up to {anywhere} are. Retune the "
-            "estimator only where the table of unstable corners over Rᵛ shows 0."
+            f"No corner is unstable with this estimator, but with another Rᵛ up to {found.most_unstable} are. Retune "
+            "the estimator only where the table of unstable corners over Rᵛ shows 0."
         )
 
 

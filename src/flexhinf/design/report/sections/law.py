@@ -10,11 +10,12 @@ import numpy as np
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, framed, reference_line, thin
 from flexhinf.design.report.formatting import Units, count_text, range_text, rounded, units_of
-from flexhinf.design.report.sections.poles import HARDLY_DAMPED, vibration_damping
+from flexhinf.design.report.sections.poles import vibration_damping
 from flexhinf.design.report.sections.step import spring_torques
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop
+from flexhinf.design.status import RINGS
 from flexhinf.report import (
     SERIES,
     Column,
@@ -123,7 +124,7 @@ def loop_text(loop: RigidLoop) -> str:
             f"unstable (a mode at {worst.frequency:.3g} Hz grows with a time constant of "
             f"{worst.time_constant:.2g} s)"
         )
-    if damping and min(damping) < HARDLY_DAMPED:
+    if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"
     return "stable" + (f", damping ratio of vibrations {range_text(damping, 2)}" if damping else "")
 

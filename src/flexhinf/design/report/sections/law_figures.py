@@ -250,7 +250,7 @@ class FigureTable:
         body = "".join(_html(line, len(rows) + 1) for line in table_lines(self.comparison, rows))
         return (
             '<div class="table" id="figures-of-merit"><table><caption>Every law with the same commands, load, move, '
-            "robots and seeds. ★: best of its row, or as good</caption>"
+            "robots and seeds. “best”: best of its row, or as good as the best</caption>"
             f'<thead><tr><th scope="col"></th>{head}</tr></thead><tbody>{body}</tbody></table></div>'
         )
 
@@ -264,10 +264,13 @@ def _html(line: TableLine, columns: int) -> str:
         return f'<tr><th scope="rowgroup" colspan="{columns}"><strong>{escape(line.label)}</strong></th></tr>'
     unit = f' <span class="unit">{escape(line.unit)}</span>' if line.unit else ""
     cells = "".join(
-        f'<td class="number">{f"<strong>★ {escape(text)}</strong>" if top else escape(text)}</td>'
-        for text, top in zip(line.cells, line.best)
+        f'<td class="number">{_cell_html(text, top)}</td>' for text, top in zip(line.cells, line.best)
     )
     return f'<tr><th scope="row">{prose(line.label)}{unit}</th>{cells}</tr>'
+
+
+def _cell_html(text: str, top: bool) -> str:
+    return f'<strong>{escape(text)}</strong> <span class="unit">best</span>' if top else escape(text)
 
 
 def _whole(name: str) -> str:

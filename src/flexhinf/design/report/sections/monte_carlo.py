@@ -30,7 +30,7 @@ from flexhinf.report import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["blocks", "remarks", "spread_rows"]
+__all__ = ["blocks", "histogram_bins", "remarks", "spread_rows"]
 
 #: Panels of link positions: of the joints whose robots differ most, relative to the largest step.
 PANELS = 3
@@ -154,7 +154,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
         return []
     figure, (axes,) = panels(1, 3, 2.5)
     for axis, (name, unit, values, nominal, limit) in zip(axes, figures):
-        _histogram(axis, values[np.isfinite(values)], nominal, limit)
+        _histogram(axis, values[np.isfinite(values)], nominal, limit, s.period if unit == "s" else 0.0)
         axis.set_xlabel(f"{name} ({unit})")
         label(axis, "robots", "")
     return [
@@ -167,11 +167,26 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
     ]  # fmt: skip
 
 
-def _histogram(axis: Axes, values: np.ndarray, nominal: float, limit: float | None) -> None:
+def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
+    """Edges of bins over values; where these are multiples of a grain, such as the period, so is the bins' width.
+
+    Bins that are not would hold now more, now fewer of the possible values, and look like a comb.
+    """
+    count = min(20, max(5, len(values) // 5))
+    if not grain:
+        return np.histogram_bin_edges(values, count)
+    first, last = (round(float(end) / grain) for end in (values.min(), values.max()))
+    wide = max(1, -(-(last - first + 1) // count))
+    return grain * (np.arange(first, last + wide + 1, wide) - 0.5)
+
+
+def _histogram(
+    axis: Axes, values: np.ndarray, nominal: float, limit: float | None, grain: float = 0.0
+) -> None:
     if not len(values):
         return
     with house_style():
-        axis.hist(values, bins=min(20, max(5, len(values) // 5)), color=SERIES[0], alpha=0.55)
+        axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
         axis.grid(axis="x", visible=False)
         if np.isfinite(nominal):
             axis.axvline(nominal, color=SERIES[1], linewidth=1.6)

@@ -12,15 +12,13 @@ from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, panels, reference_line, vertical_line
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.result import Design
+from flexhinf.design.status import RINGS
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, house_style, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["PoleGroup", "blocks", "mode_groups", "poles_figure", "remarks", "vibration_damping"]
-
-#: A vibration with less damping than this rings.
-HARDLY_DAMPED = 0.1
 
 #: An estimation error at a vibration with less damping than this is hardly corrected by the sensors.
 HARDLY_SEEN = 0.01
@@ -84,7 +82,7 @@ def blocks(design: Design) -> list[Any]:
 def remarks(design: Design) -> Iterator[str]:
     """A vibration that rings, in the loop or in the estimation error."""
     after = vibration_damping(design.law_modes)
-    if after and min(after) < HARDLY_DAMPED:
+    if after and min(after) < RINGS:
         yield (
             f"A vibration has a damping ratio of {min(after):.2g} with this law: its weights hardly act on it. "
             "`--damping 0.3` searches for weights that do."
@@ -96,17 +94,22 @@ def remarks(design: Design) -> Iterator[str]:
     if unseen:
         worst = min(unseen, key=lambda mode: mode.damping)
         yield (
-            f"The estimator's error at {worst.frequency:.3g} Hz ({worst.joint}) has a damping ratio of "
+            f"The estimator's error at {worst.frequency:.3g} Hz{_of(design, worst)} has a damping ratio of "
             f"{worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link positions or joint "
             "torques, or raise --process-noise."
         )
     elif error and min(mode.damping for mode in error) < required:
         worst = min(error, key=lambda mode: mode.damping)
         yield (
-            f"The estimator's error at {worst.frequency:.3g} Hz ({worst.joint}) has a damping ratio of "
+            f"The estimator's error at {worst.frequency:.3g} Hz{_of(design, worst)} has a damping ratio of "
             f"{worst.damping:.2g}, less than required of the law. After a disturbance that the model does not know the "
             "loop rings with it. Try a larger --torque-noise, or another sensor (--measured)."
         )
+
+
+def _of(design: Design, mode: Mode) -> str:
+    """The joint that moves most, where there are several."""
+    return f" ({mode.joint})" if len(design.robot.joint_names) > 1 else ""
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:
@@ -144,20 +147,22 @@ def _eigenvalues(modes: Sequence[Mode]) -> np.ndarray:
 
 
 def _table(design: Design) -> Table:
+    several = len(design.robot.joint_names) > 1
     rows = [
-        (name, mode.name, mode.joint, mode.frequency, mode.damping, mode.time_constant)
+        (
+            name,
+            mode.name,
+            *([mode.joint] if several else []),
+            mode.frequency,
+            mode.damping,
+            mode.time_constant,
+        )
         for name, modes in mode_groups(design)
         for mode in modes
         if _listed(mode)
     ]
-    columns = (
-        "loop",
-        "mode",
-        "mainly",
-        Column("frequency", "Hz", 3),
-        Column("damping ratio"),
-        Column("time constant", "s"),
-    )
+    names = ("loop", "mode", *(["mainly"] if several else []))
+    columns = (*names, Column("frequency", "Hz", 3), Column("damping ratio"), Column("time constant", "s"))
     caption = "Modes that oscillate or do not decay, linearised at the goal, continuous time"
     return Table(columns, rows, caption, "table-modes")
 

@@ -26,7 +26,7 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["blocks", "budget_rows", "level_rows", "remarks"]
+__all__ = ["blocks", "budget_rows", "level_rows", "remarks", "widest_step"]
 
 PARTS = {
     "sampling": "the input is held between samples",
@@ -70,8 +70,8 @@ def remarks(design: Design) -> Iterator[str]:
         if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
             yield (
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
-                f"{number(budget.level - budget.start, 3)} that are left. Nothing follows from the region for this "
-                "step. Try a shorter --period, a faster estimator, or a smaller step."
+                f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
+                "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
             )
     if not design.chosen.looked:
         many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
@@ -90,14 +90,14 @@ def _region_text(design: Design) -> str:
 
 
 def _regions(design: Design) -> Table:
-    unit = units_of(design.evaluation).position
+    unit, most = units_of(design.evaluation).position, widest_step(design)
     rows = [
         (
             c.degree,
             law_name(c.degree),
             "used" if c is design.chosen else "",
             _level(c.level) if c.looked else "–",
-            amplitude_text(c.step_amplitude, unit),
+            amplitude_text(c.step_amplitude, unit, most),
             c.limit,
             f"{c.residual:.0e}",
             1e3 * c.solve_seconds,
@@ -116,8 +116,19 @@ def _regions(design: Design) -> Table:
         Column("solve", "ms", 1),
         Column("check", "s", 1),
     )
-    caption = "Step: from one equilibrium to another, its start inside the level set"
+    caption = (
+        "Largest step: the same for all joints, its start an equilibrium inside the level set, with the integrals at "
+        "which V is smallest there. A controller starts with other integrals, those at which the input does not jump, "
+        "so V is larger at its start, and a shorter step may begin outside the level set"
+    )
     return Table(columns, rows, caption, "table-region")
+
+
+def widest_step(design: Design) -> float:
+    """The widest step of all joints alike, to the goal, that the joints' limits allow; infinite without limits."""
+    ranges = [(-np.inf, np.inf) if limits is None else limits for limits in design.robot.links.limits]
+    rooms = [(goal - low, high - goal) for goal, (low, high) in zip(design.goal.tolist(), ranges)]
+    return float(max(min(side) for side in zip(*rooms)))
 
 
 def _level(value: float) -> str:
@@ -157,7 +168,7 @@ def _levels(design: Design) -> Table:
 
 
 def budget_rows(design: Design) -> list[dict[str, Any]]:
-    """For each part of the loop with all above it: what it adds, what is used in all, and what is left of the level."""
+    """For each part of the loop with all above it: what it adds, what is used in all, and the level that remains."""
     return [_budget_row(term) for term in design.attenuation.budget]
 
 
@@ -199,7 +210,7 @@ def _budget(design: Design) -> Table:
         left = number(row["left"]) if np.isfinite(row["left"]) else "–"
         kept = "–" if not np.isfinite(row["level"]) else ("yes" if row["kept"] else "NO")
         rows.append((PARTS[row["part"]], number(row["added"], 3), number(row["spent"], 3), left, kept))
-    columns = ("part of the loop", "uses ½∫vᵀR2v", "with all above", "left of the level", "within the budget")
+    columns = ("part of the loop", "uses ½∫vᵀR2v", "with all above", "remaining level", "within the budget")
     return Table(columns, rows, "Parts are added one after the other", "table-budget", stacks=True)
 
 

@@ -18,7 +18,7 @@ from flexhinf.design.report.drawing import (
     thin,
     widened,
 )
-from flexhinf.design.report.formatting import ESTIMATORS, Units, settling_text, units_of
+from flexhinf.design.report.formatting import ESTIMATORS, Units, listed, settling_text, units_of
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.report import (
@@ -54,6 +54,9 @@ STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_frict
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
+#: Height of the figure, in inches, that legend, titles and names of the axes take.
+AROUND = 1.25
+
 #: Points closer together than this part of the robot's size lie in one plane.
 FLAT = 0.02
 
@@ -72,7 +75,7 @@ def remarks(design: Design) -> Iterator[str]:
     left = _left_out(design)
     if left:
         yield (
-            f"The robot states numbers of {' and '.join(left).replace('_', ' ')} that the true plant of this report "
+            f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report "
             f"leaves out. `--extras {','.join(left)}` includes them."
         )
     if e.step.diverged_at is not None:
@@ -84,8 +87,8 @@ def remarks(design: Design) -> Iterator[str]:
     if design.inside is False and not np.isnan(design.chosen.level):
         yield (
             "The step starts outside the region in which the sampled check found no violation, so the region says "
-            "nothing about it. The start includes the integrals that the controller chooses so that the input does "
-            "not jump."
+            "nothing about it. V at the start counts the integrals that the controller chooses so that the input does "
+            "not jump; the largest step of the region has the integrals at which V is smallest, so it can be longer."
         )
 
 
@@ -316,13 +319,15 @@ def arm_figure(
     if size < 1e-9:
         return None
     right, up, names = _plane(np.asarray(robot.links.down, dtype=float), points, size)
-    figure, (axes,) = panels(1, len(at), 2.7, 8.4, sharex=True, sharey=True)
+    flat = points @ np.column_stack([right, up])
+    low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
+    tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
+    height = AROUND + min(max(tall, 0.3), 2.0) * 7.0 / len(at)
+    figure, (axes,) = panels(1, len(at), height, 8.4, sharex=True, sharey=True)
     for k, (axis, (own, held)) in enumerate(zip(axes, poses, strict=True)):
         _drawn(axis, own, held, right, up, first=k == 0)
         axis.set_title(f"{number(float(time[at[k]]), 3)} s")
         axis.set_xlabel(f"{names[0]} (m)")
-    flat = points @ np.column_stack([right, up])
-    low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
     with house_style():
         for axis in axes:
             axis.set_xlim(low[0], high[0])
