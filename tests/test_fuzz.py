@@ -31,7 +31,9 @@ def test_a_tally_tells_right_typed_and_neither() -> None:
     tally.answered()
     tally.answered("a silent NaN", "seed 3")
     tally.raised(InvalidInput("no"), "seed 4")
-    tally.raised(InvalidInput("n" * (LONGEST_MESSAGE + 1)), "seed 5")
+    long = InvalidInput("no")
+    long.args = ("n" * (LONGEST_MESSAGE + 1),)
+    tally.raised(long, "seed 5")
     tally.raised(ZeroDivisionError("division"), "seed 6")
     assert (tally.tried, tally.right, tally.typed) == (5, 1, 1)
     assert [line.split(":")[0] for line in tally.wrong] == ["seed 3", "seed 5", "seed 6"]

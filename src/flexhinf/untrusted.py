@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, readable
 
 __all__ = [
-    "HUGE", "checked_name", "checked_text", "distinct", "is_real", "read_text", "read_toml", "read_xml",
+    "HUGE", "LONGEST_NAME", "checked_name", "checked_text", "distinct", "is_real", "read_text", "read_toml", "read_xml",
     "real_array", "real_number", "value_text", "within_proportion",
 ]  # fmt: skip
 
@@ -126,7 +126,9 @@ def value_text(value: Any, most: int = 200) -> str:
 
 
 # Names ----------------------------------------------------------------------------------------------
-def checked_name(what: str, name: Any, spaces: bool = False) -> str:
+def checked_name(
+    what: str, name: Any, spaces: bool = False, without: str = "", longest: int = LONGEST_NAME
+) -> str:
     """A name that can stand in a table, a figure, a file and a terminal.
 
     Parameters
@@ -136,23 +138,33 @@ def checked_name(what: str, name: Any, spaces: bool = False) -> str:
     name : object
     spaces : bool
         Whether single spaces may stand between its words.
+    without : str
+        Characters that it may not have, because they separate names elsewhere.
+    longest : int
+        Most characters.
 
     Raises
     ------
     InvalidInput
-        For what is no text, empty, longer than `LONGEST_NAME`, or has spaces, control characters or characters that
+        For what is no text, empty or too long, or has spaces, control characters or characters that
         change the direction of writing.
     """
     bare = (
         name.replace(" ", "") if isinstance(name, str) and spaces and name == " ".join(name.split()) else name
     )
-    usable = isinstance(bare, str) and bare and " " not in bare and bare.isprintable()
-    if not usable or len(name) > LONGEST_NAME:
-        allowed = "single spaces" if spaces else "no spaces"
+    usable = (
+        isinstance(bare, str)
+        and bare
+        and " " not in bare
+        and bare.isprintable()
+        and not set(without) & set(bare)
+    )
+    if not usable or len(name) > longest:
+        allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
         raise InvalidInput(
             f"{what[0].upper()}{what[1:]} has no usable name.",
-            f"expected 1 to {LONGEST_NAME} printable characters with {allowed}, got {value_text(name, 60)}"
-            + (f" ({len(name)} characters)" if isinstance(name, str) and len(name) > LONGEST_NAME else ""),
+            f"expected 1 to {longest} printable characters with {allowed}, got {value_text(name, 60)}"
+            + (f" ({len(name)} characters)" if isinstance(name, str) and len(name) > longest else ""),
             "letters, digits, hyphens and underscores: 'shoulder'",
         )
     return name

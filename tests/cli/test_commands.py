@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 
 import pytest
+from rich.console import Console
 
 import flexhinf as fh
 from flexhinf.cli import commands, main
@@ -51,3 +53,14 @@ def test_an_interruption_has_the_shells_code(
     monkeypatch.setattr("flexhinf.design.report.robots_table", stop)
     assert main(["robots"]) == 130
     assert "nothing was written" in capsys.readouterr().err
+
+
+def test_names_in_tables_are_no_markup() -> None:
+    from flexhinf.design.report.text import LiteralTable
+
+    table = LiteralTable("[/red]")
+    table.add_row("[red]:cat:[/blue]")
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(table)
+    assert "[red]:cat:[/blue]" in console.export_text(clear=False)
+    assert "[/red]" in console.export_text()

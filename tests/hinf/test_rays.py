@@ -57,3 +57,17 @@ def test_march_finds_the_edge_and_why():
         np.array([[1.0]]), np.array([0.01]), 1.1, 0.5, np.inf
     )
     assert np.isinf(near.level[0])
+
+
+def test_few_rays_stop_where_they_do_among_many(solved):
+    """Few rays are followed at several radii at once, many at one."""
+    inequality = Inequality(solved, 1.2 * solved.gamma, lambda x, h: 0.9 * h)
+    directions = inequality.directions(np.random.default_rng(5).standard_normal((100, len(solved.P))))
+    many = inequality.march(directions, np.full(100, 1e-3), 1.05, 50.0, np.inf)
+    stopped = np.flatnonzero(np.isfinite(many.level))
+    lowest = stopped[np.argmin(many.level[stopped])]
+    for chosen in ([lowest], [lowest, *range(6)]):
+        few = inequality.march(directions[chosen], np.full(len(chosen), 1e-3), 1.05, 50.0, np.inf)
+        assert few.level[0] == pytest.approx(many.level[lowest], rel=1e-10)
+        assert few.radius[0] == pytest.approx(many.radius[lowest], rel=1e-10)
+        assert few.broken[0] == many.broken[lowest]

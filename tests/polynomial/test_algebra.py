@@ -58,3 +58,11 @@ def test_product_with_and_without_a_kept_table(monkeypatch, cached, n, a, b, c):
     expected = sum(_plain(left[:, i], n, a, x) * _plain(right[i], n, b, x) for i in range(c))
     total = algebra.product(left, right, n, a, b)
     assert algebra.evaluate({a + b: total}, x) == pytest.approx(expected, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 3, 7])
+def test_monomials_of_few_points_are_those_among_many(n):
+    x = np.random.default_rng(n).standard_normal((200, n))
+    many, few = (algebra.monomials(points, [0, 1, 2, 5]) for points in (x, x[:3]))
+    for k, values in few.items():
+        np.testing.assert_array_equal(values, many[k][:3])

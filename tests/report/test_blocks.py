@@ -42,6 +42,29 @@ def test_a_drawing_that_runs_or_fetches_is_refused(inside: str) -> None:
         report.Figure("figure-03", SVG.replace("<defs>", inside + "<defs>"), "")
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "url(x)",
+        'href="http://a"',
+        "@import",
+        "onload=",
+        "#0072b2",
+        'id="a"',
+        "&lt;script>",
+    ],
+)
+def test_a_drawing_may_have_any_text(name: str) -> None:
+    html = report.Figure("figure-03", SVG.replace("<defs>", f"<text>{name}</text><defs>"), "").html()
+    assert name in html
+
+
+@pytest.mark.parametrize("style", ["@import 'http://a'", "a {fill: url(http://a)}"])
+def test_the_style_of_a_drawing_fetches_nothing(style: str) -> None:
+    with pytest.raises(InvalidInput, match="neither run a script nor fetch"):
+        report.Figure("figure-03", SVG.replace("<defs>", f"<style>{style}</style><defs>"), "")
+
+
 @pytest.mark.parametrize("svg", ["", "<p>no drawing</p>", "<svg></svg>", '<svg viewBox="0 0 1 1">'])
 def test_what_is_no_drawing_is_refused(svg: str) -> None:
     with pytest.raises(InvalidInput, match="SVG document"):

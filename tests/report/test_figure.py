@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import subprocess
 import sys
 
@@ -96,3 +97,19 @@ def test_signals_of_other_lengths_are_refused() -> None:
 def test_matplotlib_is_loaded_only_to_draw() -> None:
     code = "import sys; import flexhinf.report; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "name", ["$\\frac$", "$x_1$ and $", "\\", "肘 😀", "$\\mathdefault{\\bad}$", "<b>&amp;"]
+)
+def test_names_are_drawn_as_they_are(name: str) -> None:
+    figure, (axes,) = report.new_figure(1)
+    report.time_response(axes, TIME + 0.1, TIME + 0.1, name=name)
+    report.label(axes, name, "", name)
+    report.legend(axes)
+    axes.set_yscale("log")
+    axes.set_xticks([0.5], [name])
+    svg = report.figure_to_svg(figure)
+    assert svg.count(f">{html.escape(name, quote=False)}</text>") == 4
+    assert r"<!-- $\mathdefault{10^{" in svg  # powers of ten are formulas still
+    report.Figure("figure-01", svg, name).html()

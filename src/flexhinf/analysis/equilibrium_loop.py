@@ -292,8 +292,8 @@ class EquilibriumLoop:
         ----------
         values : sequence of mapping by name, or (N, q) array of parameter vectors of the true plant
             Numbers, or arrays where there are joints; names that are left out keep their nominal value.
-        process_noise : (n, n) array, optional
-            R^v instead of the filter's.
+        process_noise : (n, n) or (N, n, n) array, optional
+            R^v instead of the filter's, the same for all plants or one for each.
         near : (N, K) array, optional
             Equilibria from which those of the plants are searched for, for example those with another R^v; where one
             is NaN, and by default, the nominal plant's.
@@ -342,7 +342,15 @@ class EquilibriumLoop:
         return self.plant.parameters.vectors(values)
 
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
-        return None if process_noise is None else self.gain(process_noise).ravel()
+        """Gains (n p,), or (N, n p) for an R^v per plant: neighbours with the same R^v share one."""
+        if process_noise is None:
+            return None
+        if process_noise.ndim == 2:
+            return self.gain(process_noise).ravel()
+        changes = np.any(process_noise[1:] != process_noise[:-1], axis=(1, 2))
+        first = np.concatenate([[0], np.flatnonzero(changes) + 1])
+        gains = np.array([self.gain(process_noise[k]).ravel() for k in first])
+        return np.repeat(gains, np.diff([*first, len(process_noise)]), axis=0)
 
     def _equilibrium(
         self, vectors: np.ndarray, process_noise: np.ndarray | None, near: np.ndarray | None = None

@@ -139,8 +139,8 @@ class SampledController:
             Of the tracked positions: over the interval that ends now, or at this sample of a moving reference.
         centre : (n + k + m,) array, optional
             The law's by default.
-        fixed : array, optional
-            What stands still of the belief (the gain), instead of the estimator's own.
+        fixed : (j,) or (N, j) array, optional
+            What stands still of the belief (the gain), instead of the estimator's own; for all rows, or for each.
         started : float or (N,) array
             0 at the first sample of a run, which has no interval behind it.
         """
@@ -176,9 +176,11 @@ class SampledController:
 
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:
-        """What the estimator's updates are made of: parameters, and what stands still of the belief."""
+        """What the estimator's updates are made of: parameters, and what stands still of the belief; (j,) or (N, j)."""
         if self.estimator is None:
             return np.zeros(0)
+        if fixed is not None and fixed.ndim == 2:
+            return np.hstack([np.tile(self.estimator.plant.parameters.vector(), (len(fixed), 1)), fixed])
         initial = self.estimator.initial
         still = [part for k, part in enumerate(initial) if k not in self.parts] if fixed is None else [fixed]
         held = np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, still)])
@@ -274,7 +276,7 @@ class SampledController:
             rows, size = model_rows(e.filter), e.plant.parameters.size
 
             def looped(moving: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-                after, slope = rows(moving, held[:size], e.filter.sub_steps)
+                after, slope = rows(moving, held[..., :size], e.filter.sub_steps)
                 return after[:, :n], slope[:, :n]
 
             return looped

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
 SAMPLED = (400, 60)
+
+#: Rows (plants times choices of R^v) that are computed at once: with few plants, several R^v.
+ROWS = 1024
 
 #: A large loop is swept over R^v at so many corners only: those that grow fastest as designed.
 SWEPT_OF_LARGE = 100
@@ -114,15 +118,42 @@ def growth_rates(
         If R^v is asked for and no Kalman filter is in the loop.
     """
     chosen = np.arange(len(population)) if plants is None else plants
-    table = loop.plant.parameters
-    vectors = loop.vectors([table.known(population.values[k]) for k in chosen])
-    found, equilibria = [], None
-    for noise in noises:
-        covariance = None if noise is None else noise.covariance(loop.step.states)
-        modes = loop.modes(vectors, covariance, equilibria)
-        equilibria = modes.equilibrium
-        found.append(GrowthRates(noise, modes.rate, population.kinds[chosen], chosen))
+    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen)
+
+
+def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
+    """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
+    return loop.vectors([loop.plant.parameters.known(values) for values in population.values])
+
+
+def _growth_rates(
+    loop: EquilibriumLoop,
+    population: Population,
+    vectors: np.ndarray,
+    noises: Sequence[ProcessNoise | None],
+    chosen: np.ndarray,
+) -> tuple[GrowthRates, ...]:
+    """The same with the parameter vectors of the whole population; few plants with several R^v at once."""
+    found: list[GrowthRates] = []
+    equilibria, count, rest = None, len(chosen), list(noises)
+    while rest:
+        together = 1 if None in rest[:1] else max(1, ROWS // max(count, 1))
+        part = list(takewhile(lambda noise: noise is not None, rest[:together])) or rest[:1]
+        del rest[: len(part)]
+        covariances = [noise.covariance(loop.step.states) for noise in part if noise is not None]
+        near = None if equilibria is None else np.tile(equilibria, (len(part), 1))
+        modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), _per_row(covariances, count), near)
+        equilibria = modes.equilibrium[-count:]
+        rates = modes.rate.reshape(len(part), count)
+        found += [GrowthRates(n, r, population.kinds[chosen], chosen) for n, r in zip(part, rates)]
     return tuple(found)
+
+
+def _per_row(covariances: Sequence[np.ndarray], count: int) -> np.ndarray | None:
+    """R^v for `count` rows each: (n, n) for one of them, (N, n, n) for several, None for none."""
+    if len(covariances) < 2:
+        return covariances[0] if covariances else None
+    return np.repeat(np.array(covariances), count, axis=0)
 
 
 # Corners -----------------------------------------------------------------------------------------------
@@ -239,12 +270,13 @@ def tolerance_corners(
     complete, large = _all(number, loop), loop.states > LARGE
     population = corner_population(at, number, 2**number if complete else SAMPLED[large], seed, singles=False)
     every = np.arange(len(population) - 1)
-    designed = growth_rates(loop, population, (None,), every)[0]
+    vectors = _vectors(loop, population)
+    designed = _growth_rates(loop, population, vectors, (None,), every)[0]
     noises = standard_noises(loop) if noises is None else noises
     if large:
         every = np.sort(np.argsort(-designed.rates, kind="stable")[:SWEPT_OF_LARGE])
-    swept = growth_rates(loop, population, noises, every) if noises else ()
-    swept += growth_rates(loop, population, _between(loop, population, swept), every)
+    swept = _growth_rates(loop, population, vectors, noises, every)
+    swept += _growth_rates(loop, population, vectors, _between(loop, population, vectors, swept), every)
     variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
     return ToleranceCorners(population, complete, designed, swept, variance)
 
@@ -255,7 +287,7 @@ def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
 
 
 def _between(
-    loop: EquilibriumLoop, population: Population, swept: Sequence[GrowthRates]
+    loop: EquilibriumLoop, population: Population, vectors: np.ndarray, swept: Sequence[GrowthRates]
 ) -> list[ProcessNoise]:
     """For each form that is stable on the grid of q, other q at which the loop grows fastest, if there are any.
 
@@ -271,7 +303,7 @@ def _between(
         few = np.unique([each.plants[np.argsort(-each.rates, kind="stable")[:FEW]] for each in grid])
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
-        rates = np.array([each.fastest for each in growth_rates(loop, population, tried, few)])
+        rates = np.array([each.fastest for each in _growth_rates(loop, population, vectors, tried, few)])
         rates = np.clip(
             rates, -LARGEST, LARGEST
         )  # infinite where no finite linear loop exists: a peak as well

@@ -118,11 +118,14 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
             + np.einsum("ki,kij->kj", by_u[part], slopes.u_by[which])
             for which in (0, 1)
         )
-        for k in reversed(range(part.stop - begin)):
-            found[begin + k] += adjoint @ slopes.disturbance[k]
-            if begin + k:  # the command of the interval before acts now
-                found[begin + k - 1, : runs.commands] += by_command[k] + adjoint @ slopes.command[k]
+        adjoints = np.empty(own.shape)
+        for k in reversed(range(len(own))):
+            adjoints[k] = adjoint
             adjoint = own[k] + adjoint @ slopes.state[k]
+        found[part] += np.einsum("ki,kij->kj", adjoints, slopes.disturbance)
+        commands = by_command + np.einsum("ki,kij->kj", adjoints, slopes.command)
+        first = int(begin == 0)  # the command of the interval before acts now; sample 0 has none before it
+        found[begin + first - 1 : part.stop - 1, : runs.commands] += commands[first:]
     return found * runs.period, float(cost.sum() * runs.period)
 
 

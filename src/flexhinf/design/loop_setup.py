@@ -337,13 +337,12 @@ class LoopSetup:
         **options: Any,
     ) -> Iterator[Response]:
         """From the start, each with a seed of its own."""
-        begins, runs = [], []
-        for k, values in enumerate(robots):
-            begin, given = self._begun(self.start, duration, values, 1 + k)
-            begins.append(begin)
-            loop = self.loop(controller, self._plant_with(values), sub_steps)
-            runs.append(loop.prepared(**given, **options))
-        return (Response(run, self.goal, begin, self.joints) for begin, run in zip(begins, run_many(runs)))
+        begun = [self._begun(self.start, duration, values, 1 + k) for k, values in enumerate(robots)]
+        runs = run_many(
+            self.loop(controller, self._plant_with(values), sub_steps).prepared(**given, **options)
+            for values, (_, given) in zip(robots, begun)
+        )
+        return (Response(run, self.goal, begin, self.joints) for (begin, _), run in zip(begun, runs))
 
     def _plant_with(self, values: Mapping[str, Any]) -> Plant:
         return self.true_plant.with_parameters(**self.true_plant.parameters.known(values))

@@ -17,6 +17,7 @@ from flexhinf.hinf.value_function import ValueFunction
 __all__ = ["Inequality", "Rays", "Stops"]
 
 _BISECTIONS = 40
+_TOGETHER = 64  # points that are evaluated at once at least: of few rays several points each
 _ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
 _SLACK = (
     2.0  # rays are followed to this many times the lowest level found, to have several starts for the ascent
@@ -138,13 +139,11 @@ class Inequality:
         """The four terms of r at deviations (N, n) with gradients (N, n), shape (4, N)."""
         return self.solution.hamiltonian_terms(slope, self.checked_fields(x), self.gamma)
 
-    def worst_rate(
-        self, slope: np.ndarray, fields: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ) -> np.ndarray:
+    def worst_rate(self, slope: np.ndarray, fields: Sequence[np.ndarray]) -> np.ndarray:
         """ẋ (N, n) under the law and the worst disturbance of the checked level: ∂r/∂(V_x)."""
         f, g1, g2, _ = fields
         disturbance = np.einsum("ai,aij->aj", slope, g1) / self.gamma**2
-        priced = np.linalg.solve(self.solution.expansion.r2, np.einsum("ai,aij->ja", slope, g2)).T
+        priced = np.einsum("ai,aij->aj", slope, g2) @ self.solution.input_price
         return f + np.einsum("aij,aj->ai", g1, disturbance) - np.einsum("aij,aj->ai", g2, priced)
 
     def stopped(self, rays: Rays, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -164,27 +163,49 @@ class Inequality:
         active = np.arange(count)
         reach = largest / np.abs(directions).max(axis=1)
         while len(active):
-            value, violated, turned = self.stopped(rays.chosen(active), radius[active])
-            stop = violated | turned
-            ended = active[stop]
-            if len(ended):
-                level[ended], radius[ended], broken[ended] = self._pinpoint(
-                    rays.chosen(ended), last[ended], radius[ended], violated[stop]
-                )
-            going = active[~stop & (value < min(cap, _SLACK * level.min()))]
-            last[going] = radius[going]
-            radius[going] *= growth
-            active = going[radius[going] <= reach[going]]
+            ahead = max(1, _TOGETHER // len(active))
+            steps = np.full((len(active), ahead), growth)
+            steps[:, 0] = radius[active]
+            radii = np.multiply.accumulate(steps, axis=1)
+            value, violated, turned = self._along(rays, active, radii)
+            going = np.arange(len(active))
+            for k in range(ahead):
+                stop = (violated | turned)[going, k]
+                ended = active[going[stop]]
+                if len(ended):
+                    level[ended], radius[ended], broken[ended] = self._pinpoint(
+                        rays.chosen(ended), last[ended], radii[going[stop], k], violated[going[stop], k]
+                    )
+                going = going[~stop & (value[going, k] < min(cap, _SLACK * level.min()))]
+                further = active[going]
+                last[further] = radii[going, k]
+                radius[further] = radii[going, k] * growth
+                going = going[radius[further] <= reach[further]]
+            active = active[going]
         return Stops(level, radius, directions * radius[:, None], broken, directions)
+
+    def _along(
+        self, rays: Rays, chosen: np.ndarray, radii: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `stopped` gives, at several radii (M, K) on each chosen ray, (M, K) each."""
+        points = self.stopped(rays.chosen(np.repeat(chosen, radii.shape[1])), radii.ravel())
+        value, violated, turned = (each.reshape(radii.shape) for each in points)
+        return value, violated, turned
 
     def _pinpoint(
         self, rays: Rays, good: np.ndarray, bad: np.ndarray, broken: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bisect the radius at which rays stop: V at the last good point, the first bad radius, r > 0 there."""
-        for _ in range(_BISECTIONS):
-            middle = (good + bad) / 2
-            _, violated, turned = self.stopped(rays, middle)
+        """Divide the interval in which rays stop, again and again, into two parts, or into more of few rays: V at the
+        last good point, the first bad radius, and whether r > 0 there."""
+        each, halvings = np.arange(len(good)), max(1, int(np.log2(_TOGETHER / len(good) + 1.0)))
+        for _ in range(-(-_BISECTIONS // halvings)):
+            share = np.arange(1, 2**halvings) / 2**halvings
+            radii = good[:, None] + (bad - good)[:, None] * share
+            _, violated, turned = self._along(rays, each, radii)
             stop = violated | turned
-            broken = np.where(stop, violated, broken)
-            bad, good = np.where(stop, middle, bad), np.where(stop, good, middle)
+            first, some = stop.argmax(axis=1), stop.any(axis=1)
+            known = np.hstack([good[:, None], radii, bad[:, None]])
+            broken = np.where(some, violated[each, first], broken)
+            place = np.where(some, first, radii.shape[1])
+            good, bad = known[each, place], known[each, place + 1]
         return rays.at(np.maximum(good, 1e-300))[1], bad, broken

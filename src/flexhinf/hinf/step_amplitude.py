@@ -111,24 +111,24 @@ def equilibrium_state(
     unknown = np.flatnonzero(~given)
     u = np.zeros(m)
 
-    def rates(points: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    def rates(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Those that vanish, and how the input moves them at the first point."""
         f, _, g2, _ = solution.exact_fields(points)
-        return (f + np.einsum("aij,aj->ai", g2, inputs))[:, ~integral]
+        return (f + np.einsum("aij,j->ai", g2, u))[:, ~integral], g2[0][~integral]
 
     for _ in range(30):
         size = len(unknown)
         points = np.repeat(x[None], 1 + 2 * size, axis=0)
         points[1 + np.arange(size), unknown] += _DIFFERENCE
         points[1 + size + np.arange(size), unknown] -= _DIFFERENCE
-        values = rates(points, np.repeat(u[None], len(points), axis=0))
+        values, by_input = rates(points)
         by_state = (values[1 : 1 + size] - values[1 + size :]).T / (2 * _DIFFERENCE)
-        by_input = solution.exact_fields(x[None])[2][0][~integral]
         step = np.linalg.lstsq(np.hstack([by_state, by_input]), -values[0], rcond=None)[0]
         x[unknown] += step[:size]
         u += step[size:]
         if np.abs(step[:size]).max(initial=0.0) <= 1e-10 * max(1.0, float(np.abs(x).max())):
             break
-    left = float(np.abs(rates(x[None], u[None])).max())
+    left = float(np.abs(rates(x[None])[0]).max())
     if not left <= 1e-6 * max(1.0, float(np.abs(solution.expansion.f_parts[1]).max())):
         raise NumericalFailure(
             "There is no equilibrium at the start of the step.",
@@ -146,18 +146,18 @@ def _settled(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.nda
     x = x.copy()
     scale = np.sqrt(2 * max(float(solution.value(x)), 1e-300) / np.diag(solution.P)[index])
     difference = np.maximum(1e-5 * scale, 1e-12)
+    count = len(index)
     for _ in range(20):
-        shifted = np.repeat(x[None], 2 * len(index), axis=0)
-        shifted[np.arange(len(index)), index] += difference
-        shifted[len(index) + np.arange(len(index)), index] -= difference
-        slopes = solution.gradient(shifted)[:, index]
-        hessian = (slopes[: len(index)] - slopes[len(index) :]) / (2 * difference[:, None])
+        around = np.repeat(x[None], 1 + 2 * count, axis=0)
+        around[1 + np.arange(count), index] += difference
+        around[1 + count + np.arange(count), index] -= difference
+        values, gradients = solution.value_and_gradient(around)
+        value, slope, slopes = values[0], gradients[0, index], gradients[1:, index]
+        hessian = (slopes[:count] - slopes[count:]) / (2 * difference[:, None])
         hessian = (hessian + hessian.T) / 2
-        slope = solution.gradient(x)[index]
         if np.linalg.eigvalsh(hessian)[0] <= 0:
             hessian = solution.P[np.ix_(index, index)]
         step = -np.linalg.solve(hessian, slope)
-        value = solution.value(x)
         for _ in range(10):
             moved = x.copy()
             moved[index] += step

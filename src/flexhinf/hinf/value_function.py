@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
@@ -77,6 +78,11 @@ class ValueFunction:
         """Smallest feasible attenuation level of the problem (computed at the first access)."""
         return linear_smallest_gamma(LinearPart.of(self.expansion))
 
+    @cached_property
+    def input_price(self) -> np.ndarray:
+        """R2⁻¹, (m, m)."""
+        return np.linalg.inv(self.expansion.r2)
+
     # The polynomial ----------------------------------------------------------------------------
     def coefficients(self, k: int) -> dict[tuple[int, ...], float]:
         """V_k in plain monomials, {exponents: coefficient}, every monomial of degree `k`."""
@@ -127,6 +133,12 @@ class ValueFunction:
             chunks.append({k: powers[k - 1] @ slope for k, slope in self.slope_parts.items()})
         return {k: np.concatenate([chunk[k] for chunk in chunks]) for k in self.slope_parts}
 
+    def value_and_gradient(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """V (N,) and V_x (N, n) at deviations (N, n), from one evaluation: V_k = V_k,x x / k, by Euler."""
+        parts = self.gradient_parts(x)
+        value = sum(((part * x).sum(1) / k for k, part in parts.items()), start=np.zeros(len(x)))
+        return value, sum(parts.values(), start=np.zeros(x.shape))
+
     def law(self, x: np.ndarray) -> np.ndarray:
         """u = −R2⁻¹ g2(x)ᵀ V_xᵀ, deviation of the input: shape (m,) or (N, m)."""
         points, single = self._points(x)
@@ -148,9 +160,7 @@ class ValueFunction:
         left = terms.sum(axis=0)
         return left[0] if single else left
 
-    def hamiltonian_terms(
-        self, slope: np.ndarray, fields: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], gamma: float
-    ) -> np.ndarray:
+    def hamiltonian_terms(self, slope: np.ndarray, fields: Sequence[np.ndarray], gamma: float) -> np.ndarray:
         """V_x f, ½ hᵀh, ½ |g1ᵀ V_xᵀ|²/γ² and −½ V_x g2 R2⁻¹ g2ᵀ V_xᵀ, the terms of Eq. (8), shape (4, N).
 
         Parameters
@@ -164,7 +174,7 @@ class ValueFunction:
         f, g1, g2, h = fields
         w1 = np.einsum("ai,aij->aj", slope, g1) / gamma
         w2 = np.einsum("ai,aij->aj", slope, g2)
-        priced = np.linalg.solve(self.expansion.r2, w2.T).T
+        priced = w2 @ self.input_price
         return np.stack(
             [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
         )

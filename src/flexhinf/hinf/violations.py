@@ -70,24 +70,20 @@ class Landscape:
     def _inequality(self, x: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """r and its gradient in y: V_xx times the worst closed loop, and differences of the fields at constant V_x."""
         inequality, (count, n) = self.inequality, x.shape
-        fields = inequality.checked_fields(x)
-        left = inequality.solution.hamiltonian_terms(slope, fields, inequality.gamma).sum(axis=0)
+        steps = _DIFFERENCE * self.scale.T  # one row per direction of y
+        around = np.concatenate([x[:, None], x[:, None] + steps, x[:, None] - steps], axis=1)
+        every = inequality.checked_fields(around.reshape(-1, n))
+        fields = tuple(values[:: 1 + 2 * n] for values in every)
         rate = inequality.worst_rate(slope, fields)
         length = np.linalg.norm(np.linalg.solve(self.scale, rate.T), axis=0)
-        small = _DIFFERENCE / np.maximum(length, 1e-300)
-        ahead, behind = (
-            inequality.solution.gradient(x + sign * small[:, None] * rate) for sign in (1.0, -1.0)
-        )
-        bend = (ahead - behind) / (2 * small[:, None])
-        steps = _DIFFERENCE * self.scale.T  # one row per direction of y
-        around = np.concatenate([x[:, None] + steps, x[:, None] - steps], axis=1).reshape(-1, n)
-        constant = np.repeat(slope, 2 * n, axis=0)
-        terms = inequality.solution.hamiltonian_terms(
-            constant, inequality.checked_fields(around), inequality.gamma
-        )
-        values = terms.sum(axis=0).reshape(count, 2, n)
-        by_y = (values[:, 0] - values[:, 1]) / (2 * _DIFFERENCE)
-        return left, bend @ self.scale + by_y
+        small = (_DIFFERENCE / np.maximum(length, 1e-300))[:, None]
+        beside = inequality.solution.gradient(np.concatenate([x + small * rate, x - small * rate]))
+        bend = (beside[:count] - beside[count:]) / (2 * small)
+        constant = np.repeat(slope, 1 + 2 * n, axis=0)
+        terms = inequality.solution.hamiltonian_terms(constant, every, inequality.gamma)
+        values = terms.sum(axis=0).reshape(count, 1 + 2 * n)
+        by_y = (values[:, 1 : 1 + n] - values[:, 1 + n :]) / (2 * _DIFFERENCE)
+        return values[:, 0], bend @ self.scale + by_y
 
     def penalised(
         self, y: np.ndarray, unit: np.ndarray

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.loop import Sine, Step, Trajectory, load_metrics
-from flexhinf.paper.loop_setup import SAMPLED_PLANTS, PaperSetup, in_two_threads
+from flexhinf.loop import Sine, Step, Trajectory, load_metrics, run_many
+from flexhinf.paper.loop_setup import SAMPLED_PLANTS, PaperSetup
 from flexhinf.plant import Law
 
 __all__ = ["Experiments", "ToleranceRun", "load_numbers", "step_numbers", "tracking_numbers"]
@@ -113,20 +113,22 @@ class Experiments:
     def sampled_plants(self) -> list[ToleranceRun]:
         """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
         population = self.setup.population
-
-        def one(k: int) -> ToleranceRun:
-            values = dict(population.values[k])
-            run = self.setup.run(
-                self.setup.nonlinear,
+        setup, values = self.setup, [dict(population.values[k]) for k in range(SAMPLED_PLANTS)]
+        runs = run_many(
+            setup.prepared(
+                setup.nonlinear,
                 Step(math.pi / 2),
                 TOLERANCE_DURATION,
-                true_values=values,
+                true_values=each,
                 inductance=True,
-                seed=self.setup.seed(k),
+                seed=setup.seed(k),
             )
-            return ToleranceRun.of(values, run, population.describe(k))
-
-        return in_two_threads(one, range(SAMPLED_PLANTS))
+            for k, each in enumerate(values)
+        )
+        return [
+            ToleranceRun.of(each, run, population.describe(k))
+            for k, (each, run) in enumerate(zip(values, runs, strict=True))
+        ]
 
     def load_response(
         self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"

@@ -15,7 +15,7 @@ from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop import Controller, Loop, PreparedRun, Trajectory
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
@@ -149,11 +149,32 @@ class PaperSetup:
         seed: int | None = None,
     ) -> Trajectory:
         """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
+        return self.prepared(
+            law, reference, duration, true_values=true_values, inductance=inductance, disturbance=disturbance,
+            estimator=estimator, noise=noise, seed=seed,
+        ).alone()  # fmt: skip
+
+    def prepared(
+        self,
+        law: Law,
+        reference: Any,
+        duration: float,
+        *,
+        true_values: Mapping[str, float] | None = None,
+        inductance: bool = False,
+        disturbance: Any = None,
+        estimator: Any = "settings",
+        noise: bool = True,
+        seed: int | None = None,
+    ) -> PreparedRun:
+        """The same before it is made, for `flexhinf.loop.run_many`."""
         s = self.settings
         chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
         loop = self.loop(law, chosen, inductance, true_values)
         deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
-        return loop.run(reference, disturbance, deviation, duration, None, s.seed if seed is None else seed)
+        return loop.prepared(
+            reference, disturbance, deviation, duration, None, s.seed if seed is None else seed
+        )
 
     def loop(
         self, law: Law, estimator: Any, inductance: bool = False, values: Mapping[str, float] | None = None

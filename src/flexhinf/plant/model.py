@@ -15,7 +15,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import Symbol, apply, digest, function_arrays, function_from_arrays, trace
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import LONGEST_NAME, checked_name, real_array, value_text
 
 __all__ = ["Model", "StoredCode"]
 
@@ -101,6 +101,8 @@ class Model(Summarised):
                     f"expected one distinct name each, got {list(names)}",
                     f"{kind}=('one', 'another')",
                 )
+            for name in names:
+                checked_name(f"one of the {kind}", name, spaces=True, longest=2 * LONGEST_NAME)
             object.__setattr__(self, kind, names)
         if not self.states or not self.inputs:
             raise InvalidInput(

@@ -354,9 +354,7 @@ class GeneralisedPlant(Summarised):
         traced, constant = self._varying_fields
         varying = iter(traced.call([points.T]))
         f, g1, g2, h = (
-            np.broadcast_to(value, (count, len(value)))
-            if value is not None
-            else np.asarray(next(varying), dtype=float).T
+            np.broadcast_to(value, (count, len(value))) if value is not None else next(varying).full().T
             for value in constant
         )
         return f, g1.reshape(count, n, -1), g2.reshape(count, n, -1), h

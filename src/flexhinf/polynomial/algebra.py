@@ -15,6 +15,7 @@ from flexhinf.polynomial import basis
 __all__ = ["add_part", "evaluate", "gradient", "monomials", "product"]
 
 _CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
+_FEW = 64  # points up to which monomials are gathered from a table of factors
 _ROWS = 64  # monomials of one factor whose products are formed at a time when no table is kept
 
 
@@ -37,6 +38,12 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
     current = np.ones((points, 1), x.dtype)
     found = {0: current} if 0 in wanted else {}
     for k in range(1, max(wanted, default=0) + 1):
+        if points <= _FEW:  # one gather costs less than a product for each variable
+            variable, rest = basis.factors(n, k)
+            current = x[:, variable] * current[:, rest]
+            if k in wanted:
+                found[k] = current
+            continue
         start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
         higher = np.empty((points, basis.count(n, k)), x.dtype)
         for j in range(n):

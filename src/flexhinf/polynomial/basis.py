@@ -19,6 +19,7 @@ import numpy as np
 __all__ = [
     "count",
     "exponents",
+    "factors",
     "indices",
     "insertion",
     "merge",
@@ -55,6 +56,14 @@ def offsets(n: int, k: int) -> np.ndarray:
     if k == 0:
         return _frozen(np.array([0] * n + [1]))
     return _frozen(np.cumsum([0] + [count(n - j, k - 1) for j in range(n)]))
+
+
+@lru_cache(_CACHED)
+def factors(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """First index of every tuple of degree k ≥ 1, and the rank of the rest of it among those of degree k − 1."""
+    start, first = offsets(n, k - 1), offsets(n, k)
+    variable = np.repeat(np.arange(n), np.diff(first))
+    return _frozen(variable), _frozen(np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
 
 
 @lru_cache(_CACHED)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -93,6 +94,7 @@ _STYLE: dict[str, object] = {
     "svg.fonttype": "none",  # text stays text: it can be read out, searched and copied
     "svg.hashsalt": "flexhinf",
 }
+_POWER = re.compile(r"\$\\mathdefault\{(\d+\\times)?(10\^\{[-−]?\d+\}|\d+)\}\$")
 _PATH = re.compile(r'\bd="[^"]*"')
 _DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
 _METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
@@ -320,9 +322,22 @@ def figure_to_svg(figure: Figure) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     stream = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
+    _take_literally(figure)
+    with warnings.catch_warnings():  # the browser has fonts for every script
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
     rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
+
+
+def _take_literally(figure: Figure) -> None:
+    """Set names with dollar signs as they are, not as formulas; powers of ten beside logarithmic axes stay formulas."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
+            text.set_parse_math(False)
 
 
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:

@@ -321,7 +321,7 @@ class Robot(Summarised):
         )
 
     # Tolerances -----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def uncertain(self) -> tuple[Parameter, ...]:
         """The parameters whose tolerance leaves them room (a per cent of zero is none)."""
         return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from flexhinf.codegen import compile_program, interpret
+from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
 from flexhinf.loop.simulation.channel import LONGEST, MOST_QUEUED, Channel, check_delay
+from flexhinf.loop.simulation.compiled_runs import _side_by_side
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
@@ -143,19 +144,13 @@ def test_interpreter_and_lanes_delay_alike(made, samples):
     """Machine code for one run and for eight, and CasADi's evaluator."""
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
-    alone, arrays = prepared.alone(), prepared.buffers()
-    status = interpret(loop.kernel.program).run(arrays, prepared.counts)
-    walked = prepared.trajectory(arrays, int(status.code), int(status.step))
+    alone, kernel = prepared.alone(), interpret(loop.kernel.program)
+    outputs = {name: array.ravel() for name, array in prepared.outputs([prepared]).items()}
+    status = kernel.run({**prepared.inputs, **outputs}, prepared.counts)
+    walked = prepared.trajectory(outputs, int(status.code), int(status.step))
+    eight = [loop.prepared(Step(0.5 + 0.1 * k), duration=0.05, initial_input=[0.1 * k]) for k in range(8)]
     for name in ("state", "input", "output"):
         np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
-    eight = compile_program(loop.kernel.program, 8)
-    wide = {name: np.repeat(array[:, None], 8, axis=1) for name, array in prepared.buffers().items()}
-    assert eight.run(wide, prepared.counts).fine
-    lane = {name: np.ascontiguousarray(array[:, 5]) for name, array in wide.items()}
-    for name in ("state", "input", "output"):
-        np.testing.assert_array_equal(
-            prepared.trajectory(lane, 0, 0).signals[name][:1], alone.signals[name][:1]
-        )
-        np.testing.assert_array_equal(
-            prepared.trajectory(lane, 0, len(alone.time) - 1).signals[name], alone.signals[name]
-        )
+    for run, wide in zip(eight, _side_by_side(eight), strict=True):
+        for name in ("state", "input", "output"):
+            np.testing.assert_array_equal(wide.signals[name], run.alone().signals[name])

@@ -58,13 +58,18 @@ def test_the_true_state_fed_back_and_a_run_alone_in_its_lanes(made):
         same(found, run.alone())
 
 
-def test_few_runs_and_runs_of_several_lengths_are_made_alone(made, monkeypatch):
+def test_runs_of_two_lengths_take_turns(made):
+    longer, shorter = prepared(made, LANES), prepared(made, LANES + 1, duration=0.2)
+    mixed = [run for pair in zip(longer, shorter) for run in pair] + shorter[LANES:]
+    for run, found in zip(mixed, run_many(iter(mixed)), strict=True):
+        same(found, run.alone())
+
+
+def test_few_runs_and_few_samples_are_made_alone(made, monkeypatch):
     module = importlib.import_module("flexhinf.loop.simulation.compiled_runs")
-    monkeypatch.setattr(module, "_side_by_side", lambda runs: pytest.fail("these runs do not fit together"))
-    longer = [*prepared(made, LANES), *prepared(made, 1, duration=0.2)]
-    for runs in ([], longer[:3], longer):
-        found = list(run_many(runs))
-        assert [len(run.time) for run in found if run.status == "completed"] == [
-            len(run.times) for k, run in enumerate(runs) if k != 2
-        ]
-    same(found[0], longer[0].alone())
+    monkeypatch.setattr(module, "_side_by_side", lambda runs: pytest.fail("not worth a kernel"))
+    runs = prepared(made, LANES)
+    assert list(run_many([])) == []
+    same(next(run_many(runs[:3])), runs[0].alone())
+    monkeypatch.setattr(module, "WORTH", LANES * len(runs[0].times) + 1)
+    assert len(list(run_many(runs))) == LANES

@@ -120,14 +120,20 @@ def test_netcdf_is_what_xarray_reads(run, tmp_path):
         assert data.state_name.values.tolist() == list(run.names["state"])
         assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
         assert data.attrs["status"] == "completed"
+        xr.testing.assert_identical(data.load(), run.data)
 
 
 def test_a_run_without_disturbances_is_saved_too(made, tmp_path):
+    import xarray as xr
+
     plant = Plant(lambda x, u, d, p: u, lambda x, u, p: x, ("x",), ("u",), outputs=("x",))
     law = made.LinearLaw(("x", "x_integral"), ("u",), [[-2.0, -1.0]])
     run = Loop(plant, Controller(law, None, 1e-2)).run(1.0, duration=0.1)
     run.save(tmp_path / "run.nc")
     run.save(tmp_path / "run.csv")
+    with xr.open_dataset(tmp_path / "run.nc") as data:
+        assert data["input_unit"].values.tolist() == [""]
+        assert "disturbance" not in data
 
 
 def test_another_format_and_a_missing_folder_are_refused(run, tmp_path):

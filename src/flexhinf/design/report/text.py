@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
 
 from flexhinf.design.report.formatting import count_text, law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
@@ -20,9 +24,6 @@ from flexhinf.design.requirements import TOLERANCE
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 __all__ = ["comparison_tables", "design_tables", "requirement_table", "robots_table"]
 
@@ -47,6 +48,18 @@ GAP = 2
 #: Short names of the forms of R^v.
 FORMS = {"all states": "all states", "velocities only": "velocities", "link velocities only": "links",
          "motor velocities only": "motors"}  # fmt: skip
+
+
+class LiteralTable(Table):
+    """A table whose texts are taken as they are: a joint called [red] or :cat: is neither mark-up nor an emoji."""
+
+    def add_column(self, header: Any = "", *others: Any, **options: Any) -> None:
+        """As a table's."""
+        super().add_column(Text(header), *others, **options)
+
+    def add_row(self, *cells: Any, **options: Any) -> None:
+        """As a table's."""
+        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
 
 def robots_table() -> Table:
@@ -93,7 +106,7 @@ def requirement_table(design: Design) -> Table:
         table.add_row(where)
         for line in sorted(lines, key=lambda line: line.met):
             required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
-            met = "[green]met[/]" if line.met else "[red]NOT MET[/]"
+            met = Text("met", "green") if line.met else Text("NOT MET", "red")
             table.add_row(f"  {line.what}", required, found_text(line), met)
     return table
 
@@ -242,11 +255,8 @@ def _regions(design: Design) -> Table:
 
 
 def _table(title: str, *columns: str) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(
-        title=title,
+    table = LiteralTable(
+        title=Text(title, "table.title"),
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
@@ -292,13 +302,10 @@ def _cell(line: TableLine, place: int) -> str:
 
 
 def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     legend = "* best of its row, or as good as the best"
     title = f"{comparison.robot.name}: laws in the same runs; {legend}" if first else legend
-    table = Table(
-        title=title,
+    table = LiteralTable(
+        title=Text(title, "table.title"),
         title_justify="left",
         box=SIMPLE_HEAD,
         show_edge=False,
@@ -312,5 +319,5 @@ def _part(comparison: Comparison, rows: Sequence[ComparedLaw], first: bool) -> T
         if line.cells:
             table.add_row(_label(line), *(_cell(line, place) for place in range(len(rows))))
         else:
-            table.add_row(f"[bold]{line.label}[/]")
+            table.add_row(Text(line.label, "bold"))
     return table

@@ -234,7 +234,6 @@ class Loop(Summarised):
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
             "disturbance": code.roomy(d, samples, parts), "held": before.copy(),
-            "inputs": np.concatenate([np.tile(before, self.channel.delay), np.zeros(samples * len(before))]),
         }  # fmt: skip
         recorded = {
             "reference": signals["reference"],

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,9 @@ LANES = 8
 
 #: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
 WORTH = 50_000
+
+#: Runs that are prepared at a time.
+WINDOW = 64
 
 #: Runs at a time where they are made alone: compiled code lets the other thread go on.
 THREADS = 2
@@ -131,56 +136,82 @@ class PreparedRun:
             "outputs": ("output", sizes.y), "inputs": ("input", sizes.u),
         }  # fmt: skip
 
-    def buffers(self) -> dict[str, np.ndarray]:
-        """Arrays for one lane; what a run changes is new."""
-        length = len(self.times)
-        found = {name: np.zeros(length * width) for name, (_, width) in self._outputs.items()}
+    @property
+    def inputs(self) -> dict[str, np.ndarray]:
+        """Arrays that the kernel reads, by buffer; those that it writes to are new."""
+        found = {}
         for buffer in self.code.kernel().program.buffers:
             if buffer.name in self.arrays:
                 given = self.arrays[buffer.name]
                 found[buffer.name] = given.copy() if buffer.role == "state" else given
         return found
 
+    @staticmethod
+    def outputs(runs: Sequence[PreparedRun]) -> dict[str, np.ndarray]:
+        """Arrays for what is recorded of runs that fit, by buffer and lane; before the inputs those that wait."""
+        first = runs[0]
+        late = first.counts["late"]
+        rows = {name: len(first.times) * width for name, (_, width) in first._outputs.items()}
+        arrays = {name: np.zeros((count, len(runs))) for name, count in rows.items() if name != "inputs"}
+        arrays["inputs"] = np.zeros((late + rows["inputs"], len(runs)))
+        for lane, run in enumerate(runs):
+            arrays["inputs"][:late, lane] = np.tile(run.arrays["held"], run.delay)
+        return arrays
+
     def alone(self) -> Trajectory:
         """Make this run."""
-        arrays = self.buffers()
-        status = self.code.kernel().run(arrays, self.counts)
-        return self.trajectory(arrays, int(status.code), int(status.step))
+        outputs = {name: array.ravel() for name, array in self.outputs([self]).items()}
+        status = self.code.kernel().run({**self.inputs, **outputs}, self.counts)
+        return self.trajectory(outputs, int(status.code), int(status.step))
 
-    def trajectory(self, arrays: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
-        """What the run left in its output buffers, up to its end; the inputs stand behind those that waited before."""
+    def trajectory(self, outputs: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
+        """What the run recorded, up to its end; the inputs stand behind those that waited before."""
         count = len(self.times)
         recorded = {
-            signal: arrays[name][arrays[name].size - count * width :].reshape(count, -1)
+            signal: outputs[name][outputs[name].size - count * width :].reshape(count, -1)
             for name, (signal, width) in self._outputs.items()
         }
         signals = {**recorded, **self.recorded}
         return Trajectory.until(self.plant, self.controller, self.times, signals, self.settings, code, last)
 
 
-def run_many(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
+def run_many(runs: Iterable[PreparedRun]) -> Iterator[Trajectory]:
     """Make many runs, in their order: what `PreparedRun.alone` gives for each, bit by bit, in less time.
 
     Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them.
+    The runs may be prepared on the way: `WINDOW` of them are asked for at a time.
     """
-    alike = len({run.fits for run in runs}) == 1
-    if not alike or len(runs) < LANES or len(runs) * len(runs[0].times) < WORTH:
-        for code in {run.code.key: run.code for run in runs}.values():
-            code.kernel()  # once, before threads would
-        with ThreadPoolExecutor(THREADS) as pool:
-            yield from pool.map(PreparedRun.alone, runs)
-        return
-    for start in range(0, len(runs), LANES):
-        yield from _side_by_side(runs[start : start + LANES])
+    rest, worth = iter(runs), set()
+    with ThreadPoolExecutor(THREADS) as pool:
+        while window := list(islice(rest, WINDOW)):
+            waiting: dict[tuple[object, ...], deque[int]] = {}
+            for k, run in enumerate(window):
+                waiting.setdefault(run.fits, deque()).append(k)
+            worth |= {fits for fits, which in waiting.items() if _worth_lanes(window[which[0]], len(which))}
+            made: dict[int, Trajectory] = {}
+            for k, run in enumerate(window):
+                if k not in made:  # with the next ones that fit to it
+                    lanes, alike = run.fits in worth, waiting[run.fits]
+                    batch = [alike.popleft() for _ in range(min(LANES if lanes else THREADS, len(alike)))]
+                    chosen = [window[place] for place in batch]
+                    found = _side_by_side(chosen) if lanes else pool.map(PreparedRun.alone, chosen)
+                    made.update(zip(batch, found, strict=True))
+                yield made.pop(k)
+
+
+def _worth_lanes(run: PreparedRun, count: int) -> bool:
+    return count >= LANES and count * len(run.times) >= WORTH
 
 
 def _side_by_side(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
     """Up to `LANES` runs at once; lanes without a run repeat the last one."""
-    filled = [*runs, *[runs[-1]] * (LANES - len(runs))]
-    each = [run.buffers() for run in filled]
-    arrays = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
-    status = runs[0].code.kernel(LANES).run(arrays, runs[0].counts)
+    filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
+    each = [run.inputs for run in filled]
+    inputs = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
+    outputs = PreparedRun.outputs(filled)
+    status = runs[0].code.kernel(LANES).run({**inputs, **outputs}, runs[0].counts)
     codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
+    rows = {name: np.ascontiguousarray(array.T) for name, array in outputs.items()}
     for lane, run in enumerate(runs):
-        own = {name: np.ascontiguousarray(array[:, lane]) for name, array in arrays.items()}
+        own = {name: array[lane] for name, array in rows.items()}
         yield run.trajectory(own, int(codes[lane]), int(steps[lane]))

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.hinf import HJISolution
-from flexhinf.loop import Sine, Step, Trajectory
+from flexhinf.loop import Sine, Step, Trajectory, run_many
 from flexhinf.paper.claims.judgement import Judged, damped_law, repair_by_damping
-from flexhinf.paper.loop_setup import LONG, PaperSetup, affordable, in_two_threads
+from flexhinf.paper.loop_setup import LONG, PaperSetup, affordable
 from flexhinf.report import Claim, Column, Table
 
 __all__ = ["judge"]
@@ -102,12 +102,13 @@ def _runs(
     setup: PaperSetup, command: Any, disturbance: Any, count: int, law: HJISolution | None = None
 ) -> list[Trajectory]:
     law = setup.nonlinear if law is None else law
-
-    def one(k: int) -> Trajectory:
-        ukf = setup.estimator("ukf")
-        return setup.run(law, command, LONG, disturbance=disturbance, estimator=ukf, seed=setup.seed(k))
-
-    return in_two_threads(one, list(range(count)))
+    ukf = setup.estimator("ukf")
+    return list(
+        run_many(
+            setup.prepared(law, command, LONG, disturbance=disturbance, estimator=ukf, seed=setup.seed(k))
+            for k in range(count)
+        )
+    )
 
 
 def _errors(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:

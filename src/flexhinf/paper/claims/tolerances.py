@@ -9,7 +9,7 @@ must agree with the growth rates of the linear one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,11 +17,11 @@ import numpy as np
 
 from flexhinf.analysis import GrowthRates
 from flexhinf.hinf import HJISolution
-from flexhinf.loop import Step, Trajectory
+from flexhinf.loop import PreparedRun, Step, Trajectory, run_many
 from flexhinf.paper.claims.judgement import Judged
 from flexhinf.paper.claims.tolerance_repair import Repair, cost_table, find_repairs, left_unstable
 from flexhinf.paper.experiments import STEP_DURATION
-from flexhinf.paper.loop_setup import GOALS, LONG, PaperSetup, affordable, in_two_threads, name_goal
+from flexhinf.paper.loop_setup import GOALS, LONG, PaperSetup, affordable, name_goal
 from flexhinf.paper.tolerance_study import (
     OTHER_MEASUREMENT,
     OTHER_NOISE,
@@ -237,10 +237,16 @@ def growth_rate(run: Trajectory) -> tuple[float, float]:
     return float(np.log(sizes[1] / sizes[0]) / (end * (LATE[0] - EARLY[0]))), sizes[1]
 
 
-def _run(setup: PaperSetup, law: HJISolution, goal: float, k: int) -> Trajectory:
-    return setup.run(
-        law, Step(goal), LONG, true_values=setup.population.values[k], inductance=True, noise=False
-    )
+def _growth_rates(
+    setup: PaperSetup, law: HJISolution, jobs: Iterable[tuple[float, int]]
+) -> list[tuple[float, float]]:
+    """`growth_rate` of runs without noise to these goals, with these plants of the population."""
+    return [growth_rate(run) for run in run_many(_prepared(setup, law, goal, k) for goal, k in jobs)]
+
+
+def _prepared(setup: PaperSetup, law: HJISolution, goal: float, k: int) -> PreparedRun:
+    values = setup.population.values[k]
+    return setup.prepared(law, Step(goal), LONG, true_values=values, inductance=True, noise=False)
 
 
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> Agreement:
@@ -252,7 +258,7 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> Agreement:
         plants = dict.fromkeys([*np.argsort(-rates)[:WORST], *np.flatnonzero(kinds == "single"), *sampled])
         jobs += [(goal, int(k), float(rates[k])) for k in plants]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
-    found = in_two_threads(lambda job: growth_rate(_run(setup, setup.nonlinear, job[0], job[1])), jobs)
+    found = _growth_rates(setup, setup.nonlinear, [job[:2] for job in jobs])
     agree, errors = 0, [0.0]
     for (_, _, expected), (measured, size) in zip(jobs, found, strict=True):
         decayed = size < ROUNDING and expected < 0.0
@@ -271,9 +277,7 @@ def _repair_text(setup: PaperSetup, study: ToleranceStudy, repairs: Sequence[Rep
         grown = 0
         for goal in GOALS:
             worst = np.argsort(-study.chosen[goal].rates)[: affordable(WORST, setup.settings.period)]
-            runs = in_two_threads(
-                lambda k, goal=goal, law=found.law: growth_rate(_run(setup, law, goal, int(k))), list(worst)
-            )
+            runs = _growth_rates(setup, found.law, [(goal, int(k)) for k in worst])
             grown += sum(rate >= 0.0 and size > ROUNDING for rate, size in runs)
         confirmed = (
             "the worst plants' runs decay" if not grown else f"{grown} of the worst plants' runs still grow"
@@ -332,7 +336,7 @@ def _worst_figure(setup: PaperSetup, study: ToleranceStudy, repairs: Sequence[Re
         **{f"s = {r.scale:.2f}, repaired for {r.name}".replace("R^v", "Rᵛ"): r.law for r in repairs},
     }
     figure, panels = new_figure(len(laws), height=1.0 + 1.5 * len(laws))
-    errors = {name: _error(_run(setup, law, goal, k), goal) for name, law in laws.items()}
+    errors = {name: _error(_prepared(setup, law, goal, k).alone(), goal) for name, law in laws.items()}
     reach = min(95.0, 1.1 * max(float(np.abs(error).max()) for _, error in errors.values()))
     for axes, (name, (time, error)), colour in zip(panels, errors.items(), SERIES, strict=False):
         axes.plot(time, np.clip(error, -reach, reach), color=colour, linewidth=1.0)

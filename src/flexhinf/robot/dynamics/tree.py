@@ -106,7 +106,7 @@ class Joint:
     parent: str | None = None
 
     def __post_init__(self) -> None:
-        checked_name("a joint", self.name)
+        checked_name("a joint", self.name, without=",=")
         if self.name == "world" or self.name == "integral" or self.name.endswith("_integral"):
             raise InvalidInput(
                 f"The joint name {self.name!r} has another meaning.",

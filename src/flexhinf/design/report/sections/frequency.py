@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse
-from flexhinf.design.report.drawing import DASHED, figure_block, line_style, panels, reference_line
+from flexhinf.design.report.drawing import (
+    DASHED,
+    figure_block,
+    frequency_axis,
+    line_style,
+    panels,
+    reference_line,
+)
 from flexhinf.report import INK, MUTED, Figure, house_style, label, legend
 
 if TYPE_CHECKING:
@@ -183,9 +190,9 @@ def _stacked(rows: int, height: float) -> tuple[Any, list[list[Axes]]]:
     figure, grid = panels(rows, 1, height, sharex=True)
     axes = [row[0] for row in grid]
     with house_style():
-        axes[-1].set_xscale("log")
         axes[-1].set_xlabel("frequency (Hz)")
         figure.align_ylabels(axes)
+    frequency_axis(axes[-1])
     return figure, [axes]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.modes import Mode
-from flexhinf.design.report.drawing import figure_block, panels, reference_line, vertical_line
+from flexhinf.design.report.drawing import figure_block, frequency_axis, panels, reference_line, vertical_line
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.result import Design
 from flexhinf.design.status import RINGS
@@ -212,8 +212,6 @@ def _plane(axis: Axes, groups: Sequence[PoleGroup]) -> None:
 
 def _damping(axis: Axes, groups: Sequence[PoleGroup]) -> None:
     """Damping ratio over frequency."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     low = -0.05
     with house_style():
         for group in groups:
@@ -223,11 +221,8 @@ def _damping(axis: Axes, groups: Sequence[PoleGroup]) -> None:
             ratio = -np.real(seen) / np.abs(seen)
             low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
             axis.plot(np.abs(seen) / (2.0 * np.pi), ratio, label=group.name, **group.style)
-        axis.set_xscale("log")
+        frequency_axis(axis)
         axis.margins(x=0.06)
-        axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.xaxis.set_minor_formatter(NullFormatter())
         axis.set_ylim(max(low, -1.05), 1.08)
         axis.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
         axis.set_xlabel("frequency |λ|/2π (Hz)")

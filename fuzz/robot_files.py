@@ -1,0 +1,196 @@
+"""Robot files and URDFs with mutated bytes, numbers, names, lines and structure: a robot as written, or a refusal."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import tomllib
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from flexhinf.robot import Robot, catalogue, load_robot
+from flexhinf.robot.quantities import per_joint
+from fuzz.tally import Tally
+
+ATTEMPTS = 3000
+
+NUMBERS = (
+    "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf", "9" * 400,
+    "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27", "100", "99.99",
+)  # fmt: skip
+WORDS = (
+    "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00", "a" * 200,
+    "../..", "url(x)", "😀", "link", "joint", "robot", "prismatic", "floating", "fixed", "stiffness", "mass",
+)  # fmt: skip
+
+URDF = """<robot name="arm"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0.1 0.02 0.3" rpy="0.2 -0.1 0.3"/><mass value="2.5"/>
+<inertia ixx="0.03" ixy="0.002" ixz="-0.001" iyy="0.04" iyz="0.003" izz="0.02"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="1.5" effort="9" velocity="1"/></joint>
+<link name="plate"><inertial><mass value="0.4"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.0015"/>
+</inertial></link>
+<joint name="weld" type="fixed"><parent link="upper"/><child link="plate"/><origin xyz="0 0 0.5"/></joint>
+<link name="fore"><inertial><mass value="1.2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.004"/>
+</inertial></link>
+<joint name="elbow" type="prismatic"><parent link="plate"/><child link="fore"/><axis xyz="0.6 0 0.8"/>
+<limit lower="-0.1" upper="0.3" effort="9" velocity="1"/></joint></robot>
+"""
+JOINTS = "".join(
+    f'[[joint]]\nname = "{name}"\n[joint.spring]\nstiffness = 500.0\n[joint.motor]\nmotor_inertia = 0.2\n'
+    for name in ("shoulder", "elbow")
+)
+
+
+def run(attempts: int, seed: int) -> Tally:
+    """Mutate a file once or a few times, read it, and compare the robot with the file's own numbers."""
+    tally, rng = Tally("robot files, URDFs"), np.random.default_rng([seed, 1])
+    shipped = [path.read_text(encoding="utf-8") for path in catalogue().values() if path.suffix == ".toml"]
+    own = [text for text in shipped if "\nurdf" not in text]
+    with tempfile.TemporaryDirectory() as folder:
+        for attempt in range(attempts):
+            as_urdf = bool(rng.integers(2))
+            content = (URDF if as_urdf else own[rng.integers(len(own))]).encode()
+            for _ in range(rng.geometric(0.6)):
+                content = MUTATIONS[rng.integers(len(MUTATIONS))](content, rng)
+            path = Path(folder) / ("arm.urdf" if as_urdf else "arm.toml")
+            path.write_bytes(content)
+            (Path(folder) / "joints.toml").write_text(JOINTS, encoding="utf-8")
+            how = f"seed {seed}, attempt {attempt}, {path.name}"
+            try:
+                with warnings.catch_warnings(), np.errstate(all="ignore"):
+                    warnings.simplefilter("ignore")
+                    robot = load_robot(path, path.with_name("joints.toml") if as_urdf else None)
+                    fault = _fault(robot) or (_urdf_fault if as_urdf else _toml_fault)(robot, content)
+                tally.answered(fault, how)
+            except Exception as error:
+                tally.raised(error, how)
+    return tally
+
+
+# Mutations ------------------------------------------------------------------------------------------
+def _bytes(content: bytes, rng: np.random.Generator) -> bytes:
+    """One byte changed, put in or taken out."""
+    k, kind = int(rng.integers(len(content) + 1)), rng.integers(3)
+    new = bytes([int(rng.integers(256))]) if kind < 2 else b""
+    return content[:k] + new + content[k + (kind != 1) :]
+
+
+def _replaced(pattern: str, choices: tuple[str, ...]) -> Callable[[bytes, np.random.Generator], bytes]:
+    def mutate(content: bytes, rng: np.random.Generator) -> bytes:
+        places = list(re.finditer(pattern.encode(), content))
+        if not places:
+            return content
+        place = places[rng.integers(len(places))]
+        return (
+            content[: place.start()] + choices[rng.integers(len(choices))].encode() + content[place.end() :]
+        )
+
+    return mutate
+
+
+def _lines(content: bytes, rng: np.random.Generator) -> bytes:
+    """Some lines taken out, repeated or moved."""
+    lines = content.splitlines(keepends=True)
+    a = int(rng.integers(len(lines) + 1))
+    part = lines[a : a + int(rng.integers(1, 6))]
+    kept = lines if rng.integers(2) else lines[:a] + lines[a + len(part) :]
+    b = int(rng.integers(len(kept) + 1))
+    return b"".join(kept[:b] + part * int(rng.integers(2)) + kept[b:])
+
+
+def _structure(content: bytes, rng: np.random.Generator) -> bytes:
+    """Nesting, repetition and sizes that no robot has."""
+    k, many = int(rng.integers(len(content) + 1)), int(10 ** rng.uniform(1, 5))
+    piece = (b"[", b"{", b"a.", b"<a>", b"<link name='x'/>", b"[[joint]]\n", b"0.5,", b"&a;", b"#", b'"""')[
+        rng.integers(10)
+    ]
+    return content[:k] + piece * many + content[k:]
+
+
+def _swapped(content: bytes, rng: np.random.Generator) -> bytes:
+    """One quoted text in the place of another: names that stand twice, parents that are children."""
+    places = list(re.finditer(rb'"[^"\n]*"', content))
+    if len(places) < 2:
+        return content
+    old, new = (places[k] for k in rng.integers(len(places), size=2))
+    return content[: old.start()] + new[0] + content[old.end() :]
+
+
+MUTATIONS = (
+    _bytes,
+    _replaced(r"-?\d+\.?\d*(e-?\d+)?", NUMBERS),
+    _replaced(r'(?<=")[^"\n]*(?=")', (*WORDS, *NUMBERS)),
+    _replaced(r"[A-Za-z_]+", WORDS),
+    _lines,
+    _structure,
+    _swapped,
+)
+
+
+# Judgement ------------------------------------------------------------------------------------------
+def _fault(robot: Robot) -> str:
+    """What no robot may be, whatever its file said."""
+    names = robot.joint_names
+    if len(set(names)) < len(names) or not all(name.isprintable() and name for name in names):
+        return f"joints {names!r}"
+    if not all(np.isfinite(p.value) and 0.0 <= p.tolerance < 100.0 for p in robot.parameters):
+        return "a parameter that is not finite"
+    p: Any = robot.plant().parameters.named(robot.plant().parameters.vector())
+    q = np.asarray(robot.home)
+    x, u = robot.operating_point()
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
+        return "an equilibrium that is not finite"
+    if not hasattr(robot.links, "tree"):
+        return "" if robot["link_inertia"].value > 0.0 else "no inertia"
+    if any(abs(np.linalg.norm(joint.axis) - 1.0) > 1e-9 for joint in robot.links.tree.joints):
+        return "an axis that is no unit vector"
+    rest, still = robot.links.gravity_torque(q, p), np.zeros(len(q))
+    mass = np.array([robot.links.torques(q, still, unit, p) - rest for unit in np.eye(len(q))])
+    scale = np.abs(mass).max() + np.abs(rest).max()
+    if not (np.all(np.isfinite(mass)) and np.allclose(mass, mass.T, rtol=0.0, atol=1e-9 * scale)):
+        return "a mass matrix that is not finite or not symmetric"
+    return ""
+
+
+def _toml_fault(robot: Robot, content: bytes) -> str:
+    """Numbers of the robot against those of the file, read by another way."""
+    rows = tomllib.loads(content.decode().replace("\r\n", "\n"))["joint"]
+    for row in rows:
+        stated = row["spring"]["stiffness"]
+        value = stated["value"] if isinstance(stated, dict) else stated
+        if robot[per_joint("stiffness", row["name"], len(rows))].value != value:
+            return f"the stiffness of {row['name']!r} is not {value}"
+    return ""
+
+
+def _urdf_fault(robot: Robot, content: bytes) -> str:
+    """Names that stand twice; the mass that moves, which is what the links behind the first moving joint have."""
+    root = ElementTree.fromstring(content.decode())
+    for tag in ("link", "joint"):
+        names = [one.get("name") for one in root.findall(tag)]
+        if len(set(names)) < len(names):
+            return f"two {tag}s of one name"
+    masses = {
+        link.get("name"): float(mass.get("value") or 0.0)
+        for link in root.findall("link")
+        if (mass := link.find("inertial/mass")) is not None
+    }
+    ends = {
+        j.find("child").get("link"): (j.find("parent").get("link"), j.get("type"))
+        for j in root.findall("joint")
+    }  # pyright: ignore
+    total = 0.0
+    for name, mass in masses.items():
+        link, moves = name, False
+        while link in ends:
+            link, kind = ends[link]
+            moves |= kind != "fixed"
+        total += mass if moves else 0.0
+    found = sum(p.value for p in robot.parameters if p.name.split("_")[0] == "mass")
+    return "" if np.isclose(found, total, rtol=1e-12) else f"a mass of {found} instead of {total}"
