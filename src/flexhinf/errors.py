@@ -1,5 +1,9 @@
 """Every error flexhinf raises on purpose, in three parts: what is wrong, what was expected and got, what to try."""
 
+from __future__ import annotations
+
+from typing import Any
+
 __all__ = [
     "ControllerInUse",
     "FlexhinfError",
@@ -63,6 +67,18 @@ class FlexhinfError(Exception):
         if advice:
             parts.append(f"  try:   {advice}")
         super().__init__("\n".join(parts))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy without the arguments of ``__init__``, which each subclass chooses and formats into text."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[FlexhinfError], arguments: tuple[Any, ...], attributes: dict[str, Any]
+) -> FlexhinfError:
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(attributes)
+    return error
 
 
 class InvalidInput(FlexhinfError, ValueError):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -148,3 +151,15 @@ def test_the_gain_stabilises_and_does_not_depend_on_the_degree(solved, arm):
     loop = plant.f_parts[1] + plant.g2_parts[0][..., 0] @ solved.gain
     assert np.linalg.eigvals(loop).real.max() < 0.0
     assert linear_law(arm, solved.gamma).gain == pytest.approx(solved.gain, rel=1e-12)
+
+
+def test_a_copy_is_whole_and_shares_no_memory_when_deep(solved, general):
+    x = np.random.default_rng(8).standard_normal(5)
+    solved.law(x)
+    for again in (pickle.loads(pickle.dumps(solved)), copy.copy(solved), copy.deepcopy(solved)):
+        assert np.array_equal(again.law(x), solved.law(x))
+        assert again.report() == solved.report()
+    _, solution = general
+    twin = copy.deepcopy(solution)
+    twin.value_parts[2][:] = 0.0
+    assert solution.value_parts[2].any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -65,6 +66,35 @@ def test_damage_is_reported_in_three_parts(solved, tmp_path, damage):
         load_solution(path)
     assert caught.value.found
     assert caught.value.advice
+
+
+def test_every_changed_bit_is_refused(solved, tmp_path):
+    """Of 150 bits all over the file; without the digest, some pass, and some raise what is not ours."""
+    path = tmp_path / "s.npz"
+    solved.save(path)
+    content = path.read_bytes()
+    for bit in np.linspace(0, 8 * len(content) - 1, 150).astype(int):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(InvalidInput):
+            load_solution(path)
+
+
+def test_a_file_of_before_the_digest_is_read(solved, tmp_path):
+    path = tmp_path / "s.npz"
+    solved.save(path)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["header"] = np.array(str(arrays["header"]).replace('"digest": "sha256", ', ""))
+    np.savez(path, **arrays)
+    assert np.array_equal(load_solution(path).law(X), solved.law(X))
+
+
+def test_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InvalidInput, match="not a file"):
+        load_solution(tmp_path / "pipe")
 
 
 def test_missing_file_and_unwritable_place(solved, tmp_path):

@@ -67,6 +67,8 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
 
 def is_feasible(linear: LinearPart, gamma: float) -> bool:
     """Whether the Riccati equation of this level has a stabilising solution P ≥ 0."""
+    if not linear.bounds(gamma):
+        return False
     _, balanced = linear.scaled(gamma)
     return balanced.riccati(gamma) is not None
 

@@ -82,6 +82,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
+from flexhinf.untrusted import real_number, value_text
 
 __all__ = ["linear_law", "solve_hji"]
 
@@ -198,6 +199,8 @@ def _solve(
 ) -> _Solved | None:
     """Scale, solve the Riccati equation, choose the states, and go through the degrees; None where P does not exist."""
     begin = perf_counter()
+    if not linear.bounds(gamma):
+        return None
     scaling, balanced = linear.scaled(gamma)
     riccati = balanced.riccati(gamma)
     if riccati is None:
@@ -256,21 +259,22 @@ def linear_law(problem: Problem, gamma: float) -> HJISolution:
 
 
 def _checked_gamma(gamma: float) -> float:
-    if not isinstance(gamma, Real) or isinstance(gamma, bool) or not gamma > 0:
+    number = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
+    if not number > 0:
         raise InvalidInput(
             "The attenuation level gamma is not a positive number.",
-            f"expected gamma > 0 (math.inf for no disturbance), got {gamma!r}",
+            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
             "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
             "(is it used in flow?), and any gamma > 0 will do",
         )
-    return float(gamma)
+    return number
 
 
 def _checked_degree(degree: int) -> int:
     if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
         raise InvalidInput(
             f"The degree of V is not an integer from 2 to {_HIGHEST}.",
-            f"expected 2, 3, 4, …, got {degree!r}",
+            f"expected 2, 3, 4, …, got {value_text(degree)}",
             "4 gives a cubic law; 2 gives the linear one",
         )
     return int(degree)

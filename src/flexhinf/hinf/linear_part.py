@@ -20,6 +20,7 @@ __all__ = ["LinearPart", "check_problem", "disturbance_reaches_output"]
 
 _DECAYS = 1e-9  # modes with Re λ above −_DECAYS·‖A‖ count as not decaying
 _RANK = 1e-10  # smallest singular value of the pencil, relative to its norm, that counts as rank deficiency
+_LARGEST = 1e70  # of a coefficient: products of its squares are finite
 _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
 
 
@@ -51,9 +52,33 @@ class LinearPart:
 
     @classmethod
     def of(cls, plant: PolynomialPlant) -> LinearPart:
-        """Degree-1 part of the expansion."""
+        """Degree-1 part of the expansion.
+
+        Raises
+        ------
+        InvalidInput
+            A number so large that products of squares are not finite.
+        """
         b2 = np.linalg.solve(np.linalg.cholesky(plant.r2), plant.g2_parts[0][:, :, 0].T).T
-        return cls(plant.f_parts[1], plant.g1_parts[0][:, :, 0], b2, plant.h_parts[1], plant.state_names)
+        linear = cls(plant.f_parts[1], plant.g1_parts[0][:, :, 0], b2, plant.h_parts[1], plant.state_names)
+        for name, matrix in (
+            ("f", linear.a),
+            ("g1", linear.b1),
+            ("g2 R2^(-1/2)", linear.b2),
+            ("h", linear.c),
+        ):
+            largest = float(np.abs(matrix).max(initial=0.0))
+            if not largest <= _LARGEST:
+                raise InvalidInput(
+                    f"The linear part of {name} is out of proportion.",
+                    f"expected numbers up to {_LARGEST:g}, got {largest:.3g}",
+                    "other units",
+                )
+        return linear
+
+    def bounds(self, gamma: float) -> bool:
+        """Whether g1/γ is in proportion, as the other matrices are."""
+        return float(np.abs(self.b1).max(initial=0.0)) <= _LARGEST * gamma
 
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:
         """Balanced for this level: g1 counts with its weight 1/γ."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.files import write_arrays
+from flexhinf.files import read_arrays, write_arrays
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.polynomial_plant import PolynomialPlant
@@ -25,6 +23,7 @@ __all__ = ["read_solution", "write_solution"]
 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
+_HIGHEST = 200  # degree that a file may claim, as for `solve_hji`
 
 
 def write_solution(
@@ -45,6 +44,7 @@ def write_solution(
     header = {
         "format": _FORMAT,
         "version": _VERSION,
+        "digest": "sha256",
         "gamma": repr(solution.gamma),
         "degree": solution.degree,
         "states": list(plant.state_names),
@@ -73,22 +73,18 @@ def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict
     """
     path = Path(path)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays: dict[str, Any] = {name: archive[name] for name in archive.files}
-        return _assembled(arrays, problem)
+        arrays, whole = read_arrays(path)
+        return _assembled(arrays, whole, problem)
     except FlexhinfError as error:
         raise _unreadable(path, error.found or error.what) from error
-    except FileNotFoundError as error:
-        raise _unreadable(path, "no such file") from error
     except (
-        OSError,
-        EOFError,
-        zipfile.BadZipFile,
-        zlib.error,
         KeyError,
         ValueError,
         TypeError,
         AttributeError,
+        MemoryError,
+        OverflowError,
+        RecursionError,
     ) as error:
         raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
@@ -101,41 +97,89 @@ def _unreadable(path: Path, found: str) -> InvalidInput:
     )
 
 
-def _assembled(arrays: dict[str, Any], problem: Problem | None) -> dict[str, Any]:
-    header = json.loads(str(arrays["header"]))
+def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | None) -> dict[str, Any]:
+    header = json.loads(str(arrays.pop("header")))
     if header["format"] != _FORMAT or header["version"] != _VERSION:
         raise InvalidInput("Another format.", f"{header['format']!r}, version {header['version']!r}")
-    n, degree = len(header["states"]), int(header["degree"])
-    parts = {name: _gather(arrays, name) for name in _FIELDS}
-    exact = PolynomialPlant.from_parts(
-        n,
-        **parts,
-        r2=arrays["r2"],
-        state_names=header["states"],
-        operating_point=arrays["operating_point"],
-        input_names=header["inputs"],
-        operating_input=arrays["operating_input"],
+    if "digest" in header and not whole:
+        raise InvalidInput("Damaged.", "damaged: the digest under it is missing")
+    for name, part in arrays.items():
+        if part.dtype != np.float64 or not np.isfinite(part).all():
+            raise InvalidInput("Wrong numbers.", f"{name} is not made of finite float64 numbers")
+    states, inputs, degree, gamma = (
+        header["states"],
+        header["inputs"],
+        header["degree"],
+        float(header["gamma"]),
     )
-    value = _gather(arrays, "V")
-    if 2 not in value or any(k > degree or part.shape != (count(n, k),) for k, part in value.items()):
-        raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {n} states and degree {degree}")
-    if arrays["P"].shape != (n, n) or not all(
-        np.isfinite(part).all() for part in (arrays["P"], *value.values())
+    records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
+    names = (
+        isinstance(states, list)
+        and isinstance(inputs, list)
+        and all(isinstance(x, str) for x in states + inputs)
+    )
+    if (
+        not names
+        or not _is_integer(degree, 2, _HIGHEST)
+        or not gamma > 0
+        or not _is_integer(memory, 0, 1 << 62)
     ):
-        raise InvalidInput("Wrong numbers.", "P or V has the wrong shape or is not finite")
+        raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
+    parts = {name: _gather(arrays, name, 0, _HIGHEST) for name in _FIELDS}
+    exact = PolynomialPlant.from_parts(
+        len(states),
+        **parts,
+        r2=arrays.pop("r2"),
+        state_names=states,
+        operating_point=arrays.pop("operating_point"),
+        input_names=inputs,
+        operating_input=arrays.pop("operating_input"),
+    )
+    p, value = arrays.pop("P"), _gather(arrays, "V", 2, degree)
+    if arrays:
+        raise InvalidInput("Foreign arrays.", f"{next(iter(arrays))[:50]!r} does not belong into it")
+    _check_value(p, value, len(states))
     return {
-        "gamma": float(header["gamma"]),
+        "gamma": gamma,
         "degree": degree,
-        "P": arrays["P"],
+        "P": p,
         "expansion": exact.expand(degree - 1),
-        "problem": problem if problem is not None else (exact if header["polynomial"] else None),
+        "problem": problem if problem is not None else (exact if header["polynomial"] is True else None),
         "value_parts": value,
-        "records": tuple(DegreeRecord(**record) for record in header["records"]),
+        "records": records,
         "condition": float(header["condition"]),
-        "memory": int(header["memory"]),
+        "memory": memory,
     }
 
 
-def _gather(arrays: dict[str, Any], name: str) -> dict[int, np.ndarray]:
-    prefix = f"{name}_"
-    return {int(key[len(prefix) :]): part for key, part in arrays.items() if key.startswith(prefix)}
+def _is_integer(value: object, lowest: int, highest: int) -> bool:
+    return type(value) is int and lowest <= value <= highest
+
+
+def _check_value(p: np.ndarray, value: dict[int, np.ndarray], n: int) -> None:
+    if any(part.shape != (count(n, k),) for k, part in value.items()) or p.shape != (n, n):
+        raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {n} states")
+    rows, columns = np.triu_indices(n)
+    quadratic = np.where(rows == columns, 0.5, 1.0) * p[rows, columns]
+    if 2 not in value or not np.allclose(p, p.T, 1e-12, 0) or not np.allclose(value[2], quadratic, 1e-12, 0):
+        raise InvalidInput("Wrong numbers.", "P is not symmetric, or V_2 is not half its quadratic form")
+
+
+def _record(given: dict[str, Any], degree: int) -> DegreeRecord:
+    for name in {"residual", "seconds", "error"} & given.keys():
+        given[name] = float(given[name])
+    record = DegreeRecord(**given)
+    if not _is_integer(record.degree, 2, degree) or not isinstance(record.method, str):
+        raise InvalidInput("Wrong header.", "a record of a degree makes no sense")
+    return record
+
+
+def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:
+    """Take the parts `name`_k out of the arrays, by degree k."""
+    found = {}
+    for key in [key for key in arrays if key.startswith(f"{name}_")]:
+        k = int(key[len(name) + 1 :])
+        if key != f"{name}_{k}" or not lowest <= k <= highest:
+            raise InvalidInput("Foreign arrays.", f"{key[:50]!r} does not belong into it")
+        found[k] = arrays.pop(key)
+    return found

@@ -9,18 +9,27 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = [
     "check_rest", "checked_names", "checked_parts", "checked_point", "checked_r2", "parts_from_input",
     "parts_from_mapping",
 ]  # fmt: skip
 
+_HIGHEST = 200  # degree of a monomial, as for the synthesis
+_MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
 def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
     """One name per signal; numbered letters by default."""
     names = tuple(f"{letter}{i + 1}" for i in range(count)) if given is None else tuple(given)
+    if not all(isinstance(name, str) for name in names):
+        raise InvalidInput(
+            f"A {kind} name is not a text.",
+            f"expected {count} texts, got {value_text(given)}",
+            f"'{letter}1'",
+        )
     if len(names) != count:
         raise InvalidInput(
             f"The number of {kind} names is not the number of {kind}s.",
@@ -32,11 +41,11 @@ def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: in
 
 def checked_point(kind: str, given: Any, count: int) -> np.ndarray:
     """Finite coordinates (count,); the origin by default."""
-    point = np.zeros(count) if given is None else np.array(given, dtype=float)
+    point = np.zeros(count) if given is None else real_array(given)
     if point.shape != (count,) or not np.isfinite(point).all():
         raise InvalidInput(
             f"The operating point does not fit the plant's {kind}s.",
-            f"expected {count} finite numbers, got {point!r}",
+            f"expected {count} finite numbers, got {value_text(given)}",
             "leave it out for the origin",
         )
     return point
@@ -44,11 +53,11 @@ def checked_point(kind: str, given: Any, count: int) -> np.ndarray:
 
 def checked_r2(r2: Any) -> np.ndarray:
     """R2 as a symmetric positive definite matrix (m, m)."""
-    r2 = np.array(r2, dtype=float, ndmin=2)
-    if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not np.isfinite(r2).all():
+    given, r2 = r2, np.atleast_2d(real_array(r2))
+    if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
         raise InvalidInput(
             "R2 is not a finite square matrix.",
-            f"expected shape (m, m), got {r2.shape}: {r2.tolist()}",
+            f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}",
             "R2 = lᵀl > 0",
         )
     if not np.allclose(r2, r2.T, rtol=1e-12, atol=0) or np.linalg.eigvalsh(r2)[0] <= 0:
@@ -63,11 +72,11 @@ def checked_r2(r2: Any) -> np.ndarray:
 
 def _numbers(name: str, given: Any) -> np.ndarray:
     try:
-        return np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
+        return real_array(given, strict=True)
+    except ValueError:
         raise InvalidInput(
             f"A coefficient of {name} is not made of numbers.",
-            f"expected an array of numbers, got {given!r} ({error})",
+            f"expected an array of real numbers, got {value_text(given)}",
             "rows of equal length",
         ) from None
 
@@ -105,7 +114,7 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
         if not isinstance(key, tuple) or len(key) != n or not all(map(_is_exponent, key)):
             raise InvalidInput(
                 f"A key of {name} is not an exponent vector.",
-                f"expected {n} integers ≥ 0, got {key!r}",
+                f"expected {n} integers ≥ 0, got {value_text(key)}",
                 "(2, 0, 1) stands for x1² x3",
             )
         if value.shape != shape or value.ndim != axes:
@@ -114,6 +123,7 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
                 f"expected {axes} axes, shape {shape} as in the first entry, got {value.shape} at {key}",
                 f"one array per monomial, as many rows as {name} has",
             )
+        _check_degree(name, key, shape)
         tuples, coefficients = by_degree.setdefault(int(sum(key)), ([], []))
         tuples.append([i for i, e in enumerate(key) for _ in range(int(e))])
         coefficients.append(value)
@@ -126,6 +136,17 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
     return parts
 
 
+def _check_degree(name: str, key: tuple[int, ...], shape: tuple[int, ...]) -> None:
+    n, degree = len(key), int(sum(key))
+    if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
+        raise InvalidInput(
+            f"A monomial of {name} has too high a degree.",
+            f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
+            f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
+            "a lower degree: V of degree d takes f through degree d − 1",
+        )
+
+
 def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
@@ -135,10 +156,12 @@ def checked_parts(
             f"{name} has no coefficients.", "expected at least one degree, got none", "give zeros"
         )
     lead = np.shape(next(iter(parts.values())))[:-1]
+    if n < 1:
+        raise InvalidInput("The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
     for degree, given in sorted(parts.items()):
-        part = np.ascontiguousarray(given, dtype=float)
+        part = np.ascontiguousarray(real_array(given))
         expected = (
             *("any" if s is None else s for s in (shape if not fits else lead)),
             basis.count(n, degree),

@@ -21,6 +21,7 @@ from flexhinf.plant.coefficients import (
 )
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.kronecker import from_kronecker
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["PolynomialPlant"]
 
@@ -94,6 +95,12 @@ class PolynomialPlant(Summarised):
             )
         first = next(iter(f))
         n = len(first) if isinstance(first, tuple) else 1
+        if n == 0:
+            raise InvalidInput(
+                "The plant has no states.",
+                "expected keys of one exponent per state, got ()",
+                "f={(1,): [-1]}",
+            )
         self._set(
             n,
             f=parts_from_mapping("f", f, n, 1),
@@ -171,13 +178,17 @@ class PolynomialPlant(Summarised):
                 f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
                 "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
             )
-        n = np.shape(f[0])[0]
+        n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
+        if n == 0:
+            raise InvalidInput(
+                "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
+            )
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
-            columns = np.shape(matrices[0])[1]
+            columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
             parts = {}
             for k, matrix in enumerate(matrices):
-                full = matrix.toarray() if hasattr(matrix, "toarray") else np.asarray(matrix, dtype=float)
+                full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
                 each = [from_kronecker(full[:, j::columns], n, k) for j in range(columns)]
                 parts[k] = np.stack(each, axis=1)
             return parts

@@ -165,7 +165,10 @@ def multiplicity(n: int, k: int) -> np.ndarray:
 
 @lru_cache(32)
 def _binomials(size: int) -> np.ndarray:
-    return _frozen(np.array([[comb(a, b) for b in range(size)] for a in range(size)], dtype=np.int64))
+    most = 2**63 - 1  # what is larger is not looked up where the rank itself fits
+    return _frozen(
+        np.array([[min(comb(a, b), most) for b in range(size)] for a in range(size)], dtype=np.int64)
+    )
 
 
 def rank(n: int, tuples: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+from flexhinf.untrusted import real_array
 
 __all__ = ["from_kronecker", "to_kronecker"]
 
@@ -35,7 +36,7 @@ def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
     InvalidInput
         Wrong number of columns.
     """
-    matrix: Any = coefficients if hasattr(coefficients, "tocoo") else np.asarray(coefficients, dtype=float)
+    matrix: Any = coefficients if hasattr(coefficients, "tocoo") else real_array(coefficients)
     if len(matrix.shape) != 2 or matrix.shape[1] != n**k:
         raise InvalidInput(
             f"The Kronecker coefficients of degree {k} do not fit {n} variables.",
