@@ -107,7 +107,9 @@ def test_checking_changes_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["", "/etc/x", "../x", "a/../../x", "a\\b", MARKER])
+@pytest.mark.parametrize(
+    "name", ["", "/etc/x", "../x", "a/../../x", "a\\b", "a\0b", "a\ud800", "a\nb", MARKER]
+)
 def test_a_file_that_would_leave_the_folder_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InvalidInput, match="stays inside its folder"):
         report.write(tmp_path / "r", {name: "x"})

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
 
@@ -75,7 +75,7 @@ class Block:
         if not prod(shape):
             return Block(None, shape)
         width, piece = prod(self.shape[1:]), self.place
-        return Block(Slice(piece.buffer, piece.offset + start * width, prod(shape), piece.strides), shape)
+        return Block(replace(piece, offset=piece.offset + start * width, size=prod(shape)), shape)
 
     def reshape(self, *shape: Any) -> Block:
         """The same elements in C order in another shape."""

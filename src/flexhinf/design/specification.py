@@ -37,9 +37,10 @@ from flexhinf.design.units import (
     choice,
 )
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
+    "ESTIMATORS", "FIELDS", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
     "json_schema",
 ]  # fmt: skip
 
@@ -54,6 +55,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
+TOLERANCE = 0.02
 
 #: Longest run in samples. Beyond it a time was probably meant in ms: such a run takes minutes and shows nothing that a
 #: shorter one does not.
@@ -251,6 +255,16 @@ class Specification:
         return min(limits, default=None)
 
     @property
+    def peak_sensitivity_limit(self) -> float:
+        """Largest |S| that is allowed: as stated, or `PEAK_SENSITIVITY`."""
+        return PEAK_SENSITIVITY if self.peak_sensitivity is None else self.peak_sensitivity
+
+    @property
+    def gain_margin_limit(self) -> float:
+        """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
+        return GAIN_MARGIN if self.gain_margin is None else self.gain_margin
+
+    @property
     def in_degrees(self) -> bool:
         """Whether the report shows angles in degrees."""
         return self.angle_unit == "deg"
@@ -308,6 +322,12 @@ def _checked(make: Any) -> Any:
             make(self, **fields)
         except ValidationError as error:
             raise _specification_error(error, fields) from None
+        except UnicodeEncodeError as error:
+            raise InvalidInput(
+                "A field of the specification is no text in UTF-8.",
+                f"got {value_text(error.object)}",
+                "text that can be printed",
+            ) from None
 
     return init
 
@@ -331,7 +351,7 @@ def _specification_error(error: ValidationError, fields: dict[str, Any]) -> Spec
         )
     milliseconds = name == "period" and first["type"] == "less_than_equal"
     example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
-    return _refusal(name, f"expected {FIELDS[name].allowed}, got {fields[name]!r}", example)
+    return _refusal(name, f"expected {FIELDS[name].allowed}, got {value_text(fields[name])}", example)
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:

@@ -8,15 +8,17 @@ first in the sorted tuple: dense matrix products on arrays that never exceed cou
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.threads import run_all
 
-__all__ = ["Workspace", "change_variables"]
+__all__ = ["Workspace", "change_variables", "run_all", "thread_count"]
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
 _TILE_PRODUCTS = 200_000  # per matrix product: stays in cache, and below where BLAS starts threads of its own
@@ -120,3 +122,30 @@ def _contract_tile(
             if tail < right:
                 place = first[j] - start[j]
                 result[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
+
+
+def thread_count() -> int:
+    """Threads to use: OMP_NUM_THREADS if it is set, else the processors this process may run on."""
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    if wanted.isdigit() and int(wanted) > 0:
+        return int(wanted)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
+    """Call `task` on each tuple of arguments, side by side if `large`; the calls must be independent.
+
+    NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough.
+    """
+    threads = thread_count() if large else 1
+    if threads == 1:
+        for argument in arguments:
+            task(*argument)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(lambda argument: task(*argument), arguments):
+            pass

@@ -164,7 +164,14 @@ def _probe(target: Path) -> None:
 
 def _check_name(name: str) -> None:
     parts = PurePosixPath(name).parts
-    if not parts or "\\" in name or ".." in parts or PurePosixPath(name).is_absolute() or name == MARKER:
+    if (
+        not parts
+        or not name.isprintable()
+        or "\\" in name
+        or ".." in parts
+        or PurePosixPath(name).is_absolute()
+        or name == MARKER
+    ):
         raise InvalidInput(
             "A file of a report stays inside its folder, and is not the marker.",
             f"expected a relative path, got {name!r}",
