@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.json_text import to_json
+from flexhinf.report.text import to_json
 
 __all__ = ["MARKER", "check", "is_report", "write"]
 
