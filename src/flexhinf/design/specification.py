@@ -37,7 +37,7 @@ from flexhinf.design.units import (
     choice,
 )
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
+from flexhinf.untrusted import value_text
 
 __all__ = [
     "ESTIMATORS", "FIELDS", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
@@ -221,6 +221,22 @@ class Specification:
     # fmt: on
 
     def __post_init__(self) -> None:
+        if self.delay:
+            self._check_delay()
+        length = 0.0 if self.duration is None else self.duration / self.period
+        if length > RUN_SAMPLES:
+            raise _refusal(
+                "duration",
+                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
+                f"{self.duration:g}ms",
+            )
+
+    def _check_delay(self) -> None:
+        from flexhinf.loop.simulation.channel import (
+            MOST_QUEUED,
+            WHOLE,
+        )  # a tenth of the time of `flexhinf --help`
+
         samples = self.delay / self.period
         if samples > MOST_QUEUED * (1.0 + WHOLE):
             raise _refusal(
@@ -231,13 +247,6 @@ class Specification:
             )
         if abs(samples - round(samples)) > WHOLE:
             raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-        length = 0.0 if self.duration is None else self.duration / self.period
-        if length > RUN_SAMPLES:
-            raise _refusal(
-                "duration",
-                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
-                f"{self.duration:g}ms",
-            )
 
     @property
     def effort_limit(self) -> float | None:
@@ -313,6 +322,12 @@ def _checked(make: Any) -> Any:
             make(self, **fields)
         except ValidationError as error:
             raise _specification_error(error, fields) from None
+        except UnicodeEncodeError as error:
+            raise InvalidInput(
+                "A field of the specification is no text in UTF-8.",
+                f"got {value_text(error.object)}",
+                "text that can be printed",
+            ) from None
 
     return init
 
@@ -336,7 +351,7 @@ def _specification_error(error: ValidationError, fields: dict[str, Any]) -> Spec
         )
     milliseconds = name == "period" and first["type"] == "less_than_equal"
     example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
-    return _refusal(name, f"expected {FIELDS[name].allowed}, got {fields[name]!r}", example)
+    return _refusal(name, f"expected {FIELDS[name].allowed}, got {value_text(fields[name])}", example)
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:
