@@ -45,7 +45,7 @@ def finely(arm: Robot, law: HJISolution, run: Trajectory, applied: np.ndarray, i
             v = u - u_goal - law.law(np.concatenate([z[:4] - x_goal, z[4:5]]))
             return np.concatenate([plant.derivative(z[:4], u), [z[0] - x_goal[0], 0.5 * 10.0 * v @ v]])
 
-        z = solve_ivp(rate, (0.0, period), z, rtol=1e-8, atol=1e-10).y[:, -1]
+        z = solve_ivp(rate, (0.0, period), z, rtol=1e-8, atol=1e-10, first_step=period).y[:, -1]
     return float(z[5])
 
 
