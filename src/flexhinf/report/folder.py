@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, publish
-from flexhinf.report.json_text import to_json
+from flexhinf.report.text import to_json
 
 __all__ = ["MARKER", "check", "is_report", "write"]
 
