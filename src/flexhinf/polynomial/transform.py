@@ -14,12 +14,11 @@ from itertools import pairwise
 import numpy as np
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.threads import run_all
+from flexhinf.polynomial.threads import run_all, tile_products
 
 __all__ = ["Workspace", "change_variables"]
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
-_TILE_PRODUCTS = 200_000  # per matrix product: stays in cache, and below where BLAS starts threads of its own
 _TILE_BYTES = 2_000_000
 _LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
 
@@ -65,7 +64,8 @@ def change_variables(
     matrix = np.ascontiguousarray(matrix, dtype)
     for s in range(k):
         opening = basis.insertion(n, k - s)
-        if opening.size * tensor.shape[1] <= _SMALL:
+        width = tensor.shape[1]
+        if opening.size * width <= _SMALL and n * n * width <= tile_products(dtype):
             opened = matrix.T @ tensor[opening]
             tensor = opened.reshape(len(opening), -1)[:, _sorted_pairs(n, s)]
         else:
@@ -87,8 +87,9 @@ def _contract_one_index(
 ) -> np.ndarray:
     width = basis.count(n, s)
     blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
-    columns = min(width, max(1, _TILE_PRODUCTS * blocks // n**2))
-    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else _TILE_PRODUCTS // n**2)
+    products = tile_products(result.dtype)  # stays in cache, too
+    columns = min(width, max(1, products * blocks // n**2))
+    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
     edges = [(block * n) // blocks for block in range(blocks + 1)]
 
     def contract(top: int, left: int) -> None:
