@@ -14,18 +14,21 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flexhinf.robot import Robot, catalogue, load_robot
+from flexhinf.robot.arm import Arm
 from flexhinf.robot.quantities import per_joint
 from fuzz.tally import Tally
 
 ATTEMPTS = 3000
 
 NUMBERS = (
-    "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf", "9" * 400,
-    "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27", "100", "99.99",
+    "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf",
+    "9" * 400, "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27",
+    "100", "99.99",
 )  # fmt: skip
 WORDS = (
-    "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00", "a" * 200,
-    "../..", "url(x)", "😀", "link", "joint", "robot", "prismatic", "floating", "fixed", "stiffness", "mass",
+    "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00",
+    "a" * 200, "../..", "url(x)", "😀", "link", "joint", "robot", "prismatic", "floating", "fixed", "stiffness",
+    "mass",
 )  # fmt: skip
 
 URDF = """<robot name="arm"><link name="base"/>
@@ -146,12 +149,13 @@ def _fault(robot: Robot) -> str:
     x, u = robot.operating_point()
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
         return "an equilibrium that is not finite"
-    if not hasattr(robot.links, "tree"):
+    links = robot.links
+    if not isinstance(links, Arm):
         return "" if robot["link_inertia"].value > 0.0 else "no inertia"
-    if any(abs(np.linalg.norm(joint.axis) - 1.0) > 1e-9 for joint in robot.links.tree.joints):
+    if any(abs(np.linalg.norm(joint.axis) - 1.0) > 1e-9 for joint in links.tree.joints):
         return "an axis that is no unit vector"
-    rest, still = robot.links.gravity_torque(q, p), np.zeros(len(q))
-    mass = np.array([robot.links.torques(q, still, unit, p) - rest for unit in np.eye(len(q))])
+    rest, still = links.gravity_torque(q, p), np.zeros(len(q))
+    mass = np.array([links.torques(q, still, unit, p) - rest for unit in np.eye(len(q))])
     scale = np.abs(mass).max() + np.abs(rest).max()
     if not (np.all(np.isfinite(mass)) and np.allclose(mass, mass.T, rtol=0.0, atol=1e-9 * scale)):
         return "a mass matrix that is not finite or not symmetric"
@@ -182,9 +186,12 @@ def _urdf_fault(robot: Robot, content: bytes) -> str:
         if (mass := link.find("inertial/mass")) is not None
     }
     ends = {
-        j.find("child").get("link"): (j.find("parent").get("link"), j.get("type"))
-        for j in root.findall("joint")
-    }  # pyright: ignore
+        next(one.get("link") for one in joint.iter("child")): (
+            next(one.get("link") for one in joint.iter("parent")),
+            joint.get("type"),
+        )
+        for joint in root.findall("joint")
+    }
     total = 0.0
     for name, mass in masses.items():
         link, moves = name, False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -76,6 +77,7 @@ def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) ->
         "a\x1b[31mb",
         "a\u202eb",
         "a\u200bb",
+        "\u0301",
         "a\x00",
         "a" * 101,
         None,
@@ -176,7 +178,13 @@ def test_xml_that_no_robot_needs_is_refused_in_a_second(tmp_path: Path, text: st
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "bytes.toml").write_bytes(b"x = '\xff'")
-    for name, what in (("bytes.toml", "no TOML"), ("nowhere.toml", "no robot file"), ("", "no robot file")):
+    for name, what in (
+        ("bytes.toml", "no TOML"),
+        ("nowhere.toml", "no robot file"),
+        ("pipe.toml", "no robot file"),
+        ("", "no robot file"),
+    ):
         with pytest.raises(InvalidInput, match=what):
             read_toml(tmp_path / name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -146,20 +147,10 @@ def checked_name(
     Raises
     ------
     InvalidInput
-        For what is no text, empty or too long, or has spaces, control characters or characters that
-        change the direction of writing.
+        For what is no text, empty or too long, begins with a mark for the letter before it, or has spaces, control
+        characters or characters that change the direction of writing.
     """
-    bare = (
-        name.replace(" ", "") if isinstance(name, str) and spaces and name == " ".join(name.split()) else name
-    )
-    usable = (
-        isinstance(bare, str)
-        and bare
-        and " " not in bare
-        and bare.isprintable()
-        and not set(without) & set(bare)
-    )
-    if not usable or len(name) > longest:
+    if not _is_name(name, spaces, without) or len(name) > longest:
         allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
         raise InvalidInput(
             f"{what[0].upper()}{what[1:]} has no usable name.",
@@ -168,6 +159,13 @@ def checked_name(
             "letters, digits, hyphens and underscores: 'shoulder'",
         )
     return name
+
+
+def _is_name(name: Any, spaces: bool, without: str) -> bool:
+    if not isinstance(name, str) or not name.strip() or unicodedata.combining(name[0]):
+        return False
+    words = name.split(" ") if spaces else [name]
+    return all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
 
 
 def checked_text(what: str, text: Any) -> str:
@@ -218,6 +216,8 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
         For a file that is larger, no text, or cannot be read.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would wait for ever
+            raise OSError("no regular file")
         with open(path, "rb") as file:
             content = file.read(largest + 1)
         if len(content) > largest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -169,3 +170,17 @@ def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest
     assert main(["design", "paper", *QUICK, "--out", str(tmp_path)]) == 2
     assert "left alone" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    "words", [["design", "paper", "--goal", "\udcff"], ["design", "\udcff"], ["paper", "--out", "\udcff"]]
+)
+def test_words_that_are_no_text_are_refused(
+    words: list[str], folder: Path, refused: Callable[..., str]
+) -> None:
+    refused(words, "no text in UTF-8", folder)
+
+
+def test_a_pipe_is_no_robot(folder: Path, refused: Callable[..., str]) -> None:
+    os.mkfifo(folder / "arm.toml")
+    refused(["design", "arm.toml"], "There is no robot file", folder)

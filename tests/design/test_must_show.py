@@ -13,9 +13,10 @@ from flexhinf.design import Design, Specification, design
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
-from flexhinf.design.requirements import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, all_met
+from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Response
 from flexhinf.design.scenario import sample_robots
+from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
 from flexhinf.design.synthesis import synthesise
 
 Named = Callable[[str], Any]

@@ -10,9 +10,6 @@ import pytest
 from flexhinf.design import Specification
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
-    GAIN_MARGIN,
-    PEAK_SENSITIVITY,
-    TOLERANCE,
     Requirement,
     all_met,
     behaviour_requirements,
@@ -22,6 +19,7 @@ from flexhinf.design.requirements import (
     step_requirements,
 )
 from flexhinf.design.responses import Worst, worst_of
+from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
 
 
 class Step:

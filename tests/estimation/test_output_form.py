@@ -7,7 +7,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation.output_form import null_space, output_form
 from flexhinf.plant import Plant
 from flexhinf.robot import load_robot, paper_arm
-from flexhinf.robot.shipped import catalogue
+from flexhinf.robot.robot_file import catalogue
 from flexhinf.scalars import clip, sign, where
 
 

@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from flexhinf.estimation.sampled_injection import first_order_hold
+from flexhinf.estimation.output_injection import first_order_hold
 
 
 def test_of_two_integrators_by_hand():

@@ -124,6 +124,7 @@ def plain_loop(
 def made():
     """What the tests of closed loops are made of."""
     return SimpleNamespace(
+        exact_step=exact_step,
         LinearLaw=LinearLaw,
         law=arm_law(),
         law_about=arm_law,

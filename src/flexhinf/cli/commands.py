@@ -16,9 +16,11 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.design import compare, design
-from flexhinf.cli.messages import INTERRUPTED, error_text, mistake, parser_error
+from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error
 from flexhinf.cli.paper import paper
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import recorded
+from flexhinf.untrusted import value_text
 
 __all__ = ["COMMANDS", "app", "main", "robots", "schema"]
 
@@ -83,17 +85,32 @@ for command, examples in COMMANDS.items():
     app.command(epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 
+def _check_text(words: Sequence[str]) -> None:
+    """Refuse words that are no text: they could be printed nowhere."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            raise InvalidInput(
+                "A word of the command is no text in UTF-8.",
+                f"got {value_text(word)}: {error.reason} at position {error.start}",
+                "names and folders in UTF-8",
+            ) from None
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    try:
-        code = app(args=words, prog_name="flexhinf", standalone_mode=False)
-        if code == INTERRUPTED:  # the option parser has caught Ctrl-C
-            return mistake("Interrupted; nothing was written.", INTERRUPTED)
-        return code if isinstance(code, int) else 0
-    except FlexhinfError as error:
-        return mistake(error_text(error, words))
-    except TyperException as error:
-        return mistake(parser_error(error, words))
-    except (KeyboardInterrupt, typer.Abort):
-        return mistake("Interrupted; nothing was written.", INTERRUPTED)
+    with recorded() as written:
+        try:
+            _check_text(words)
+            code = app(args=words, prog_name="flexhinf", standalone_mode=False)
+            if code == INTERRUPTED:  # the option parser has caught Ctrl-C
+                return interrupted(written())
+            return code if isinstance(code, int) else 0
+        except FlexhinfError as error:
+            return mistake(error_text(error, words))
+        except TyperException as error:
+            return mistake(parser_error(error, words))
+        except (KeyboardInterrupt, typer.Abort):
+            return interrupted(written())

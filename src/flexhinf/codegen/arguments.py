@@ -104,8 +104,9 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
         read, written = slices(step)
         for piece in (*read, *written):
             moves = [stride * (turn - 1) for stride, turn in zip(piece.strides, turns, strict=False)]
-            first = piece.offset + sum(move for move in moves if move < 0)
-            end = piece.offset + piece.size + sum(move for move in moves if move > 0)
+            start = piece.offset + (counts[piece.shift] if piece.shift else 0)
+            first = start + sum(move for move in moves if move < 0)
+            end = start + piece.size + sum(move for move in moves if move > 0)
             if first < 0 or end > lengths[piece.buffer]:
                 raise InvalidInput(
                     f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",

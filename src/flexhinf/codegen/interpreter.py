@@ -210,10 +210,11 @@ class BoundWalk:
 
     def _view(self, piece: Slice) -> Callable[[tuple[int, ...]], np.ndarray]:
         column = self._columns[piece.buffer]
+        first = piece.offset + (self._counts[piece.shift] if piece.shift else 0)
 
         def view(turns: tuple[int, ...]) -> np.ndarray:
             moved = (stride * turn for stride, turn in zip(piece.strides, turns, strict=False))
-            start = piece.offset + sum(moved)
+            start = first + sum(moved)
             return column[start : start + piece.size]
 
         return view

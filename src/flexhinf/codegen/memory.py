@@ -91,7 +91,7 @@ class Buffer:
 
 @dataclass(frozen=True)
 class Slice:
-    """Elements ``offset + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer; k_d counts the d-th loop around.
+    """Elements ``offset + shift + Σ_d strides[d]·k_d + (0 … size-1)`` of a buffer; k_d counts the d-th loop around.
 
     Parameters
     ----------
@@ -102,6 +102,9 @@ class Slice:
         Number of elements.
     strides : tuple of int
         Elements to move per turn of each enclosing `Repeat`, outermost first; ``()`` stays in place.
+    shift : str
+        Name of a count of the program: so many elements further on, known when it runs. A row of a record that is
+        read so many rows after it was written is a queue of any length. Empty for none.
 
     Raises
     ------
@@ -113,6 +116,7 @@ class Slice:
     offset: int = 0
     size: int = 1
     strides: tuple[int, ...] = ()
+    shift: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "strides", tuple(self.strides))
@@ -127,7 +131,7 @@ class Slice:
 
     def __str__(self) -> str:
         moves = "".join(f" + {stride}·k{depth}" for depth, stride in enumerate(self.strides) if stride)
-        return f"{self.buffer}[{self.offset}{moves} : +{self.size}]"
+        return f"{self.buffer}[{self.offset}{f' + {self.shift}' if self.shift else ''}{moves} : +{self.size}]"
 
 
 @dataclass(frozen=True)
@@ -185,8 +189,8 @@ def whole(piece: Slice | Columns) -> Slice:
 
 
 def overlap(one: Slice, other: Slice) -> bool:
-    """Do they share elements, as far as that can be told (the same moves in all loops)?"""
-    if one.buffer != other.buffer or one.strides != other.strides:
+    """Do they share elements, as far as that can be told (the same shift, and the same moves in all loops)?"""
+    if (one.buffer, one.strides, one.shift) != (other.buffer, other.strides, other.shift):
         return False
     return one.offset < other.offset + other.size and other.offset < one.offset + one.size
 

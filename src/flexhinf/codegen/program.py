@@ -31,7 +31,7 @@ class Program:
     buffers : tuple of Buffer
     body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When
     counts : tuple of str
-        Names of the run-time integers that `Repeat` uses.
+        Names of the run-time integers that `Repeat` and shifted slices use.
 
     Raises
     ------
@@ -119,6 +119,12 @@ class Program:
                 f"A slice of '{piece.buffer}' has the wrong number of strides.",
                 f"expected one per enclosing Repeat ({depth}), outermost first, got {piece.strides}",
                 "strides of that length, with 0 for the loops that do not move it, or ()",
+            )
+        if piece.shift and piece.shift not in self.counts:
+            raise InvalidInput(
+                f"A slice of '{piece.buffer}' is shifted by an unknown count.",
+                f"expected one of {list(self.counts)}, got {piece.shift!r}",
+                f"add {piece.shift!r} to counts",
             )
         size = self.buffer(piece.buffer).size
         if size is not None and not any(piece.strides) and piece.offset + piece.size > size:

@@ -11,9 +11,8 @@ from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.requirements import TOLERANCE
 from flexhinf.design.scenario import run_length, sample_robots
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.weights.choose import BANDWIDTH_FRACTION, DesignProblem, choose
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, InvalidInput

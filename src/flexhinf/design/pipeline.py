@@ -18,11 +18,10 @@ from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
-    gain_margin_limit,
     margin_requirements,
     peak_option,
-    peak_sensitivity_limit,
     sample_requirements,
+    status_of,
     step_requirements,
 )
 from flexhinf.design.responses import Response
@@ -39,7 +38,6 @@ from flexhinf.design.scenario import (
     sample_robots,
 )
 from flexhinf.design.specification import Specification
-from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner, own_figures
 from flexhinf.design.weights.choose import preset_of, required_damping
@@ -321,10 +319,10 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
     s = own.setup.specification
     limits: dict[str, tuple[float, str] | None] = {
         "peak_sensitivity": (
-            peak_sensitivity_limit(s),
+            s.peak_sensitivity_limit,
             "--peak-sensitivity" if s.peak_sensitivity else "default",
         ),
-        "gain_margin": (gain_margin_limit(s), "--gain-margin" if s.gain_margin else "default"),
+        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
     }
     if s.peak_effort is not None:
         limits["peak_input"] = (s.peak_effort, peak_option(unit))

@@ -37,10 +37,10 @@ from flexhinf.design.units import (
     choice,
 )
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
+from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
+    "ESTIMATORS", "FIELDS", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
     "json_schema",
 ]  # fmt: skip
 
@@ -55,6 +55,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
+TOLERANCE = 0.02
 
 #: Longest run in samples. Beyond it a time was probably meant in ms: such a run takes minutes and shows nothing that a
 #: shorter one does not.
@@ -218,6 +221,22 @@ class Specification:
     # fmt: on
 
     def __post_init__(self) -> None:
+        if self.delay:
+            self._check_delay()
+        length = 0.0 if self.duration is None else self.duration / self.period
+        if length > RUN_SAMPLES:
+            raise _refusal(
+                "duration",
+                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
+                f"{self.duration:g}ms",
+            )
+
+    def _check_delay(self) -> None:
+        from flexhinf.loop.simulation.channel import (
+            MOST_QUEUED,
+            WHOLE,
+        )  # a tenth of the time of `flexhinf --help`
+
         samples = self.delay / self.period
         if samples > MOST_QUEUED * (1.0 + WHOLE):
             raise _refusal(
@@ -228,19 +247,22 @@ class Specification:
             )
         if abs(samples - round(samples)) > WHOLE:
             raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-        length = 0.0 if self.duration is None else self.duration / self.period
-        if length > RUN_SAMPLES:
-            raise _refusal(
-                "duration",
-                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
-                f"{self.duration:g}ms",
-            )
 
     @property
     def effort_limit(self) -> float | None:
         """The largest allowed input, the smaller of requirement and saturation; None for no limit."""
         limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
         return min(limits, default=None)
+
+    @property
+    def peak_sensitivity_limit(self) -> float:
+        """Largest |S| that is allowed: as stated, or `PEAK_SENSITIVITY`."""
+        return PEAK_SENSITIVITY if self.peak_sensitivity is None else self.peak_sensitivity
+
+    @property
+    def gain_margin_limit(self) -> float:
+        """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
+        return GAIN_MARGIN if self.gain_margin is None else self.gain_margin
 
     @property
     def in_degrees(self) -> bool:
@@ -300,6 +322,12 @@ def _checked(make: Any) -> Any:
             make(self, **fields)
         except ValidationError as error:
             raise _specification_error(error, fields) from None
+        except UnicodeEncodeError as error:
+            raise InvalidInput(
+                "A field of the specification is no text in UTF-8.",
+                f"got {value_text(error.object)}",
+                "text that can be printed",
+            ) from None
 
     return init
 
@@ -323,7 +351,7 @@ def _specification_error(error: ValidationError, fields: dict[str, Any]) -> Spec
         )
     milliseconds = name == "period" and first["type"] == "less_than_equal"
     example = f"{float(fields[name]):g}ms" if milliseconds and str(fields[name]).isnumeric() else ""
-    return _refusal(name, f"expected {FIELDS[name].allowed}, got {fields[name]!r}", example)
+    return _refusal(name, f"expected {FIELDS[name].allowed}, got {value_text(fields[name])}", example)
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:

@@ -8,7 +8,7 @@ the two samples, both known when the second one is measured,
     x̂(k+1|k)   = Φ x̂(k|k) + Γ φ(y_k, u_k) + Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)),
     x̂(k+1|k+1) = x̂(k+1|k) + L (y_{k+1} − H x̂(k+1|k) − η(u_k)),
 
-with the exact Φ, Γ, Γ₁ of `flexhinf.estimation.sampled_injection`. The plant itself obeys the first line up to
+with the exact Φ, Γ, Γ₁ of `first_order_hold`. The plant itself obeys the first line up to
 
     δ_k = ∫₀ᵀ exp(A (T − s)) (straight line − φ)(s) ds,        |δ_k| ≤ T³/12 max|φ̈| to leading order in T,
 
@@ -36,13 +36,11 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter, covariance_matrix
 from flexhinf.estimation.output_form import output_form
 from flexhinf.estimation.placed_gain import check_decay, check_detectable, placed_gain
-from flexhinf.estimation.sampled_injection import first_order_hold
 from flexhinf.estimation.stationary import stationary_gain
 from flexhinf.plant import Plant
 from flexhinf.scalars import jacobian
 
-__all__ = ["InjectedGaussian", "OutputInjectionObserver"]
-
+__all__ = ["Held", "InjectedGaussian", "OutputInjectionObserver", "first_order_hold"]
 
 #: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
 DOUBLINGS = 64
@@ -326,3 +324,34 @@ def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
         f"got terms of {np.abs(growth).max():.3g} after 2^{DOUBLINGS} samples",
         "a gain with faster errors: more process noise, or poles=",
     )
+
+
+class Held(NamedTuple):
+    """Φ = exp(A T), Γ = ∫₀ᵀ exp(A s) ds and Γ₁ = ∫₀ᵀ exp(A (T − s)) s/T ds, all (n, n)."""
+
+    transition: np.ndarray
+    hold: np.ndarray
+    ramp: np.ndarray
+
+
+def first_order_hold(drift: np.ndarray, period: float) -> Held:
+    """x(T) = Φ x(0) + Γ φ(0) + Γ₁ (φ(T) − φ(0)) for ẋ = A x + φ, φ a straight line over the period.
+
+    All three are blocks of one exponential [vanloan1978]. Where φ is not straight, what is left out is at most
+    T³/12 |φ̈| in one period, to leading order.
+
+    Parameters
+    ----------
+    drift : (n, n) array
+        A, 1/s.
+    period : float
+        T, s.
+    """
+    from scipy.linalg import expm
+
+    n = len(drift)
+    chain = np.zeros((3 * n, 3 * n))
+    chain[:n, :n] = drift * period
+    chain[:n, n : 2 * n] = chain[n : 2 * n, 2 * n :] = np.eye(n)
+    blocks = expm(chain)[:n]
+    return Held(blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :])

@@ -1,23 +1,15 @@
-"""Figures 3–12 of the paper, made again."""
+"""Figures 3–12 of the paper, made again: how each is drawn, and the numbers beside it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from flexhinf.loop import Trajectory
-from flexhinf.paper.drawing import (
-    draw_inputs,
-    draw_loads,
-    draw_responses,
-    draw_sampled,
-    slowest,
-    worst_overshoot,
-)
 from flexhinf.paper.experiments import (
     FREQUENCY,
     LOAD_FROM,
@@ -29,10 +21,31 @@ from flexhinf.paper.experiments import (
     load_numbers,
     step_numbers,
     tracking_numbers,
-)
-from flexhinf.report import Column, Figure, Table
+)  # fmt: skip
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    Figure,
+    Table,
+    figure_to_svg,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    quantile_band,
+    reference_line,
+    settling_band,
+    time_response,
+)  # fmt: skip
 
-__all__ = ["FIGURES", "PaperFigure"]
+__all__ = ["FIGURES", "PaperFigure", "Recipe"]
+
+NAMES = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
+COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
+
+#: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
+FIRST_PART = 6.0
 
 
 @dataclass(frozen=True)
@@ -68,114 +81,203 @@ class PaperFigure:
         )
 
 
-# Steps and tracking ------------------------------------------------------------------------------------
-def figure_03(experiments: Experiments) -> PaperFigure:
-    """Step response to 180° by NL-H∞, measured and estimated; the linear law beside it."""
-    runs = experiments.step_180
-    return PaperFigure(
-        "03",
-        "Step to 180°: link position.",
-        "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
-        draw_responses(runs, STEP_DURATION, step=180.0),
-        {name: step_numbers(run) for name, run in runs.items()},
+@dataclass(frozen=True)
+class Recipe:
+    """How one of the paper's figures is made from the experiments.
+
+    Attributes
+    ----------
+    number, title : str
+        As of `PaperFigure`.
+    caption : str or callable
+        A text, or from the runs.
+    runs : callable
+        The runs that the figure shows.
+    draw, numbers, tables : callable
+        From the runs: the drawing as SVG, the numbers, and what stands below the figure.
+    """
+
+    number: str
+    title: str
+    caption: str | Callable[[Experiments], str]
+    runs: Callable[[Experiments], Any]
+    draw: Callable[[Any], str]
+    numbers: Callable[[Any], dict[str, Any]]
+    tables: Callable[[Any], tuple[Table, ...]] = lambda runs: ()
+
+    def __call__(self, experiments: Experiments) -> PaperFigure:
+        """The figure."""
+        runs = self.runs(experiments)
+        caption = self.caption if isinstance(self.caption, str) else self.caption(experiments)
+        numbers, tables = self.numbers(runs), self.tables(runs)
+        return PaperFigure(self.number, self.title, caption, self.draw(runs), numbers, tables)
+
+
+# Drawings ----------------------------------------------------------------------------------------------
+def degrees(run: Trajectory, kind: str, name: str = "link_position") -> np.ndarray:
+    """A signal in degrees, as the paper's figures have it."""
+    return np.degrees(run.signal(kind, name))
+
+
+def estimated(run: Trajectory, name: str = "link_position") -> np.ndarray | None:
+    """The estimate in degrees; None when the true state is fed back."""
+    return None if run.names["output"] == run.names["estimate"] else degrees(run, "estimate", name)
+
+
+def draw_inputs(runs: Mapping[str, Trajectory], until: float) -> str:
+    """Motor voltages of several laws over time."""
+    figure, (axes,) = new_figure(1)
+    for name, run in runs.items():
+        shown = run.time <= until
+        volts = run.signal("input", "motor_voltage")[shown]
+        time_response(axes, run.time[shown], volts, name=NAMES[name], colour=COLOURS[name])
+    label(axes, "motor voltage", "V")
+    legend(axes)
+    return figure_to_svg(figure)
+
+
+def draw_responses(runs: Mapping[str, Trajectory], until: float, *, step: float | None = None) -> str:
+    """Link positions of several laws in degrees, measured and estimated, with the command.
+
+    Parameters
+    ----------
+    runs : mapping of law to Trajectory
+    until : float
+        Last time shown, s.
+    step : float, optional
+        Height of the step in degrees, for the settling band.
+    """
+    figure, (axes,) = new_figure(1, height=3.6)
+    first = next(iter(runs.values()))
+    shown = first.time <= until
+    command = degrees(first, "reference")[shown]
+    reference_line(axes, first.time[shown], command)
+    if step is not None:
+        settling_band(axes, float(command[-1]), step)
+    for name, run in runs.items():
+        shown = run.time <= until
+        estimate = estimated(run)
+        time_response(
+            axes, run.time[shown], degrees(run, "output")[shown], None if estimate is None else estimate[shown],
+            name=NAMES[name], colour=COLOURS[name],
+        )  # fmt: skip
+    label(axes, "link position", "°")
+    legend(axes)
+    return figure_to_svg(figure)
+
+
+def draw_loads(runs: Mapping[str, Trajectory]) -> str:
+    """Link position, its error enlarged from the disturbance on, and the torque; one colour per place of the torque."""
+    figure, (position, error, torque) = new_figure(3, height=6.6)
+    longest = max(runs.values(), key=lambda run: len(run.time))
+    reference_line(position, longest.time, degrees(longest, "reference"))
+    goal, largest = float(degrees(longest, "reference")[-1]), 0.0
+    settling_band(error, 0.0, goal)
+    for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
+        name = f"torque at the {channel.removesuffix('_torque')}"
+        measured, estimate = degrees(run, "output"), estimated(run)
+        time_response(position, run.time, measured, estimate, name=name, colour=colour)
+        late = run.time >= LOAD_FROM - 1.0
+        off = None if estimate is None else estimate[late] - goal
+        time_response(error, run.time[late], measured[late] - goal, off, colour=colour)
+        largest = max(largest, float(np.abs(measured[late] - goal).max(initial=0.0)))
+    torque.plot(
+        longest.time, longest.signals["disturbance"].sum(axis=1), color=SERIES[3]
+    )  # alike at both places
+    reach = 1.1 * min(max(largest, 1.0), 180.0)
+    error.set_ylim(-reach, reach)
+    label(position, "link position", "°")
+    label(error, "link − command", "°")
+    label(torque, "disturbance torque", "N·m")
+    figure.align_ylabels([position, error, torque])
+    legend(position)
+    return figure_to_svg(figure)
+
+
+# Many plants -------------------------------------------------------------------------------------------
+def worst_overshoot(runs: Sequence[ToleranceRun]) -> int:
+    """Which run overshoots most; one that diverged comes before all others."""
+    return max(range(len(runs)), key=lambda k: _key(runs[k].metrics["overshoot_percent"]))
+
+
+def slowest(runs: Sequence[ToleranceRun]) -> int:
+    """Which run settles last; of those that never settle, the one that ends farthest from the command."""
+    return max(
+        range(len(runs)),
+        key=lambda k: (_key(runs[k].metrics["settling_time_s"]), _key(runs[k].metrics["steady_state_error"])),
     )
 
 
-def figure_04(experiments: Experiments) -> PaperFigure:
-    """The control signal of Fig. 3."""
-    runs = experiments.step_180
-    return PaperFigure(
-        "04",
-        "Step to 180°: motor voltage.",
-        "The law is held between samples.",
-        draw_inputs(runs, STEP_DURATION),
-        _peaks(runs),
-    )
+def _key(value: float | None) -> float:
+    return math.inf if value is None else value
 
 
-def figure_05(experiments: Experiments) -> PaperFigure:
-    """Step response to 90°, NL-H∞ against L-H∞."""
-    runs = experiments.step_90
-    return PaperFigure(
-        "05",
-        "Step to 90°: link position by NL-H∞ and by L-H∞.",
-        "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
-        draw_responses(runs, STEP_DURATION, step=90.0),
-        {name: step_numbers(run) for name, run in runs.items()},
-    )
+@house_style()
+def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
+    """All runs on sampled plants, the two worst drawn apart; the first seconds above, the rest enlarged below."""
+    whole = [run for run in runs if run.diverged_at is None]
+    figure, _ = new_figure(2, height=5.6)
+    figure.clear()
+    above, below = figure.subplots(2, 1)
+    if not whole:
+        above.text(0.5, 0.5, "every run diverged", ha="center", transform=above.transAxes)
+        return figure_to_svg(figure)
+    time, command = whole[0].time, whole[0].command
+    values = np.array([getattr(run, kind) for run in whole])
+    apart = ((worst_overshoot(whole), INK, "largest overshoot"), (slowest(whole), SERIES[1], "settles last"))
+    for axes, part in ((above, time <= FIRST_PART), (below, time >= FIRST_PART)):
+        if axes is above:
+            settling_band(axes, command, command)
+        quantile_band(axes, time[part], values[:, part])
+        for k, colour, name in apart:
+            axes.plot(time[part], values[k, part], color=colour, linewidth=1.1, dashes=(5.0, 1.5), label=name)
+        label(axes, "link position", "°")
+        axes.set_xlabel("time (s)")
+    figure.align_ylabels([above, below])
+    legend(above)
+    return figure_to_svg(figure)
 
 
-def figure_06(experiments: Experiments) -> PaperFigure:
-    """The control signals of Fig. 5."""
-    runs = experiments.step_90
-    return PaperFigure(
-        "06",
-        "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
-        "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
-        draw_inputs(runs, STEP_DURATION),
-        _peaks(runs),
-    )
+# Numbers and tables ------------------------------------------------------------------------------------
+def _each(numbers: Callable[[Trajectory], Any]) -> Callable[[Mapping[str, Trajectory]], dict[str, Any]]:
+    """The numbers of every run by its name."""
+    return lambda runs: {name: numbers(run) for name, run in runs.items()}
 
 
-def figure_07(experiments: Experiments) -> PaperFigure:
-    """Tracking π + sin(πt/10), NL-H∞; the linear law beside it."""
-    runs = experiments.tracking
-    return PaperFigure(
-        "07",
-        "Tracking π + sin(πt/10): link position.",
-        "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
-        "with a delay.",
-        draw_responses(runs, TRACKING_DURATION),
-        {name: tracking_numbers(run) for name, run in runs.items()},
-    )
+def _peak(run: Trajectory) -> dict[str, Any]:
+    return {"peak_control_V": run.metrics()["peak_input"]}
 
 
-def figure_08(experiments: Experiments) -> PaperFigure:
-    """The control signal of Fig. 7."""
-    runs = experiments.tracking
-    return PaperFigure(
-        "08",
-        "Tracking π + sin(πt/10): motor voltage.",
-        "",
-        draw_inputs(runs, TRACKING_DURATION),
-        _peaks(runs),
-    )
+def _load_numbers(runs: dict[str, Trajectory]) -> dict[str, Any]:
+    return {
+        "nonlinear": load_numbers(runs["link_torque"]),
+        "nonlinear, torque at the motor": load_numbers(runs["motor_torque"]),
+    }
 
 
-def _peaks(runs: dict[str, Trajectory]) -> dict[str, Any]:
-    return {name: {"peak_control_V": run.metrics()["peak_input"]} for name, run in runs.items()}
+def _sampled_numbers(runs: Sequence[ToleranceRun]) -> dict[str, Any]:
+    return {"nonlinear": _ranges(runs)}
 
 
-# Tolerances --------------------------------------------------------------------------------------------
-def figure_09(experiments: Experiments) -> PaperFigure:
-    """The 90° step on plants sampled within Tables 1 and 2, coil included: link position as measured."""
-    runs = experiments.sampled_plants
-    diverged = sum(run.diverged_at is not None for run in runs)
-    return PaperFigure(
-        "09",
-        "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.",
-        f"{len(runs)} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged, with the "
-        f"measurement's noise on it. {f'{diverged} runs diverged and are not drawn.' if diverged else ''}",
-        draw_sampled(runs, "output"),
-        {"nonlinear": _ranges(runs)},
-        (_worst_table(runs),),
-    )
-
-
-def figure_10(experiments: Experiments) -> PaperFigure:
-    """The runs of Fig. 9, as estimated."""
-    runs = experiments.sampled_plants
+def _estimated_numbers(runs: Sequence[ToleranceRun]) -> dict[str, Any]:
     whole = [run.metrics["estimation_rmse"] for run in runs if run.diverged_at is None]
     columns = np.array(whole).T if whole else np.zeros((0, 0))
-    return PaperFigure(
-        "10",
-        "The runs of Figure 9 as estimated.",
-        "The estimator believes in the nominal plant without coil."
-        if experiments.setup.settings.estimator != "none"
-        else "The true state is fed back, so they are the same.",
-        draw_sampled(runs, "estimate"),
-        {"nonlinear": {**_ranges(runs), "estimation_rmse": [_spread(column) for column in columns]}},
+    return {"nonlinear": {**_ranges(runs), "estimation_rmse": [_spread(column) for column in columns]}}
+
+
+def _sampled_caption(experiments: Experiments) -> str:
+    runs = experiments.sampled_plants
+    diverged = sum(run.diverged_at is not None for run in runs)
+    return (
+        f"{len(runs)} plants sampled uniformly, with coil inductance; below, the rest of the 30 s enlarged, with the "
+        f"measurement's noise on it. {f'{diverged} runs diverged and are not drawn.' if diverged else ''}"
     )
+
+
+def _estimated_caption(experiments: Experiments) -> str:
+    if experiments.setup.settings.estimator == "none":
+        return "The true state is fed back, so they are the same."
+    return "The estimator believes in the nominal plant without coil."
 
 
 def _spread(values: Iterable[float | None]) -> list[float | None]:
@@ -216,39 +318,56 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     return Table(columns, rows, caption, "table-worst-runs", stacks=True)
 
 
-# Disturbances ------------------------------------------------------------------------------------------
-def figure_11(experiments: Experiments) -> PaperFigure:
-    """A torque step at the link (the paper's figure) and, in a second run, at the motor."""
-    return PaperFigure(
-        "11",
-        "Step to 90° with a step disturbance: link position, and its error from one second before the torque on.",
+#: In the order of the paper.
+FIGURES = (
+    Recipe(
+        "03", "Step to 180°: link position.",
+        "The paper shows NL-H∞ alone; the linear law of the same γ is added. Dotted: command; grey: ±2 % of the step.",
+        lambda e: e.step_180, lambda runs: draw_responses(runs, STEP_DURATION, step=180.0), _each(step_numbers),
+    ),
+    Recipe(
+        "04", "Step to 180°: motor voltage.", "The law is held between samples.",
+        lambda e: e.step_180, lambda runs: draw_inputs(runs, STEP_DURATION), _each(_peak),
+    ),
+    Recipe(
+        "05", "Step to 90°: link position by NL-H∞ and by L-H∞.",
+        "The measured and the estimated curve lie on each other. Dotted: command; grey: ±2 % of the step.",
+        lambda e: e.step_90, lambda runs: draw_responses(runs, STEP_DURATION, step=90.0), _each(step_numbers),
+    ),
+    Recipe(
+        "06", "Step to 90°: motor voltage by NL-H∞ and by L-H∞.",
+        "At rest at 90° the motor holds the full gravity torque M g L: 10.9 V.",
+        lambda e: e.step_90, lambda runs: draw_inputs(runs, STEP_DURATION), _each(_peak),
+    ),
+    Recipe(
+        "07", "Tracking π + sin(πt/10): link position.",
+        "The law acts on the angle from hanging and on the integral of the error, so the arm follows a moving command "
+        "with a delay.",
+        lambda e: e.tracking, lambda runs: draw_responses(runs, TRACKING_DURATION), _each(tracking_numbers),
+    ),
+    Recipe(
+        "08", "Tracking π + sin(πt/10): motor voltage.", "",
+        lambda e: e.tracking, lambda runs: draw_inputs(runs, TRACKING_DURATION), _each(_peak),
+    ),
+    Recipe(
+        "09", "Step to 90° under the tolerances of Tables 1 and 2: link position as measured.", _sampled_caption,
+        lambda e: e.sampled_plants, lambda runs: draw_sampled(runs, "output"), _sampled_numbers,
+        lambda runs: (_worst_table(runs),),
+    ),
+    Recipe(
+        "10", "The runs of Figure 9 as estimated.", _estimated_caption,
+        lambda e: e.sampled_plants, lambda runs: draw_sampled(runs, "estimate"), _estimated_numbers,
+    ),
+    Recipe(
+        "11", "Step to 90° with a step disturbance: link position, and its error from one second before the torque on.",
         f"A torque of {TORQUE:g} N·m from t = {LOAD_FROM:g} s on, at the link or at the motor. "
         "The paper gives neither size nor place.",
-        draw_loads(experiments.step_disturbance),
-        _load_numbers(experiments.step_disturbance),
-    )
-
-
-def figure_12(experiments: Experiments) -> PaperFigure:
-    """A sinusoidal torque at the link (the paper's figure) and, in a second run, at the motor."""
-    return PaperFigure(
+        lambda e: e.step_disturbance, draw_loads, _load_numbers,
+    ),
+    Recipe(
         "12",
         "Step to 90° with a sinusoidal disturbance: link position, and its error from one second before the torque on.",
-        f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {LOAD_FROM:g} s on, at the link or "
-        "at the motor.",
-        draw_loads(experiments.sine_disturbance),
-        _load_numbers(experiments.sine_disturbance),
-    )
-
-
-def _load_numbers(runs: dict[str, Trajectory]) -> dict[str, Any]:
-    return {
-        "nonlinear": load_numbers(runs["link_torque"]),
-        "nonlinear, torque at the motor": load_numbers(runs["motor_torque"]),
-    }
-
-
-#: In the order of the paper.
-FIGURES: tuple[Callable[[Experiments], PaperFigure], ...] = (
-    figure_03, figure_04, figure_05, figure_06, figure_07, figure_08, figure_09, figure_10, figure_11, figure_12,
+        f"A torque of {TORQUE:g} N·m at {FREQUENCY:g} Hz from t = {LOAD_FROM:g} s on, at the link or at the motor.",
+        lambda e: e.sine_disturbance, draw_loads, _load_numbers,
+    ),
 )  # fmt: skip

@@ -62,9 +62,9 @@ def reproduce(
     begin("synthesis")
     experiments = Experiments(PaperSetup(settings))
     figures: list[PaperFigure] = []
-    for figure in FIGURES:
-        begin(figure.__name__.replace("_", " ").replace(" 0", " "))
-        figures.append(figure(experiments))
+    for recipe in FIGURES:
+        begin(f"figure {int(recipe.number)}")
+        figures.append(recipe(experiments))
     judged: list[Judged] = []
     for what, judge in JUDGES:
         begin(f"claim: {what}")

@@ -14,5 +14,5 @@ from .parts import ElasticJoint as ElasticJoint
 from .parts import Link as Link
 from .parts import SingleLink as SingleLink
 from .robot import Robot as Robot
+from .robot_file import catalogue as catalogue
 from .robot_file import load_robot as load_robot
-from .shipped import catalogue as catalogue

@@ -17,11 +17,10 @@ from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
 from flexhinf.robot.quantities import INERTIA
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
-from flexhinf.robot.shipped import catalogue
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, read_urdf
 from flexhinf.untrusted import distinct, read_toml, value_text
 
-__all__ = ["load_robot"]
+__all__ = ["catalogue", "load_robot"]
 
 GRAVITY = 9.81
 
@@ -260,3 +259,9 @@ def _blamed(file: str, joint: str, make: Any) -> Any:
         return make()
     except InvalidInput as error:
         raise InvalidInput(f"{file}: joint {joint!r}: {error.what}", error.found, error.advice) from error
+
+
+def catalogue() -> dict[str, Path]:
+    """Path of each shipped robot file by name, for `load_robot`."""
+    folder = Path(__file__).parent / "catalogue"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}

@@ -122,7 +122,7 @@ def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     assert best_of(deviation, [1.0, 1.0]) == (False, False)
     html = FigureTable(report_comparison).html()
     assert "★" not in html
-    assert '</strong> <span class="unit">best</span>' in html
+    assert '</strong><br><span class="unit">best</span>' in html
     lines = table_lines(report_comparison, report_comparison.compared)
     assert {len(line.cells) for line in lines} == {0, len(report_comparison.compared)}
 

@@ -24,6 +24,24 @@ def law(robot, pose, **weights):
     return solve_hji(problem, 1.2 * smallest_gamma(problem), 2)
 
 
+def test_the_same_times_are_computed_once_and_others_anew():
+    calls = []
+
+    def counted(*motion):
+        calls.append(len(motion[0]))
+        return chains(*motion)
+
+    moving = Moving([Sine(1.0, 0.5), Sine(0.3, 1.0)], counted)
+    first = moving(T)
+    first[:] = 0.0  # what a caller does with it changes nothing
+    assert np.any(moving(T))
+    assert np.array_equal(moving.state(T), moving(T)[:, :8])
+    assert calls == [1, len(T)]
+    assert moving(T[:5]).shape == (5, 10)
+    assert np.array_equal(moving(0.5), moving(np.array([0.5]))[0])
+    assert calls == [1, len(T), 5, 1]
+
+
 def test_it_is_the_motion_and_its_input():
     a, b = Sine(1.0, 0.5), Sine(0.3, 1.0, phase=0.2)
     moving = Moving([a, b], chains)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
-from flexhinf.loop.simulation.channel import MOST_QUEUED, Channel
+from flexhinf.loop.simulation.channel import LONGEST, MOST_QUEUED, Channel, check_delay
+from flexhinf.loop.simulation.compiled_runs import _side_by_side
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
@@ -95,14 +97,60 @@ def test_no_quantum_and_no_delay_is_no_channel():
 
 
 def test_a_delay_out_of_proportion_is_refused_early_with_the_unit_it_probably_was():
-    assert Channel.of(None, 0.2, 1e-3, ("y",)).delay == MOST_QUEUED == 200
+    assert Channel.of(None, 100.0, 1e-3, ("y",)).delay == LONGEST
+    with pytest.raises(
+        InvalidInput,
+        match=r"(?s)100 s, got 1000 s = 1000000 samples of 0.001 s.*delay=1 if 1000 ms was meant",
+    ):
+        Channel.of(None, 1e3, 1e-3, ("y",))
+
+
+def test_the_inputs_of_all_motors_are_states_of_a_linear_loop():
+    check_delay(MOST_QUEUED, 1, 1e-3)
+    check_delay(28, 7, 1e-3)
+    with pytest.raises(InvalidInput, match=r"at most 28 samples = 0\.028 s with 7 inputs"):
+        check_delay(29, 7, 1e-3)
     with pytest.raises(
         InvalidInput, match=r"(?s)5 s = 5000 samples of 0.001 s.*delay=0.005 if 5 ms was meant"
     ):
-        Channel.of(None, 5, 1e-3, ("y",))
+        check_delay(5000, 1, 1e-3)
 
 
-def test_the_inputs_of_all_motors_wait_in_one_queue():
-    assert Channel.of(None, 0.028, 1e-3, ("y",), inputs=7).delay == 28
-    with pytest.raises(InvalidInput, match=r"at most 28 samples = 0\.028 s with 7 inputs"):
-        Channel.of(None, 0.029, 1e-3, ("y",), inputs=7)
+def test_a_delay_of_any_length_is_data(made):
+    loops = [
+        Loop(paper_arm().plant(), Controller(made.law, made.ukf()), sub_steps=2, delay=samples * 1e-3)
+        for samples in (0, 1, 10, 5000)
+    ]
+    assert len({id(loop.kernel) for loop in loops}) == 1
+    plain, *_, longest = (loop.run(Step(0.5), noise=1e-3, duration=5.1) for loop in loops)
+    assert not longest.signals["state"][:5001].any()  # it hangs: nothing acts yet
+    assert np.abs(longest.signals["state"][5001:]).max() > 1e-6
+    assert np.abs(plain.signals["state"][:5001]).max() > 0.1
+
+
+def test_two_motors_wait_for_their_own_inputs(made):
+    plant, law = made.two_inputs()
+    for delay in (0, 3):
+        loop = Loop(plant, Controller(law, None, period=1e-2), sub_steps=1, delay=delay * 1e-2)
+        run = loop.run(Step(0.3), initial_state=[0.1, -0.2, 0.3, 0.4], duration=0.2)
+        x, inputs = np.array([0.1, -0.2, 0.3, 0.4]), np.vstack([np.zeros((delay, 2)), run.signals["input"]])
+        for k, state in enumerate(run.signals["state"]):
+            np.testing.assert_allclose(state, x, atol=1e-13)
+            x = made.exact_step(x, inputs[k], 0.0)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 7, 60])
+def test_interpreter_and_lanes_delay_alike(made, samples):
+    """Machine code for one run and for eight, and CasADi's evaluator."""
+    loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
+    prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
+    alone, kernel = prepared.alone(), interpret(loop.kernel.program)
+    outputs = {name: array.ravel() for name, array in prepared.outputs([prepared]).items()}
+    status = kernel.run({**prepared.inputs, **outputs}, prepared.counts)
+    walked = prepared.trajectory(outputs, int(status.code), int(status.step))
+    eight = [loop.prepared(Step(0.5 + 0.1 * k), duration=0.05, initial_input=[0.1 * k]) for k in range(8)]
+    for name in ("state", "input", "output"):
+        np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
+    for run, wide in zip(eight, _side_by_side(eight), strict=True):
+        for name in ("state", "input", "output"):
+            np.testing.assert_array_equal(wide.signals[name], run.alone().signals[name])

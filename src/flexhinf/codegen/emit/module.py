@@ -199,6 +199,8 @@ class _Emitter:
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
         element = str(piece.offset)
+        if piece.shift:
+            element = writer.let(f"add nsw i64 {element}, {self.turns[piece.shift]}")
         for stride, turn in zip(piece.strides, turns, strict=False):
             if stride:
                 element = writer.let(f"add nsw i64 {element}, {writer.let(f'mul nsw i64 {turn}, {stride}')}")

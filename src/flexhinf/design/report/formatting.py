@@ -12,13 +12,14 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
-from flexhinf.report import Note, number
+from flexhinf.report import Column, Note, Table, number
 from flexhinf.robot.extras import EXTRAS
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
     "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite",
-    "joint_count", "law_name", "listed", "notes_of", "pose_text", "range_text", "rounded", "settling_text", "units_of",
+    "joint_count", "joint_table", "law_name", "listed", "notes_of", "pose_text", "range_text", "rounded",
+    "settling_text", "units_of",
 ]  # fmt: skip
 
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
@@ -224,6 +225,25 @@ def finite(value: Any) -> Any:
 
 
 _OPTION = re.compile(r"(?<!`)(--[a-z]+(?:-[a-z]+)*)(?!`)")
+
+
+def joint_table(
+    columns: Sequence[Column | str], rows: Sequence[Sequence[Any]], caption: str, anchor: str
+) -> Table:
+    """A table with a row for each joint, its name first; of a single joint a row for each figure, without the name."""
+    if len(rows) != 1:
+        return Table(columns, rows, caption, anchor, stacks=True)
+    named = [Column(column) if isinstance(column, str) else column for column in columns[1:]]
+    cells = [(column.name, _with_unit(value, column.unit)) for column, value in zip(named, rows[0][1:])]
+    return Table(("", "value"), cells, caption, anchor)
+
+
+def _with_unit(value: Any, unit: str) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    return f"{number(float(value))}{'' if unit == '°' else ' '}{unit}".strip()
 
 
 def notes_of(remarks: Iterable[str]) -> list[Note]:

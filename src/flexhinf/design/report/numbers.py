@@ -18,6 +18,7 @@ from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import input_rows
 from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
 
@@ -26,14 +27,14 @@ __all__ = ["comparison_numbers", "design_numbers"]
 
 def design_numbers(design: Design) -> dict[str, Any]:
     """Of one design."""
-    e, status = design.evaluation, design.status
+    e, status, attained = design.evaluation, design.status, design.attenuation.attained
     found = {
         "version": 1,
         "robot": design.robot.name,
         "joints": list(design.robot.joint_names),
         "verdict": verdict(design),
         "met": design.met,
-        "status": {"not_met": status.not_met, "not_proved": status.not_proved, "risky": status.risky},
+        "status": _picked(status, "not_met", "not_proved", "risky"),
         "specification": [_requirement(line) for line in design.requirements],
         "notes": notes(design),
         "gamma_star": design.gamma_star,
@@ -52,13 +53,10 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "state_margins": _margins(e.state_margins),
         "frequency_response": _frequency_response(e.frequency_response),
         "noise_at_the_inputs": e.input_noises,
-        "corners": None if e.corners is None else _corners(e),
-        "attained": _attained(design),
+        "corners": None if e.corners is None else [row._asdict() for row in corner_rows(e)],
+        "attained": attained and _picked(attained, "gain", "energy", "largest_value"),
         "budget": budget_rows(design),
-        "degrees": [
-            {"degree": c.degree, "level": c.level, "step": c.step_amplitude, "limit": c.limit}
-            for c in design.choices
-        ],
+        "degrees": [_picked(c, "degree", "level", "limit", step="step_amplitude") for c in design.choices],
         "starts_inside": design.inside,
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
@@ -69,11 +67,8 @@ def design_numbers(design: Design) -> dict[str, Any]:
 
 def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     """Of one comparison; figures by the keys of `LawEvaluation.metrics`."""
-    own, criterion, problem = (
-        comparison.own.evaluation,
-        comparison.criterion,
-        comparison.synthesis.design_problem,
-    )
+    own, criterion = comparison.own.evaluation, comparison.criterion
+    problem, chosen = comparison.synthesis.design_problem, comparison.synthesis.chosen
     assert own is not None
     runs = own.scenario
     assert runs is not None
@@ -88,17 +83,12 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
             "mode": criterion.mode,
             "criterion": criterion.text,
             "limits": [
-                {"figure": x.figure, "value": x.value, "at_least": x.least, "from": x.origin}
+                {**_picked(x, "figure", "value"), "at_least": x.least, "from": x.origin}
                 for x in criterion.limits
             ],
         },
         "best_rival": None if rival is None else rival.name,
-        "design": {
-            "preset": problem.preset,
-            "gamma_star": problem.gamma_star,
-            "gamma": problem.gamma,
-            "degree": comparison.synthesis.chosen.degree,
-        },
+        "design": {**_picked(problem, "preset", "gamma_star", "gamma"), "degree": chosen.degree},
         "start": own.setup.start,
         "goal": own.setup.goal,
         "duration_s": runs.step_duration,
@@ -113,31 +103,19 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
 
 
 # Parts ---------------------------------------------------------------------------------------------------
+def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
+    """Attributes by their own names; a keyword is the key of an attribute that is called otherwise."""
+    return {key: getattr(value, name) for key, name in {**{name: name for name in names}, **renamed}.items()}
+
+
 def _requirement(line: Requirement) -> dict[str, Any]:
-    return {
-        "what": line.what,
-        "asked": line.limit,
-        "found": line.found,
-        "unit": line.unit,
-        "at_most": line.at_most,
-        "where": line.where,
-        "criterion": line.criterion,
-        "stated_by": line.stated_by,
-        "joint": line.joint,
-        "asked_for": line.stated_by != "default",
-        "met": line.met,
-    }
+    names = ("what", "found", "unit", "at_most", "where", "criterion", "stated_by", "joint", "met")
+    return {**_picked(line, *names, asked="limit"), "asked_for": line.stated_by != "default"}
 
 
 def _mode(m: Mode) -> dict[str, Any]:
-    return {
-        "name": m.name,
-        "joint": m.joint,
-        "frequency_Hz": m.frequency,
-        "damping": m.damping,
-        "real": m.eigenvalue.real,
-        "imaginary": m.eigenvalue.imag,
-    }
+    parts = {"real": m.eigenvalue.real, "imaginary": m.eigenvalue.imag}
+    return {**_picked(m, "name", "joint", "damping", frequency_Hz="frequency"), **parts}
 
 
 def _weights(design: Design) -> dict[str, Any]:
@@ -148,14 +126,11 @@ def _weights(design: Design) -> dict[str, Any]:
         "source": problem.source,
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
         "effort": design.problem.r2,
-        "wanted": None if target is None else {"bandwidth": target.bandwidth, "damping": target.damping},
+        "wanted": None if target is None else _picked(target, "bandwidth", "damping"),
         "tries": [
             {
-                "damping_weight": c.damping_weight,
-                "target_frequency": c.target_frequency,
-                "bandwidth": c.behaviour.bandwidth,
-                "damping": c.behaviour.damping,
-                "nominal_damping": c.behaviour.nominal_damping,
+                **_picked(c, "damping_weight", "target_frequency"),
+                **_picked(c.behaviour, "bandwidth", "damping", "nominal_damping"),
                 "gamma_star": c.design.gamma_star,
                 "used": search is not None and c is search.chosen,
             }
@@ -170,50 +145,28 @@ def _estimator_noise(design: Design) -> dict[str, Any] | None:
     if design.specification.estimator == "none":
         return None
     noise, search = design.setup.process_noise, design.noise_search
-    return {
-        "all_states": noise.all_states,
-        "link_velocities": noise.link_velocities,
-        "motor_velocities": noise.motor_velocities,
-        "source": noise.source,
-        "unreachable_limits": [] if search is None else list(search.unreachable),
-        "tried": [
-            {
-                "motor_velocities": one.levels.motor_velocities,
-                "link_velocities": one.levels.link_velocities,
-                "peak_sensitivity": one.peak_sensitivity,
-                "gain_margin": one.gain_margin,
-                "damping": one.damping,
-                "compliance": one.compliance,
-                "input_noise": one.input_noise,
-                "unstable_corners": one.unstable,
-                "used": one is search.chosen,
-            }
-            for one in search.candidates
-        ]
-        if search is not None
-        else [],
-    }
+    figures = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise")
+    tried = [
+        {
+            **_picked(one.levels, "motor_velocities", "link_velocities"),
+            **_picked(one, *figures, unstable_corners="unstable"),
+            "used": search is not None and one is search.chosen,
+        }
+        for one in (() if search is None else search.candidates)
+    ]
+    unreachable = [] if search is None else list(search.unreachable)
+    levels = _picked(noise, "all_states", "link_velocities", "motor_velocities", "source")
+    return {**levels, "unreachable_limits": unreachable, "tried": tried}
 
 
 def _margins(m: Margins) -> dict[str, Any]:
+    names = (
+        "stable", "delay_margin_s", "delay_frequency", "peak_sensitivity", "sensitivity_frequency",
+        "peak_complementary", "complementary_frequency", "disk_margin", "disk_frequency", "noise_to_input",
+        "peak_noise_to_input", "bandwidth", "damping", "damping_frequency",
+    )  # fmt: skip
     pairs = m.gain_margins
-    return {
-        "stable": m.stable,
-        "delay_margin_s": m.delay_margin_s,
-        "delay_frequency": m.delay_frequency,
-        "peak_sensitivity": m.peak_sensitivity,
-        "sensitivity_frequency": m.sensitivity_frequency,
-        "peak_complementary": m.peak_complementary,
-        "complementary_frequency": m.complementary_frequency,
-        "disk_margin": m.disk_margin,
-        "disk_frequency": m.disk_frequency,
-        "noise_to_input": m.noise_to_input,
-        "peak_noise_to_input": m.peak_noise_to_input,
-        "bandwidth": m.bandwidth,
-        "damping": m.damping,
-        "damping_frequency": m.damping_frequency,
-        "gain_margins": pairs[0] if len(pairs) == 1 else pairs,
-    }
+    return {**_picked(m, *names), "gain_margins": pairs[0] if len(pairs) == 1 else pairs}
 
 
 def _frequency_response(f: FrequencyResponse) -> dict[str, Any]:
@@ -228,66 +181,44 @@ def _frequency_response(f: FrequencyResponse) -> dict[str, Any]:
     }
 
 
-def _corners(e: LawEvaluation) -> list[dict[str, Any]]:
-    return [row._asdict() for row in corner_rows(e)]
-
-
-def _attained(design: Design) -> dict[str, Any] | None:
-    found = design.attenuation.attained
-    if found is None:
-        return None
-    return {"gain": found.gain, "energy": found.energy, "largest_value": found.largest_value}
-
-
 def _runs(design: Design) -> dict[str, Any]:
     e = design.evaluation
     load, move = e.load_response, e.move
     return {
         "step": {
-            "start": design.start,
-            "goal": design.goal,
+            **_picked(design, "start", "goal"),
             "duration_s": design.scenario.step_duration,
-            "diverged_at_s": e.step.diverged_at,
-            "joints": e.step.metrics,
+            **_run(e.step, e.step.metrics),
         },
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": _samples(e),
-        "load": {"at_s": load.at, "diverged_at_s": load.response.diverged_at, "joints": load.metrics},
-        "move": {
-            "duration_s": move.plan.duration,
-            "diverged_at_s": move.response.diverged_at,
-            "joints": move.metrics,
-        },
+        "load": {"at_s": load.at, **_run(load.response, load.metrics)},
+        "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
         "rigid": [
             {
-                "side": loop.side,
-                "stable": loop.stable,
+                **_picked(loop, "side", "stable"),
                 "modes": [_mode(m) for m in loop.modes],
-                "diverged_at_s": loop.response.diverged_at,
-                "joints": loop.response.metrics,
+                **_run(loop.response, loop.response.metrics),
             }
             for loop in (design.rigid.loops if design.rigid else ())
         ],
     }
 
 
+def _run(response: Response, metrics: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {"diverged_at_s": response.diverged_at, "joints": metrics}
+
+
 def _samples(e: LawEvaluation) -> dict[str, Any] | None:
     samples = e.step_samples
     if samples is None or not len(samples):
         return None
+    drawn = {name: samples.values[k] for name, k in (("worst", samples.worst), ("slowest", samples.slowest))}
     return {
         "count": len(samples),
-        "diverged": samples.diverged,
-        "unsettled": samples.unsettled,
-        "overshoot_percent": samples.overshoot,
-        "settling_time_s": samples.settling,
-        "peak_input": samples.peak,
-        "worst": samples.worst,
-        "worst_values": {name: np.asarray(value) for name, value in samples.values[samples.worst].items()},
-        "slowest": samples.slowest,
-        "slowest_values": {
-            name: np.asarray(value) for name, value in samples.values[samples.slowest].items()
-        },
+        **_picked(samples, "diverged", "unsettled", "worst", "slowest"),
+        **_picked(samples, overshoot_percent="overshoot", settling_time_s="settling", peak_input="peak"),
+        **{f"{k}_values": {name: np.asarray(v) for name, v in robot.items()} for k, robot in drawn.items()},
     }
 
 
@@ -305,14 +236,10 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "what": row.kind.description,
         "compared": e is not None,
         "failure": row.failure or ("" if e is None else e.linear_failure),
-        "tuned": None
-        if tuned is None
-        else {
+        "tuned": tuned
+        and {
+            **_picked(tuned, "cost", "reason", "candidates", met="feasible"),
             "parameters": dict(tuned.parameters),
-            "cost": tuned.cost,
-            "met": tuned.feasible,
-            "reason": tuned.reason,
-            "candidates": tuned.candidates,
             "sensors": list(tuned.sensors),
         },
         "figures": dict(figures),
@@ -339,9 +266,7 @@ def _joints(
 
 def _trade_off(one: TradeOff) -> dict[str, Any]:
     return {
-        "name": one.name,
-        "feasible": one.feasible,
-        "peak_input": one.point.peak_input,
-        "load_deviation": one.point.load_deviation,
+        **_picked(one, "name", "feasible"),
+        **_picked(one.point, "peak_input", "load_deviation"),
         "curve": [[figures.peak_input, figures.load_deviation] for figures in one.curve],
     }

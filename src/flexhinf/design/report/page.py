@@ -22,7 +22,6 @@ from flexhinf.design.report.sections import (
     load_and_move,
     margins,
     monte_carlo,
-    noise,
     poles,
     region,
     requirements,
@@ -32,8 +31,8 @@ from flexhinf.design.report.sections import (
 from flexhinf.design.report.sections import law as law_section
 from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
+from flexhinf.design.requirements import Status as Judged
 from flexhinf.design.result import Design
-from flexhinf.design.status import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
@@ -59,7 +58,7 @@ PARTS = (
     Part("modes", "Poles", poles.blocks, poles.remarks),
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
     Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", noise.blocks),
+    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
     Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
     Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
     Part("law", "The law", law_section.law_blocks, law_section.law_remarks),
@@ -230,12 +229,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
             worst("settling", "s"),
         ),
         KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", worst("overshoot", "%")),
-        KeyNumber(
-            "peak input",
-            rounded(response.peak_input),
-            units.effort,
-            worst("peak", units.effort),
-        ),
+        KeyNumber("peak input", rounded(response.peak_input), units.effort, worst("peak", units.effort)),
     ]
     if not m.stable:
         return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]

@@ -15,13 +15,17 @@ from flexhinf.design.report.sections.corners import corner_rows, corners_text
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
-from flexhinf.design.report.sections.noise import selected_candidates as selected_noise
 from flexhinf.design.report.sections.poles import mode_groups
 from flexhinf.design.report.sections.region import budget_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
-from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
-from flexhinf.design.requirements import TOLERANCE
+from flexhinf.design.report.sections.weights import (
+    candidate_rows,
+    robust_rows,
+    selected_candidates,
+    selected_noise,
+)
 from flexhinf.design.result import ComparedLaw, Comparison, Design
+from flexhinf.design.specification import TOLERANCE
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
 

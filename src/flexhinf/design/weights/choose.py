@@ -15,8 +15,9 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -200,11 +201,7 @@ def _number(values: np.ndarray) -> Any:
 
 def _problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
     return robot.problem(
-        penalty,
-        pose=goal,
-        measured=s.measured,
-        command=_command(s),
-        disturbances=s.disturbances,
+        penalty, pose=goal, measured=s.measured, command=_command(s), disturbances=s.disturbances
     )
 
 
@@ -233,7 +230,11 @@ def _searched(
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
 
-    found, family = _widened(robot, goal, target, family, synthesis, scales.held)
+    @cache
+    def many() -> LinearFamily:
+        return LinearFamily.of(robot, goal, MANY, seed=1)
+
+    found, family = _widened(many, target, family, synthesis, scales.held)
     source = f"found for {_words(target)}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
@@ -265,7 +266,7 @@ def _searched(
                 s.gamma_ratio, larger
             )
 
-        found, _ = _widened(robot, goal, target, family, robust_synthesis, scales.held)
+        found, _ = _widened(many, target, family, robust_synthesis, scales.held)
         robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
         return _robust(robot, goal, s, scales, target, found, robust, larger, factor, corners)
 
@@ -281,14 +282,17 @@ def _failing(made: DesignProblem) -> int:
 
 
 def _widened(
-    robot: Any, goal: np.ndarray, target: TargetBehaviour, family: LinearFamily, synthesis: Any, held: float
+    many: Callable[[], LinearFamily],
+    target: TargetBehaviour,
+    family: LinearFamily,
+    synthesis: Any,
+    held: float,
 ) -> tuple[SearchResult, LinearFamily]:
     """A search, and again with the worst of many corners among the members."""
     found = search(target, family, synthesis, held)
     if len(family.a) == 1:
         return found, family
-    many = LinearFamily.of(robot, goal, MANY, seed=1)
-    wider = family.with_members(many, worst_members(many, found.chosen.design.gain))
+    wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
     return search(target, wider, synthesis, held), wider
 
 

@@ -30,7 +30,7 @@ from flexhinf.analysis import (
 )
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import TOLERANCE, gain_margin_limit, peak_sensitivity_limit
+from flexhinf.design.specification import TOLERANCE
 from flexhinf.errors import FlexhinfError
 
 __all__ = ["COMPLIANCE", "LIMITS", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
@@ -197,8 +197,8 @@ class _Search:
         found = _figures(self.loop.linear(process_noise=process), self.setup.noise, self.top)
         compliance = found.compliance / self.stiff
         ratios = (
-            found.peak_sensitivity / peak_sensitivity_limit(s),
-            gain_margin_limit(s) / max(found.gain_margin, UNSTABLE),
+            found.peak_sensitivity / s.peak_sensitivity_limit,
+            s.gain_margin_limit / max(found.gain_margin, UNSTABLE),
             (self.damping or 0.0) / max(found.damping, UNSTABLE),
             compliance / COMPLIANCE,
         )

@@ -77,7 +77,10 @@ class RobustProblem:
 
     def scaled(self, gamma: float, scalings: Scalings) -> LinearProblem:
         """The problem of one level γ, its Δ-channels entering with γ L."""
-        enter, seen, price = self.parts(scalings)
+        return self._scaled(gamma, self.parts(scalings))
+
+    def _scaled(self, gamma: float, parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> LinearProblem:
+        enter, seen, price = parts
         g = self.nominal
         disturbed = np.hstack([g.b1, gamma * self.torques @ enter])
         return LinearProblem(g.a, disturbed, g.b2, np.vstack([g.c, seen]), g.r2 + price)
@@ -94,9 +97,9 @@ class RobustProblem:
         NoFeasibleGamma
             If there is none.
         """
-        low = self.nominal.gamma_star()
+        low, parts = self.nominal.gamma_star(), self.parts(scalings)
         high = LARGEST * low
-        if not self.feasible(high, scalings):
+        if not is_feasible(self._scaled(high, parts).linear_part(), high):
             raise NoFeasibleGamma(
                 "No attenuation level holds for the whole tolerances.",
                 f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
@@ -104,7 +107,8 @@ class RobustProblem:
             )
         while high > (1.0 + relative) * low:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self.feasible(middle, scalings) else (middle, high)
+            fits = is_feasible(self._scaled(middle, parts).linear_part(), middle)
+            low, high = (low, middle) if fits else (middle, high)
         return high
 
     def design(self, ratio: float, scalings: Scalings) -> LinearDesign:

@@ -66,7 +66,16 @@ class Moving:
         return np.concatenate(self._both(t), axis=-1)
 
     def _both(self, t: Any) -> tuple[np.ndarray, np.ndarray]:
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        """(x_d, u_d); those of the last times are kept, since many robots are commanded the same."""
+        times = np.array(t, dtype=float, ndmin=1)
+        kept = vars(self).get("_last")
+        if kept is None or not np.array_equal(kept[0], times):
+            kept = times, *self._computed(times)
+            object.__setattr__(self, "_last", kept)
+        _, x, u = kept
+        return (x.copy(), u.copy()) if np.ndim(t) else (x[0].copy(), u[0].copy())
+
+    def _computed(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motion = motion_of(self.signals, times, 4, self.names)
         found = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
         if len(found) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in found):
@@ -75,5 +84,4 @@ class Moving:
                 f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in found]}",
                 "robot.inverse_dynamics",
             )
-        x, u = found
-        return (x, u) if np.ndim(t) else (x[0], u[0])
+        return found

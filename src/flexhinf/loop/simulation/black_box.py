@@ -38,7 +38,7 @@ def run_black_box(
     controller.reset(input=initial_input)
     channels = tuple(box.disturbances)
     d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
-    queue = np.tile(controller.input_before(initial_input), channel.delay)
+    before = controller.input_before(initial_input)
     has_state = bool(box.states)
     width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
@@ -57,8 +57,8 @@ def run_black_box(
         except NumericalFailure:
             return recorded, (CONTROL_FAILED, k)
         recorded["input"][k], recorded["estimate"][k] = u, controller.estimate
-        held, queue = channel.delayed(queue, u)
-        box.step(held, d[k], controller.period)
+        late = k - channel.delay
+        box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
     return recorded, (0, len(times) - 1)
 
 

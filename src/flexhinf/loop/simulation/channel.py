@@ -10,10 +10,14 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array, real_number
 
-__all__ = ["DIRECT", "MOST_QUEUED", "WHOLE", "Channel", "check_delay"]
+__all__ = ["DIRECT", "LONGEST", "MOST_QUEUED", "WHOLE", "Channel", "check_delay"]
 
-#: Most inputs that may wait in a delay, those of all motors together: the queue is part of the compiled code, and each
-#: input in it is a state of the linear loop. A longer delay is most likely a wrong unit.
+#: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
+#: costs no time, but a longer one is most likely a wrong unit.
+LONGEST = 100_000
+
+#: Most inputs that may wait in the delay of a linear loop, those of all motors together: each is a state of it, and its
+#: poles, norms and noise cost the cube of the states.
 MOST_QUEUED = 200
 
 #: A delay this close to a whole number of samples (in samples) is one.
@@ -21,7 +25,7 @@ WHOLE = 1e-6
 
 
 def check_delay(samples: float, inputs: int, period: float) -> None:
-    """Refuse a delay with more than `MOST_QUEUED` waiting inputs.
+    """Refuse a delay with more than `MOST_QUEUED` waiting inputs, for a linear loop.
 
     Parameters
     ----------
@@ -37,13 +41,16 @@ def check_delay(samples: float, inputs: int, period: float) -> None:
     InvalidInput
         With the unit that was probably meant.
     """
-    most = MOST_QUEUED // inputs
+    _check_length(samples, MOST_QUEUED // inputs, period, f" with {inputs} inputs" if inputs > 1 else "")
+
+
+def _check_length(samples: float, most: int, period: float, of: str = "") -> None:
     if samples <= most * (1.0 + WHOLE):
         return
-    late, of = period * samples, f" with {inputs} inputs" if inputs > 1 else ""
+    late = period * samples
     raise InvalidInput(
         "The input delay is out of proportion to the period.",
-        f"expected at most {most} samples = {most * period:g} s{of}, got {late:g} s = {round(samples)} samples of "
+        f"expected at most {most} samples = {most * period:g} s{of}, got {late:g} s = {samples:.0f} samples of "
         f"{period:g} s",
         f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
     )
@@ -65,9 +72,7 @@ class Channel:
     delay: int
 
     @staticmethod
-    def of(
-        quantisation: Any, delay: Any, period: float, measured: tuple[str, ...], inputs: int = 1
-    ) -> Channel:
+    def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
         """From user's numbers.
 
         Parameters
@@ -75,12 +80,10 @@ class Channel:
         quantisation : None, float, or (p,) array
             Step of the measurements.
         delay : float
-            s; a whole number of periods, with at most `MOST_QUEUED` inputs in all.
+            s; a whole number of periods, at most `LONGEST`.
         period : float
             s.
         measured : tuple of str
-        inputs : int
-            How many inputs are delayed.
 
         Raises
         ------
@@ -106,7 +109,7 @@ class Channel:
                 f"expected a multiple of {period:g} s, got {delay!r} s",
                 f"delay={period:g} for one sample",
             )
-        check_delay(samples, inputs, period)
+        _check_length(samples, LONGEST, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
 
@@ -116,11 +119,6 @@ class Channel:
             return y
         rounded = [q * np.floor(value / q + 0.5) if q > 0.0 else value for value, q in zip(y, self.quanta)]
         return np.array(rounded)
-
-    def delayed(self, queue: Any, u: Any) -> tuple[Any, Any]:
-        """The input that acts now (m,), and the queue (delay · m,) for the next sample."""
-        waiting = np.concatenate([queue, u])
-        return waiting[: len(u)], waiting[len(u) :]
 
     def settings(self) -> dict[str, Any]:
         """For the record of a run."""

@@ -73,9 +73,7 @@ class Loop(Summarised):
             raise InvalidInput(
                 "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
             )
-        self.channel = Channel.of(
-            quantisation, delay, controller.period, controller.measured, len(controller.law.input_names)
-        )
+        self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, Plant):
             self._check_plant(true_plant)
         elif not isinstance(true_plant, BlackBox):
@@ -236,13 +234,14 @@ class Loop(Summarised):
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
             "disturbance": code.roomy(d, samples, parts), "held": before.copy(),
-            "queue": np.tile(before, self.channel.delay),
         }  # fmt: skip
         recorded = {
             "reference": signals["reference"],
             "disturbance": d.reshape(samples, -1)[:, : code.sizes.d],
         }
-        return PreparedRun(code, plant, controller, times, arrays, recorded, parts, settings)
+        return PreparedRun(
+            code, plant, controller, times, arrays, recorded, parts, self.channel.delay, settings
+        )
 
     def _sampled(
         self, reference: Any, disturbance: Any, noise: Any, duration: float, seed: int, multi_turn: bool

@@ -62,7 +62,7 @@ class LoopCode:
             estimate=len(controller.states), parameters=plant.parameters.size,
             capacity=1 << (sub_steps - 1).bit_length(),
         )  # fmt: skip
-        key = ("loop", plant.code_key, controller.code_key, sizes, channel)
+        key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
 
     def kernel(self, lanes: int = 1) -> Kernel:
@@ -101,6 +101,8 @@ class PreparedRun:
         Signals that are known before the run.
     parts : int
         Runge–Kutta steps per period.
+    delay : int
+        Samples between an input and its effect.
     settings : mapping
         For the trajectory.
     """
@@ -112,17 +114,18 @@ class PreparedRun:
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
     parts: int
+    delay: int
     settings: dict[str, Any]
 
     @property
     def fits(self) -> tuple[object, ...]:
         """Runs for which this is equal can be made side by side."""
-        return self.code.key, len(self.times), self.parts
+        return self.code.key, len(self.times), self.parts, self.delay
 
     @property
     def counts(self) -> dict[str, int]:
-        """Turns of the kernel's loops."""
-        return {"steps": len(self.times), "parts": self.parts}
+        """Turns of the kernel's loops, and elements of the inputs that wait."""
+        return {"steps": len(self.times), "parts": self.parts, "late": self.delay * self.code.sizes.u}
 
     @property
     def _outputs(self) -> dict[str, tuple[str, int]]:
@@ -143,22 +146,31 @@ class PreparedRun:
                 found[buffer.name] = given.copy() if buffer.role == "state" else given
         return found
 
-    def outputs(self, *lanes: int) -> dict[str, np.ndarray]:
-        """Arrays for what the kernel records, by buffer."""
-        return {
-            name: np.zeros((len(self.times) * width, *lanes)) for name, (_, width) in self._outputs.items()
-        }
+    @staticmethod
+    def outputs(runs: Sequence[PreparedRun]) -> dict[str, np.ndarray]:
+        """Arrays for what is recorded of runs that fit, by buffer and lane; before the inputs those that wait."""
+        first = runs[0]
+        late = first.counts["late"]
+        rows = {name: len(first.times) * width for name, (_, width) in first._outputs.items()}
+        arrays = {name: np.zeros((count, len(runs))) for name, count in rows.items() if name != "inputs"}
+        arrays["inputs"] = np.zeros((late + rows["inputs"], len(runs)))
+        for lane, run in enumerate(runs):
+            arrays["inputs"][:late, lane] = np.tile(run.arrays["held"], run.delay)
+        return arrays
 
     def alone(self) -> Trajectory:
         """Make this run."""
-        outputs = self.outputs()
+        outputs = {name: array.ravel() for name, array in self.outputs([self]).items()}
         status = self.code.kernel().run({**self.inputs, **outputs}, self.counts)
         return self.trajectory(outputs, int(status.code), int(status.step))
 
     def trajectory(self, outputs: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
-        """What the run recorded, up to its end."""
+        """What the run recorded, up to its end; the inputs stand behind those that waited before."""
         count = len(self.times)
-        recorded = {signal: outputs[name].reshape(count, -1) for name, (signal, _) in self._outputs.items()}
+        recorded = {
+            signal: outputs[name][outputs[name].size - count * width :].reshape(count, -1)
+            for name, (signal, width) in self._outputs.items()
+        }
         signals = {**recorded, **self.recorded}
         return Trajectory.until(self.plant, self.controller, self.times, signals, self.settings, code, last)
 
@@ -193,9 +205,10 @@ def _worth_lanes(run: PreparedRun, count: int) -> bool:
 
 def _side_by_side(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
     """Up to `LANES` runs at once; lanes without a run repeat the last one."""
-    filled = [run.inputs for run in (*runs, *[runs[-1]] * (LANES - len(runs)))]
-    inputs = {name: np.stack([one[name] for one in filled], axis=-1) for name in filled[0]}
-    outputs = runs[0].outputs(LANES)
+    filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
+    each = [run.inputs for run in filled]
+    inputs = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
+    outputs = PreparedRun.outputs(filled)
     status = runs[0].code.kernel(LANES).run({**inputs, **outputs}, runs[0].counts)
     codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
     rows = {name: np.ascontiguousarray(array.T) for name, array in outputs.items()}

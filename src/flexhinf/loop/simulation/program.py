@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -64,13 +64,12 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     )
 
 
-def delay_function(channel: Channel, inputs: int) -> ca.Function:
-    """(queue, u) → (the input that acts, queue)."""
-    return trace(channel.delayed, channel.delay * inputs, inputs, name="delay")
-
-
 def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel: Channel) -> Program:
-    """The program of one run; `steps` samples, `parts` sub-steps each, room for `capacity` of them."""
+    """The program of one run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
+
+    The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
+    acts at a sample is the row that was written a delay ago, so that any delay is data.
+    """
 
     def whole(name: str, size: int) -> tuple[Slice, ...]:
         return (Slice(name, size=size),) if size else ()
@@ -90,10 +89,7 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip
-    held, queue = (
-        (whole("held", sizes.u), whole("queue", channel.delay * sizes.u)) if channel.delay else (u, ())
-    )
-    late = (Call(delay_function(channel, sizes.u), (*queue, *u), (*held, *queue)),) if channel.delay else ()
+    held, acting = whole("held", sizes.u), row("inputs", sizes.u)
     body = (
         Copy(x[0], row("states", sizes.x)[0]),
         Call(
@@ -102,27 +98,26 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel
             y,
         ),
         *control,
-        Copy(u[0], row("inputs", sizes.u)[0]),
+        Copy(u[0], replace(acting[0], shift="late")),
         Guard(u[0], CONTROL_FAILED),
         Guard(memory[0], CONTROL_FAILED),
-        *late,
+        Copy(acting[0], held[0]),
         Repeat("parts", (Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x),)),
         Guard(x[0], PLANT_FAILED),
     )
     buffers = [
         Buffer("x", sizes.x, "state"),
         Buffer("u", sizes.u, "state"),
+        Buffer("held", sizes.u, "state"),
         Buffer("memory", sizes.memory, "state"),
         Buffer("data", sizes.data, "in"),
         Buffer("truth", 1 + sizes.parameters, "in"),
         Buffer("noise", None, "in"),
         Buffer("states", None, "out"),
         Buffer("outputs", None, "out"),
-        Buffer("inputs", None, "out"),
+        Buffer("inputs", None, "state"),
         Buffer("estimates", None, "out"),
     ]
     buffers += [Buffer("reference", None, "in")] if sizes.r else []
     buffers += [Buffer("disturbance", None, "in")] if sizes.d else []
-    if channel.delay:
-        buffers += [Buffer("held", sizes.u, "state"), Buffer("queue", channel.delay * sizes.u, "state")]
-    return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts"))
+    return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts", "late"))

@@ -9,13 +9,13 @@ import numpy as np
 
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, framed, reference_line, thin
-from flexhinf.design.report.formatting import Units, count_text, range_text, rounded, units_of
+from flexhinf.design.report.formatting import Units, count_text, joint_table, range_text, rounded, units_of
 from flexhinf.design.report.sections.poles import vibration_damping
 from flexhinf.design.report.sections.step import spring_torques
+from flexhinf.design.requirements import RINGS
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop
-from flexhinf.design.status import RINGS
 from flexhinf.report import (
     SERIES,
     Column,
@@ -97,7 +97,7 @@ def _equilibrium(design: Design) -> Table:
         Column("spring torque", units.spring, 3),
         Column("input", units.effort, 3),
     )
-    return Table(columns, rows, "Equilibrium at the goal", "table-rest")
+    return joint_table(columns, rows, "Equilibrium at the goal", "table-rest")
 
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------

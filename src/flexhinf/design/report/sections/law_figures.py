@@ -270,7 +270,7 @@ def _html(line: TableLine, columns: int) -> str:
 
 
 def _cell_html(text: str, top: bool) -> str:
-    return f'<strong>{escape(text)}</strong> <span class="unit">best</span>' if top else escape(text)
+    return f'<strong>{escape(text)}</strong><br><span class="unit">best</span>' if top else escape(text)
 
 
 def _whole(name: str) -> str:

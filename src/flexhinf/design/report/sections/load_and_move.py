@@ -17,7 +17,7 @@ from flexhinf.design.report.drawing import (
     thin,
     vertical_line,
 )
-from flexhinf.design.report.formatting import Units, units_of
+from flexhinf.design.report.formatting import Units, joint_table, units_of
 from flexhinf.design.report.sections.step import effort_limit
 from flexhinf.design.result import Design
 from flexhinf.report import (
@@ -107,7 +107,7 @@ def _load_table(e: LawEvaluation, units: Units) -> Table:
         "Twist: of the spring under this torque alone. Recovered: within 2 % of the joint's step from start to goal "
         "from then on. Remaining: largest in the last tenth of the time under load"
     )
-    return Table(columns, rows, caption, "table-load")
+    return joint_table(columns, rows, caption, "table-load")
 
 
 # The planned move ---------------------------------------------------------------------------------------
@@ -143,7 +143,7 @@ def _move_figure(e: LawEvaluation, units: Units) -> Figure:
     limit, name = effort_limit(e, units)
     away = response.positions - response.goal
     figure, axes = new_figure(3, height=6.6)
-    joint_lines(axes[0], time, units.scale * away, joints)
+    joint_lines(axes[0], time, units.scale * away, joints if len(joints) > 1 else ["link"])
     joint_lines(axes[1], time, scale * move.error, joints)
     joint_lines(axes[2], time, response.inputs, joints)
     with house_style():
@@ -193,4 +193,4 @@ def _move_table(e: LawEvaluation, units: Units) -> Table:
         Column("rms error", unit),
         Column("peak input", units.effort),
     )
-    return Table(columns, rows, "Errors of the true link positions from the plan", "table-move")
+    return joint_table(columns, rows, "Errors of the true link positions from the plan", "table-move")

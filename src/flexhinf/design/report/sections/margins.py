@@ -12,8 +12,8 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, joint_lines
 from flexhinf.design.report.formatting import Units, range_text, units_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
+from flexhinf.design.requirements import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.design.result import Design
-from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
 __all__ = ["blocks", "estimation_figure", "margin_rows", "remarks"]
@@ -157,29 +157,23 @@ def _noise(e: LawEvaluation, units: Units) -> Table:
     """Gain from each sensor to the input that it moves most, the sensor's noise, and their product."""
     noise, gains, plant = e.setup.noise, e.margins.noise_to_input, e.setup.model
     assert noise is not None
-    rows = []
+    several, rows = len(e.setup.joints) > 1, []
     for k, (name, sigma) in enumerate(zip(plant.outputs, noise)):
         worst, unit = int(np.argmax(gains[:, k])), plant.unit(name)
-        rows.append(
-            (
-                name.replace("_", " "),
-                f"{number(float(sigma), 3)} {unit}",
-                f"{number(float(gains[worst, k]))} {units.effort}/{unit}",
-                float(gains[worst, k] * sigma),
-                e.setup.joints[worst],
-            )
-        )
+        gain = float(gains[worst, k])
+        texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {units.effort}/{unit}"
+        joint = [e.setup.joints[worst]] if several else []
+        rows.append((name.replace("_", " "), *texts, float(gain * sigma), *joint))
     columns = (
         "sensor",
         "its noise (rms)",
         "gain to the input (rms)",
         Column("at the motor (rms)", units.effort),
-        "motor",
     )
     caption = "Noise of each sensor at the motor that it moves most"
     if e.input_noises is not None:
         caption += f"; all sensors together: {range_text(e.input_noises, 2)} {units.effort} rms"
-    return Table(columns, rows, caption, "table-noise")
+    return Table((*columns, *(["motor"] if several else [])), rows, caption, "table-noise")
 
 
 def estimation_figure(e: LawEvaluation, units: Units) -> Figure | None:

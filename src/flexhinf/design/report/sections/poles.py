@@ -11,8 +11,8 @@ import numpy as np
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, frequency_axis, panels, reference_line, vertical_line
 from flexhinf.design.report.formatting import range_text
+from flexhinf.design.requirements import RINGS
 from flexhinf.design.result import Design
-from flexhinf.design.status import RINGS
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, house_style, label
 
 if TYPE_CHECKING:

@@ -85,7 +85,9 @@ def _region_text(design: Design) -> str:
         "and by ascent from many starts: sampled, not proved. The checked pair is weaker than the designed one: "
         f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, not "
         "the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region "
-        "was sampled)."
+        "was sampled). The largest step moves all joints alike and starts with the integrals at which V is smallest. A "
+        "controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
+        "shorter step may begin outside the level set."
     )
 
 
@@ -116,11 +118,7 @@ def _regions(design: Design) -> Table:
         Column("solve", "ms", 1),
         Column("check", "s", 1),
     )
-    caption = (
-        "Largest step: the same for all joints, its start an equilibrium inside the level set, with the integrals at "
-        "which V is smallest there. A controller starts with other integrals, those at which the input does not jump, "
-        "so V is larger at its start, and a shorter step may begin outside the level set"
-    )
+    caption = "Step: from one equilibrium to another, its start inside the level set"
     return Table(columns, rows, caption, "table-region")
 
 

@@ -18,7 +18,7 @@ from flexhinf.design.report.drawing import (
     thin,
     widened,
 )
-from flexhinf.design.report.formatting import ESTIMATORS, Units, listed, settling_text, units_of
+from flexhinf.design.report.formatting import ESTIMATORS, Units, joint_table, listed, settling_text, units_of
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.report import (
@@ -238,7 +238,7 @@ def _table(e: LawEvaluation, units: Units) -> Table:
         "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
         "of the run. Input noise: standard deviation there"
     )
-    return Table(columns, rows, caption, "table-step")
+    return joint_table(columns, rows, caption, "table-step")
 
 
 def _mujoco(design: Design, units: Units) -> list[Table]:
