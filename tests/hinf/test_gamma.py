@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -15,7 +16,7 @@ from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 
-def _linear(a, g1, g2, c, r2=1.0) -> PolynomialPlant:
+def _linear(a, g1, g2, c, r2: Any = 1.0) -> PolynomialPlant:
     n = len(a)
     unit = np.eye(n, dtype=int)
     f = {tuple(unit[j].tolist()): np.asarray(a, float)[:, j] for j in range(n)}

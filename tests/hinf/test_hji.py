@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 
 import mpmath
 import numpy as np
@@ -344,33 +341,6 @@ def test_residual_is_of_order_degree_plus_one(random_plant, degree):
     direction = np.random.default_rng(2).standard_normal((100, 3))
     far, near = (np.abs(solution.residual(direction * r)) for r in (4e-3, 2e-3))
     assert np.median(np.log2(far / near)) == pytest.approx(degree + 1, abs=0.15)
-
-
-# Threads -------------------------------------------------------------------------------------------------
-
-_PROGRAM = """
-import sys
-import numpy as np
-import flexhinf as fh
-rng, n = np.random.default_rng(0), 20
-f = {1: rng.standard_normal((n, n)) / np.sqrt(n) - np.eye(n), 2: 0.05 * rng.standard_normal((n, 210))}
-g1, g2 = rng.standard_normal((2, n, 4, 1))
-solution = fh.solve_hji(fh.PolynomialPlant.from_parts(n, f, {0: g1}, {0: g2}, {1: np.eye(n)}, np.eye(4)), 40.0, 4)
-sys.stdout.buffer.write(b"".join(part.tobytes() for part in solution.value_parts.values()))
-"""
-
-
-def test_the_number_of_threads_changes_no_bit():
-    """Real and complex products beyond the sizes from which BLAS would share them among its threads."""
-    results = []
-    for threads in ("1", "2"):
-        counts = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), threads)
-        run = subprocess.run(
-            [sys.executable, "-c", _PROGRAM], env={**os.environ, **counts}, capture_output=True, check=True
-        )
-        results.append(run.stdout)
-    assert len(results[0]) == 8 * (210 + 1540 + 8855)
-    assert results[0] == results[1]
 
 
 # Refusals --------------------------------------------------------------------------------------------------
