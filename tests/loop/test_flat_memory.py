@@ -90,4 +90,4 @@ def test_two_hundred_designs_of_changing_code_give_their_machine_code_back(
         pendulum_loop().run(duration=0.05, initial_state=[0.1, 0.0])
         if k % 20 == 19:
             points.append((k, memory()))
-    assert slope(points[2:]) < 100.0, points  # KB per compilation; 850 were kept before
+    assert slope(points[2:]) < 100.0, points  # KB per design; 514 were kept before
