@@ -283,6 +283,16 @@ def laws() -> str:
     return "\n\n".join([found.criterion.text, f"**{comparison_verdict(found)}**", "\n".join(lines)])
 
 
+# Promises -------------------------------------------------------------------------------------------
+def promises() -> str:
+    """What became of every attempt of the fuzzers."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    command = [sys.executable, "-m", "fuzz"]
+    outcome = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert outcome.returncode == 0, outcome.stderr
+    return outcome.stdout.strip()
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
@@ -293,6 +303,7 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "refusal": ("docs/design.md", refusal),
     "presets": ("docs/design.md", presets),
     "laws": ("docs/design.md", laws),
+    "promises": ("docs/promises.md", promises),
 }
 
 

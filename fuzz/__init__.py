@@ -7,4 +7,11 @@ A fuzzer is a module here with ``ATTEMPTS`` and ``run(attempts, seed) -> Tally``
 a time limit (``make slow``); another seed looks elsewhere: ``python -m fuzz --seed 7``.
 """
 
-FUZZERS: tuple[str, ...] = ("robot_files", "names", "command_line", "solution_files", "random_plants")
+FUZZERS: tuple[str, ...] = (
+    "robot_files",
+    "names",
+    "command_line",
+    "solution_files",
+    "estimators",
+    "random_plants",
+)

@@ -6,6 +6,7 @@ A name that is taken stands unchanged in tables, figures, pages and files, and c
 from __future__ import annotations
 
 import csv
+import html
 import io
 import json
 import tempfile
@@ -19,6 +20,7 @@ from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
+from flexhinf.design.report import design_tables
 from flexhinf.design.report.text import LiteralTable
 from flexhinf.loop.simulation import trajectory
 from flexhinf.robot.dynamics import Joint
@@ -34,6 +36,9 @@ PIECES = (
     "%s", "{0}", "~", "..", "/", "肘", "é", "ñ", "ﷺ", "😀", "R^v", "\x00", "\x07", "\x1b[31m", "\n", "\r", "\t",
     "\u2028", "\u200b", "\u202e", "\u2066", "\u0301", "\ufeff", "\ue000", "\ud800",
 )  # fmt: skip
+
+WHOLE = '$x_1$[/red]url(http://a)</text>&"#肘😀'
+"""Of the joint of the one design that is made and reported whole."""
 
 ROBOT = """name = {robot}
 description = {text}
@@ -76,6 +81,10 @@ def run(attempts: int, seed: int) -> Tally:
                     tally.answered(way(name, Path(folder)), how)
             except Exception as error:
                 tally.raised(error, how)
+        try:
+            tally.answered(_report(WHOLE, Path(folder)), f"seed {seed}, the whole report")
+        except Exception as error:
+            tally.answered(f"{type(error).__name__}: {error}", f"seed {seed}, the whole report")
     return tally
 
 
@@ -193,6 +202,21 @@ def _file(name: str, folder: Path) -> str:
     return "" if same and (out / name).read_text(encoding="utf-8") == "text" else f"files {found}"
 
 
+def _report(name: str, folder: Path) -> str:
+    """A design of a robot with two such joints, with its page, its runs and its terminal's tables."""
+    path = folder / "arm.toml"
+    content = ROBOT.format(robot='"arm"', joint=json.dumps(name, ensure_ascii=False), text='"arm"')
+    path.write_text(content.replace('"other"', "'[red]$'"), encoding="utf-8")
+    fields = {"pose": (0.2, 0.1), "degrees": (2,), "rays": 0, "draws": 2, "compare_rigid": False}
+    found = fh.design(fh.load_robot(path), fh.Specification(**fields))
+    found.save(folder / "whole")
+    console = Console(width=200, file=io.StringIO())
+    for table in design_tables(found):
+        console.print(table)
+    page = (folder / "whole" / "index.html").read_text(encoding="utf-8")
+    return _html_fault(page, "") or ("" if html.escape(name) in page else "a page without the name")
+
+
 # Judgement ------------------------------------------------------------------------------------------
 class _Elements(HTMLParser):
     """Tags with their attributes' names in order, and the addresses."""
@@ -216,9 +240,9 @@ class _Elements(HTMLParser):
         self.active += [tag] if tag in ("script", "iframe", "img") else []
 
 
-def _html_fault(html: str, plain: str, name: str = "") -> str:
+def _html_fault(page: str, plain: str, name: str = "") -> str:
     found = _Elements()
-    found.feed(html)
+    found.feed(page)
     if found.active:
         return f"active: {found.active[0]}"
     if plain:

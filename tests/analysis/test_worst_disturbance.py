@@ -123,7 +123,9 @@ def test_small_motions_are_those_of_a_run(
     assert np.allclose(measured, expected, atol=1e-4 * np.abs(measured).max())
 
 
-@pytest.mark.parametrize("degree", [2, 4, 6])
+@pytest.mark.parametrize(
+    "degree", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(6, marks=pytest.mark.slow)]
+)
 def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     torques: GeneralisedPlant, degree: int
 ) -> None:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
 
 import flexhinf as fh
+from flexhinf import report
 from flexhinf.cli import commands, main
+from flexhinf.cli.messages import INTERRUPTED
 
 
 def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,6 +58,36 @@ def test_an_interruption_has_the_shells_code(
     monkeypatch.setattr("flexhinf.design.report.robots_table", stop)
     assert main(["robots"]) == 130
     assert "nothing was written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", ["raised", "caught by the option parser"])
+def test_interrupted_right_after_a_report_got_its_name_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], how: str
+) -> None:
+    place = {name: getattr(os, name) for name in ("rename", "replace")}
+
+    def publishing(**arguments: object) -> int:
+        try:
+            report.write(tmp_path / "r", {"index.html": "new"})
+        except KeyboardInterrupt:
+            if how == "raised":
+                raise
+        return INTERRUPTED
+
+    for name, rename in place.items():
+
+        def stopped(source: Path, destination: Path, rename: Any = rename) -> None:
+            rename(source, destination)
+            if destination == tmp_path / "r":
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(os, name, stopped)
+    monkeypatch.setattr(commands, "app", publishing)
+    assert main(["design", "paper"]) == 130
+    told = capsys.readouterr().err
+    assert "nothing was written" not in told
+    assert str(tmp_path / "r") in told
+    assert (tmp_path / "r" / "index.html").read_text() == "new"
 
 
 def test_names_in_tables_are_no_markup() -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,8 @@ import pytest
 from flexhinf import report
 from flexhinf.errors import InvalidInput
 from flexhinf.report.folder import MARKER
+
+posix = pytest.mark.skipif(os.name != "posix", reason="locks of the kernel")
 
 FILES = {"index.html": "<p>γ</p>", "figures/a.svg": b"\x00\xff"}
 
@@ -37,9 +41,40 @@ def test_a_new_folder_holds_the_files_and_the_marker_and_nothing_is_left_beside_
 
 def test_an_earlier_report_is_replaced_whole(tmp_path: Path) -> None:
     target = report.write(tmp_path / "r", FILES)
-    (target / "left_over.svg").touch()
+    (target / ".DS_Store").touch()  # nobody's
     report.write(target, {"index.html": "new"})
     assert names(target) == {"index.html", MARKER}
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_report_into_which_somebody_put_files_is_left_alone(tmp_path: Path) -> None:
+    target = report.write(tmp_path / "r", FILES)
+    (target / "figures" / "my notes.txt").write_text("hours of work")
+    for act in (report.check, lambda path: report.write(path, {"index.html": "new"})):
+        with pytest.raises(InvalidInput, match="not of the report") as caught:
+            act(target)
+        assert "'figures/my notes.txt'" in caught.value.found
+        assert "move them" in caught.value.advice
+    assert names(target) == {*FILES, MARKER, "figures/my notes.txt"}
+    (target / "figures" / "my notes.txt").rename(tmp_path / "my notes.txt")
+    assert names(report.write(target, {"index.html": "new"})) == {"index.html", MARKER}
+
+
+def test_a_file_put_into_a_report_while_it_is_replaced_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = report.write(tmp_path / "r", FILES)
+    rename = os.rename
+
+    def put_before(source: Path, destination: Path) -> None:
+        if source == target:
+            (target / "late.txt").touch()
+        rename(source, destination)
+
+    monkeypatch.setattr(os, "rename", put_before)
+    with pytest.raises(InvalidInput, match="not of the report"):
+        report.write(target, {"index.html": "new"})
+    assert names(target) == {*FILES, MARKER, "late.txt"}
     assert list(tmp_path.iterdir()) == [target]
 
 
@@ -133,6 +168,7 @@ def test_interrupted_it_leaves_the_earlier_report(
         rename(source, destination)  # type: ignore[arg-type]
 
     monkeypatch.setattr(os, "rename", cut_short)
+    monkeypatch.setattr(os, "replace", cut_short)
     with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else InvalidInput):
         report.write(target, {"index.html": "new"})
     assert names(target) == {*FILES, MARKER}
@@ -140,19 +176,131 @@ def test_interrupted_it_leaves_the_earlier_report(
 
 
 def test_what_a_killed_run_left_is_cleared_away(tmp_path: Path) -> None:
-    process = dead_process()
-    for left_over in (f".r.flexhinf-new-{process}-00ff", f".r.flexhinf-old-{process}-00ff"):
-        (tmp_path / left_over).mkdir()
-        (tmp_path / left_over / "half").touch()
-    others = {f".r.flexhinf-new-{os.getpid()}-00ff", f".other.flexhinf-new-{process}-00ff"}
-    for other in others:
-        (tmp_path / other).mkdir()
+    process = dead_process()  # versions before this one had process numbers in the names
+    for left_over in ("new-00ff", "old-00ff", f"new-{process}-00ff", f"old-{process}-00ff"):
+        (tmp_path / f".r.flexhinf-{left_over}").mkdir()
+        (tmp_path / f".r.flexhinf-{left_over}" / "half").touch()
+    (tmp_path / ".r.flexhinf-lock").touch()
+    other = tmp_path / ".other.flexhinf-new-00ff"
+    other.mkdir()
     report.write(tmp_path / "r", FILES)
-    assert {path.name for path in tmp_path.iterdir()} == {"r", *others}
+    assert set(tmp_path.iterdir()) == {tmp_path / "r", other}
 
 
 def test_a_report_that_a_killed_run_had_set_aside_comes_back(tmp_path: Path) -> None:
     target = report.write(tmp_path / "r", FILES)
-    target.rename(tmp_path / f".r.flexhinf-old-{dead_process()}-00ff")
+    target.rename(tmp_path / ".r.flexhinf-old-00ff")
     report.check(target)
     assert names(target) == {*FILES, MARKER}
+
+
+# Several runs at once -------------------------------------------------------------------------------
+HOLDER = """
+import pathlib, sys
+from flexhinf.files import locked
+with locked(pathlib.Path(sys.argv[1])) as state:
+    print(state, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Another process that holds the lock of a report at ``r``."""
+    command = [sys.executable, "-c", HOLDER, str(tmp_path / ".r.flexhinf-lock")]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+@posix
+def test_what_another_run_is_writing_is_not_cleared_away(
+    tmp_path: Path, holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the process numbers in the names say: those of another container mean nothing here."""
+    live = [tmp_path / f".r.flexhinf-{kind}-{dead_process()}-00ff" for kind in ("new", "old")]
+    for folder in live:
+        folder.mkdir()
+    report.check(tmp_path / "r")
+    assert all(folder.is_dir() for folder in live)
+    monkeypatch.setattr("flexhinf.report.folder._PATIENCE", 0.1)
+    with pytest.raises(InvalidInput, match="Another run is writing") as caught:
+        report.write(tmp_path / "r", FILES)
+    assert ".r.flexhinf-lock" in caught.value.found
+    assert all(folder.is_dir() for folder in live)
+    holder.kill()
+    holder.wait()
+    report.write(tmp_path / "r", FILES)  # the lock ended with its process
+    assert list(tmp_path.iterdir()) == [tmp_path / "r"]
+
+
+PUBLISHER = """
+import os, pathlib, sys
+def foreign(*_):
+    raise ProcessLookupError  # what asking after a process of another container says
+os.kill = foreign
+def counted(rename):
+    def counting(source, target):
+        if str(target) == sys.argv[1] and "flexhinf-new" in str(source):
+            print(sum(path.is_file() for path in pathlib.Path(source).rglob("*")))
+        rename(source, target)
+    return counting
+os.rename, os.replace = counted(os.rename), counted(os.replace)
+from flexhinf import report
+for turn in range(6):
+    report.write(sys.argv[1], {f"runs/{k:03d}.txt": f"{sys.argv[2]} {turn}" for k in range(60)})
+"""
+
+
+def inside_a_container(command: list[str]) -> list[str]:
+    """The command in a process namespace of its own, where the system allows that."""
+    own = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--mount-proc"]
+    try:
+        works = subprocess.run([*own, "true"], capture_output=True, timeout=10.0).returncode == 0
+    except (OSError, subprocess.TimeoutExpired):
+        works = False
+    return [*own, *command] if works else command
+
+
+@posix
+def test_two_containers_publish_whole_reports_at_one_place(tmp_path: Path) -> None:
+    target = tmp_path / "r"
+    report.write(target, {"index.html": "first"})
+    commands = [inside_a_container([sys.executable, "-c", PUBLISHER, str(target), who]) for who in "ab"]
+    runs = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for command in commands
+    ]
+    for run in runs:
+        counts, errors = run.communicate(timeout=60.0)
+        assert (counts.split(), errors, run.returncode) == (["61"] * 6, "", 0)
+    assert len(names(target)) == 61
+    assert len({(target / f"runs/{k:03d}.txt").read_text() for k in range(60)}) == 1
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("lost", ["folder", "file"])
+def test_a_folder_that_somebody_clears_meanwhile_is_not_published(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
+) -> None:
+    target = report.write(tmp_path / "r", {"index.html": "first"})
+    write_bytes = Path.write_bytes
+
+    def cleared(path: Path, content: bytes) -> int:
+        written = write_bytes(path, content)
+        if path.name == "b.svg":
+            if lost == "folder":
+                shutil.rmtree(path.parents[1])
+            else:
+                path.unlink()
+        return written
+
+    monkeypatch.setattr(Path, "write_bytes", cleared)
+    with pytest.raises(InvalidInput):
+        report.write(target, {"index.html": "new", "figures/b.svg": "", "figures/c.svg": "", "runs/d": ""})
+    assert names(target) == {"index.html", MARKER}
+    assert (target / "index.html").read_text() == "first"
+    assert list(tmp_path.iterdir()) == [target]

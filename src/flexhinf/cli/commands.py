@@ -16,9 +16,10 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.design import compare, design
-from flexhinf.cli.messages import INTERRUPTED, error_text, mistake, parser_error
+from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error
 from flexhinf.cli.paper import paper
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import recorded
 from flexhinf.untrusted import value_text
 
 __all__ = ["COMMANDS", "app", "main", "robots", "schema"]
@@ -100,15 +101,16 @@ def _check_text(words: Sequence[str]) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    try:
-        _check_text(words)
-        code = app(args=words, prog_name="flexhinf", standalone_mode=False)
-        if code == INTERRUPTED:  # the option parser has caught Ctrl-C
-            return mistake("Interrupted; nothing was written.", INTERRUPTED)
-        return code if isinstance(code, int) else 0
-    except FlexhinfError as error:
-        return mistake(error_text(error, words))
-    except TyperException as error:
-        return mistake(parser_error(error, words))
-    except (KeyboardInterrupt, typer.Abort):
-        return mistake("Interrupted; nothing was written.", INTERRUPTED)
+    with recorded() as written:
+        try:
+            _check_text(words)
+            code = app(args=words, prog_name="flexhinf", standalone_mode=False)
+            if code == INTERRUPTED:  # the option parser has caught Ctrl-C
+                return interrupted(written())
+            return code if isinstance(code, int) else 0
+        except FlexhinfError as error:
+            return mistake(error_text(error, words))
+        except TyperException as error:
+            return mistake(parser_error(error, words))
+        except (KeyboardInterrupt, typer.Abort):
+            return interrupted(written())

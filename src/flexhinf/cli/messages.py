@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import typer
 from typer.exceptions import TyperException
@@ -13,7 +14,7 @@ from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError
 
 __all__ = [
-    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "error_text", "mistake", "note", "option_syntax",
+    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "error_text", "interrupted", "mistake", "note", "option_syntax",
     "parser_error",
 ]  # fmt: skip
 
@@ -92,6 +93,15 @@ def mistake(text: str, code: int = USER_ERROR) -> int:
     typer.secho("error: ", fg="red", err=True, nl=False)
     typer.echo(text, err=True)
     return code
+
+
+def interrupted(written: Sequence[Path]) -> int:
+    """Say that a command was interrupted, and which files and folders it had written whole by then."""
+    names = ", ".join(str(path) for path in written)
+    return mistake(
+        f"Interrupted; written and whole: {names}." if names else "Interrupted; nothing was written.",
+        INTERRUPTED,
+    )
 
 
 def note(text: str) -> None:

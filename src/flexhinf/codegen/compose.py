@@ -131,11 +131,12 @@ class Direct:
         """Matrices and vectors, as columns, side by side."""
         return np.column_stack(parts)
 
-    def gram(self, columns: Any, weights: Any, plus: Any) -> Any:
+    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
         from flexhinf.scalars import gram
 
-        return gram(columns, weights) + plus
+        total = gram(columns, weights)
+        return total if plus is None else total + plus
 
     def product(self, columns: Any, weights: Any, other: Any) -> Any:
         """Σ wᵢ aᵢ bᵢᵀ over columns aᵢ and bᵢ."""
@@ -260,7 +261,7 @@ class Composer:
             start += block.size
         return whole
 
-    def gram(self, columns: Block, weights: Any, plus: Block) -> Block:
+    def gram(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.gram`."""
         points = self._ordered(columns.T, "C")
         return self._outer_sum(points, points, self._block(weights), plus, symmetric=True)

@@ -119,14 +119,7 @@ def try_degrees(
         else:
             level, amplitude, limit = check.level, check.step_amplitude(), check.limit
         yield DegreeChoice(
-            degree,
-            solution,
-            level,
-            amplitude,
-            limit,
-            residual,
-            solved - start,
-            time.perf_counter() - solved,
+            degree, solution, level, amplitude, limit, residual, solved - start, time.perf_counter() - solved
         )
 
 

@@ -85,11 +85,7 @@ def modes_of(
 
 
 def named_modes(
-    values: np.ndarray,
-    vectors: np.ndarray,
-    joints: Sequence[str],
-    stiffness: np.ndarray,
-    inertia: np.ndarray,
+    values: np.ndarray, vectors: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
 ) -> tuple[Mode, ...]:
     """Modes by name, slowest first.
 

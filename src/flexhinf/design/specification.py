@@ -37,7 +37,6 @@ from flexhinf.design.units import (
     choice,
 )
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.channel import MOST_QUEUED, WHOLE
 from flexhinf.untrusted import value_text
 
 __all__ = [
@@ -222,6 +221,22 @@ class Specification:
     # fmt: on
 
     def __post_init__(self) -> None:
+        if self.delay:
+            self._check_delay()
+        length = 0.0 if self.duration is None else self.duration / self.period
+        if length > RUN_SAMPLES:
+            raise _refusal(
+                "duration",
+                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
+                f"{self.duration:g}ms",
+            )
+
+    def _check_delay(self) -> None:
+        from flexhinf.loop.simulation.channel import (
+            MOST_QUEUED,
+            WHOLE,
+        )  # a tenth of the time of `flexhinf --help`
+
         samples = self.delay / self.period
         if samples > MOST_QUEUED * (1.0 + WHOLE):
             raise _refusal(
@@ -232,13 +247,6 @@ class Specification:
             )
         if abs(samples - round(samples)) > WHOLE:
             raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-        length = 0.0 if self.duration is None else self.duration / self.period
-        if length > RUN_SAMPLES:
-            raise _refusal(
-                "duration",
-                f"expected at most {RUN_SAMPLES * self.period:g} s: {self.duration:g} s are {length:.0f} samples",
-                f"{self.duration:g}ms",
-            )
 
     @property
     def effort_limit(self) -> float | None:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.filter import RecursiveFilter, correction
 from flexhinf.plant import Gaussian
-from flexhinf.scalars import apply, cholesky, jacobian, solve_lower, solve_lower_transposed, trace
+from flexhinf.scalars import apply, jacobian, trace
 
 __all__ = ["ExtendedKalmanFilter"]
 
@@ -68,26 +68,11 @@ class ExtendedKalmanFilter(RecursiveFilter):
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
         expected, c = run.call(self._measured, belief.mean, u, p)
-        p_yx = run.columns(applied, belief.covariance, c)
-        p_yy, factor, innovation = run.call(innovation_of, p_yx, c, measurement_noise, y, expected)
-        gain, reduction = run.columns(gain_of, p_yx, factor)  # Kᵀ and a root of K P_yy Kᵀ, column by column
-        mean = run.combination(gain.T, innovation, belief.mean)
-        covariance = run.gram(reduction.T, -np.ones(len(self.plant.outputs)), belief.covariance)
-        return Gaussian(mean, covariance), innovation, p_yy
+        root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
+        shown = run.columns(applied, root, c)
+        return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
 
 
 def applied(vector: Any, matrix: Any) -> Any:
     """A matrix times a vector."""
     return matrix @ vector
-
-
-def innovation_of(p_yx: Any, c: Any, noise: Any, y: Any, expected: Any) -> tuple[Any, Any, Any]:
-    """P_yy, its Cholesky factor, and the innovation."""
-    p_yy = c @ p_yx.T + noise
-    return p_yy, cholesky(p_yy), y - expected
-
-
-def gain_of(p_xy: Any, factor: Any) -> tuple[Any, Any]:
-    """What an innovation adds to one state, k (p,), and the state's row of a square root of K P_yy Kᵀ."""
-    gain = solve_lower_transposed(factor, solve_lower(factor, p_xy))
-    return gain, gain @ factor

@@ -12,10 +12,10 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, solve_lower
+from flexhinf.scalars import cholesky, solve_lower, solve_lower_transposed
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["RecursiveFilter", "covariance_matrix"]
+__all__ = ["RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
 
 #: Largest step times fastest mode in the estimator's model: RK4 is far inside its stability region (2.78).
 MODEL_STEP = 0.25
@@ -60,6 +60,66 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
             "variances (squares of standard deviations), each positive",
         )
     return (matrix + matrix.T) / 2.0
+
+
+def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any) -> tuple[Any, ...]:
+    """Steps 8 to 11 of Algorithm 1: corrected mean, Kᵀ (p, n), factor of P_yy, innovation, P_yy; see `correction`."""
+    (mean, deviations), (expected, spread) = prior, outputs
+    p_yy = run.gram(spread, weights, noise)  # 8
+    p_yx = run.product(spread, weights, deviations)  # 9
+    factor, innovation = run.call(_factored, p_yy, y, expected)
+    gain = run.columns(_gain, p_yx, factor)  # 10, state by state
+    return run.combination(gain.T, innovation, mean), gain, factor, innovation, p_yy  # 11
+
+
+def correction(
+    run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any
+) -> tuple[Gaussian, Any, Any]:
+    """Steps 8 to 12 of Algorithm 1 on weighted deviations: x(k|k), the innovation, its covariance.
+
+    With P = Σ wᵢ dᵢ dᵢᵀ, P_yx = Σ wᵢ sᵢ dᵢᵀ, P_yy = Σ wᵢ sᵢ sᵢᵀ + R^n and K = P_xy P_yy⁻¹, step 12 is
+
+        P − K P_yy Kᵀ = Σ wᵢ (dᵢ − K sᵢ)(dᵢ − K sᵢ)ᵀ + K R^n Kᵀ,
+
+    Joseph's form. The right-hand side is a sum of squares where no weight is negative: however much a measurement
+    says, rounding cannot make it indefinite. The difference on the left can.
+
+    Parameters
+    ----------
+    run : flexhinf.codegen.Direct or Composer
+    prior : ((n,), (n, s))
+        Mean of the state, and deviations dᵢ.
+    outputs : ((p,), (p, s))
+        Mean of the outputs, and deviations sᵢ.
+    weights : (s,)
+    y, noise : (p,) and (p, p)
+        Measurement, and R^n.
+    """
+    mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
+    left = run.columns(_left, (prior[1], outputs[1]), gain)
+    root = run.columns(rooted, gain, run.cholesky(noise))
+    added = run.gram(root.T, np.ones(len(noise)))
+    return Gaussian(mean, run.gram(left, weights, added)), innovation, p_yy  # 12
+
+
+def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
+    """Cholesky factor of the innovation's covariance, and the innovation."""
+    return cholesky(p_yy), y - expected
+
+
+def _gain(p_yx: Any, factor: Any) -> Any:
+    """What an innovation adds to one state, (p,)."""
+    return solve_lower_transposed(factor, solve_lower(factor, p_yx))
+
+
+def _left(deviation: Any, output: Any, gain: Any) -> Any:
+    """d − K s."""
+    return deviation - output @ gain
+
+
+def rooted(gain: Any, factor: Any) -> Any:
+    """A state's row of K L, for a Cholesky factor L."""
+    return gain @ factor
 
 
 class RecursiveFilter(Estimator):
@@ -229,18 +289,20 @@ class RecursiveFilter(Estimator):
         InvalidInput
             If y does not fit the plant.
         NumericalFailure
-            If the result is not finite; the belief stays as it was.
+            If the result is not finite, or its covariance not semidefinite; the belief stays as it was, and `predict`
+            goes on from there.
         """
         y = self._vector(y, self.plant.outputs, "measurement", "(skip `correct` for a sample without one)")
         with np.errstate(all="ignore"):  # checked below
             belief, innovation, spread = self.innovate(
                 self._belief, y, self._u, self._parameters, self.measurement_noise
             )
-        self._accept(belief)
-        factor = cholesky(np.asarray(spread, dtype=float))
-        white = solve_lower(factor, np.asarray(innovation, dtype=float))
-        constant = len(y) * np.log(2.0 * np.pi)
-        self.log_likelihood = float(-0.5 * (white @ white + constant) - np.log(np.diag(factor)).sum())
+            self._accept(belief)
+            factor = cholesky(np.asarray(spread, dtype=float))
+            white = solve_lower(factor, np.asarray(innovation, dtype=float))
+            constant = len(y) * np.log(2.0 * np.pi)
+            likelihood = -0.5 * (white @ white + constant) - np.log(np.diag(factor)).sum()
+        self.log_likelihood = float(likelihood)
 
     def reset(self) -> None:
         """Back to the belief before the first measurement."""
@@ -259,10 +321,15 @@ class RecursiveFilter(Estimator):
         return array
 
     def _accept(self, belief: Any) -> None:
-        if not all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief):
+        """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
+        finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
+        if not finite or not np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float)))):
             raise NumericalFailure(
-                "The estimate is not finite: its covariance is not semidefinite, or the model diverged.",
+                "The covariance of the estimate is not semidefinite."
+                if finite
+                else "The estimate is not finite: its covariance is not semidefinite, or the model diverged.",
                 f"last finite mean {np.array2string(self.mean, precision=4)}",
-                "a larger process noise, a shorter period, or a smaller initial covariance",
+                "another measurement or `predict`, then a larger process noise, a shorter period, or a smaller initial "
+                "covariance",
             )
         self._belief = belief

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexhinf.errors import NumericalFailure
 from flexhinf.scalars import jacobian
 
 if TYPE_CHECKING:
@@ -47,12 +48,25 @@ def stationary_covariance(
         F and H of one sample.
     process_noise, measurement_noise : (n, n) and (p, p) arrays
         R^v per sample and R^n, the latter positive definite.
+
+    Raises
+    ------
+    NumericalFailure
+        If the numbers are too far apart for the recursion: R^v and R^n, or a model that grows by decades in a sample.
     """
     (a, c), r = model, measurement_noise
     n, unit = len(a), np.eye(len(a))
     forward, information, covariance = a.T, c.T @ np.linalg.solve(r, c), np.array(process_noise)
     for _ in range(DOUBLINGS):
-        shared = np.linalg.solve(unit + information @ covariance, np.hstack([forward, information]))
+        try:
+            shared = np.linalg.solve(unit + information @ covariance, np.hstack([forward, information]))
+        except np.linalg.LinAlgError as error:
+            raise NumericalFailure(
+                "The stationary covariance cannot be computed in these numbers.",
+                f"got R^v up to {np.abs(process_noise).max():.3g}, R^n up to {np.abs(r).max():.3g} and a model up to "
+                f"{np.abs(a).max():.3g} per sample",
+                "covariances of more similar size, or poles=",
+            ) from error
         growth = forward.T @ covariance @ shared[:, :n]
         information = information + forward @ shared[:, n:] @ forward.T
         forward = forward @ shared[:, :n]

@@ -12,10 +12,10 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
-from flexhinf.scalars import cholesky, clip, solve_lower, solve_lower_transposed
+from flexhinf.scalars import cholesky, clip
 from flexhinf.untrusted import real_array
 
 __all__ = ["UnscentedKalmanFilter"]
@@ -120,16 +120,18 @@ class UnscentedKalmanFilter(RecursiveFilter):
     ) -> tuple[Any, Any, Any]:
         """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance)."""
         weights = self.sigma.covariance_weights
-        points, deviations, prior = self.redrawn(run, belief)  # 5
+        points, deviations, centre = self.redrawn(run, belief)  # 5
         outputs = run.columns(self.output, points, u, p)  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
         spread = self.deviations(run, outputs, expected)
-        p_yy = run.gram(spread, weights, measurement_noise)  # 8
-        p_yx = run.product(spread, weights, deviations)  # 9
-        factor, innovation = run.call(factored, p_yy, y, expected)
-        gain, root = run.columns(gain_of, p_yx, factor)  # 10: Kᵀ, and a root of K P_yy Kᵀ, state by state
-        mean = run.combination(gain.T, innovation, prior.mean)  # 11
-        covariance = run.gram(root.T, -np.ones(len(self.plant.outputs)), prior.covariance)  # 12
+        known = ((centre, deviations), (expected, spread), weights, y, measurement_noise)
+        if self.redraw:
+            corrected, innovation, p_yy = correction(run, *known)
+            mean, covariance = corrected
+        else:  # the points do not stand for the whole of P, which has R^v beside them: step 12 as it is printed
+            mean, gain, factor, innovation, p_yy = gained(run, *known)
+            root = run.columns(rooted, gain, factor)
+            covariance = run.gram(root.T, -np.ones(len(self.plant.outputs)), belief.covariance)
         if self.bounds:
             mean = run.call(self.bounded, mean)
         corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
@@ -140,24 +142,21 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return self.inside(run, run.column_stack((mean, *run.columns(self.sigma.pair, root, mean))))
 
     def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any]:
-        """Sigma points for the measurement and their deviations, both (n, 2n + 1), and the prior they stand for.
+        """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from.
 
-        Clipped points stand for a narrower prior than the belief they were drawn from: steps 11 and 12 must use its
-        mean and covariance, or what is subtracted from P could exceed it.
+        Clipped points stand for a narrower prior than the belief they were drawn from: steps 9 to 12 must use its
+        mean and deviations, or what is subtracted from P could exceed it.
         """
         mean = belief.mean
         if not self.redraw:
-            return belief.points, self.deviations(run, belief.points, mean), belief
+            return belief.points, self.deviations(run, belief.points, mean), mean
         root = run.cholesky(belief.covariance)
         points = self.points(run, mean, root)
         if not self.bounds:  # not points − mean: those digits are lost already
-            centre = run.call(np.zeros_like, mean)
-            return points, run.column_stack((centre, *run.columns(self.sigma.offsets, root))), belief
+            still = run.call(np.zeros_like, mean)
+            return points, run.column_stack((still, *run.columns(self.sigma.offsets, root))), mean
         centre = run.combination(points, self.sigma.mean_weights)
-        deviations = self.deviations(run, points, centre)
-        weights = self.sigma.covariance_weights
-        nothing = run.call(np.zeros_like, belief.covariance)
-        return points, deviations, Gaussian(centre, run.gram(deviations, weights, nothing))
+        return points, self.deviations(run, points, centre), centre
 
     def deviations(self, run: Any, points: Any, mean: Any) -> Any:
         """Points minus a mean, (n, 2n + 1)."""
@@ -198,14 +197,3 @@ class UnscentedKalmanFilter(RecursiveFilter):
 def less(row: Any, mean: Any) -> Any:
     """Deviations of numbers from their mean."""
     return row - mean
-
-
-def factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
-    """Cholesky factor of the innovation's covariance, and the innovation."""
-    return cholesky(p_yy), y - expected
-
-
-def gain_of(p_xy: Any, factor: Any) -> tuple[Any, Any]:
-    """What an innovation adds to one state, k (p,), and the state's row of a square root of K P_yy Kᵀ."""
-    gain = solve_lower_transposed(factor, solve_lower(factor, p_xy))
-    return gain, gain @ factor

@@ -163,8 +163,5 @@ def _program(filter: RecursiveFilter) -> Program:
     ]
     call = Call(function, tuple(slices.values()), (slices["x"], slices["belief"], recorded))
     return Program(
-        "filter_trial",
-        (*buffers, Buffer("recorded", None, "out")),
-        (Repeat("steps", (call,)),),
-        ("steps",),
+        "filter_trial", (*buffers, Buffer("recorded", None, "out")), (Repeat("steps", (call,)),), ("steps",)
     )

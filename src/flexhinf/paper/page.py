@@ -8,13 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from flexhinf.paper.claims import Judged
-from flexhinf.paper.experiments import (
-    FREQUENCY,
-    LOAD_FROM,
-    TOLERANCE_DURATION,
-    TORQUE,
-    Experiments,
-)
+from flexhinf.paper.experiments import FREQUENCY, LOAD_FROM, TOLERANCE_DURATION, TORQUE, Experiments
 from flexhinf.paper.figures import PaperFigure
 from flexhinf.paper.loop_setup import INITIAL_VARIANCE, SAMPLED_PLANTS
 from flexhinf.paper.settings import PaperSettings, misprint_table, open_table
@@ -39,10 +33,7 @@ __all__ = ["numbered", "paper_page"]
 
 
 def paper_page(
-    experiments: Experiments,
-    figures: Sequence[PaperFigure],
-    judged: Sequence[Judged],
-    command: Sequence[str],
+    experiments: Experiments, figures: Sequence[PaperFigure], judged: Sequence[Judged], command: Sequence[str]
 ) -> Page:
     """Everything on one page."""
     tables = sum(isinstance(block, Table) for figure in figures for block in figure.blocks)

@@ -60,13 +60,7 @@ class PaperSettings:
             "an integer from 2 to 12",
             "--degree 4",
         )
-        _require(
-            "sampling period",
-            self.period,
-            1e-4 <= self.period <= 0.05,
-            PERIODS,
-            "--period 1e-3",
-        )
+        _require("sampling period", self.period, 1e-4 <= self.period <= 0.05, PERIODS, "--period 1e-3")
         known = isinstance(self.seed, int) and not isinstance(self.seed, bool)
         _require("seed", self.seed, known and 0 <= self.seed < 2**53, "an integer from 0", "--seed 0")
         _require(

@@ -17,11 +17,10 @@ from flexhinf.report.figure import (
     time_response,
 )
 from flexhinf.report.folder import check, is_report, write
-from flexhinf.report.json_text import to_json
 from flexhinf.report.page import KeyNumber, Page, Section, Status
 from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
-from flexhinf.report.text import number
+from flexhinf.report.text import number, to_json
 
 __all__ = [
     "INK", "MUTED", "SERIES", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure", "FigureRow",

@@ -12,19 +12,29 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.json_text import to_json
+from flexhinf.files import locked, publish
+from flexhinf.report.text import to_json
 
 __all__ = ["MARKER", "check", "is_report", "write"]
 
 MARKER = "flexhinf-report.json"
 
 _WHAT = "flexhinf report"
-_TEMPORARY = re.compile(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-(?P<process>\d+)-[0-9a-f]+\Z", re.DOTALL)
-_ABANDONED_AFTER = 86400.0  # s, where a process cannot be asked after by its number
+_TEMPORARY = re.compile(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-[0-9a-f-]+\Z", re.DOTALL)
+
+#: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
+_PATIENCE = 60.0
+
+#: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
+_ABANDONED_AFTER = 86400.0
+
+#: What systems put into folders that somebody looks at.
+_LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
 
 def is_report(path: str | os.PathLike[str]) -> bool:
@@ -44,7 +54,8 @@ def check(path: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     path : path
-        A folder that does not exist yet (nor need its parents), an empty one, or an earlier report.
+        A folder that does not exist yet (nor need its parents), an empty one, or an earlier report without other
+        files in it.
 
     Returns
     -------
@@ -56,21 +67,36 @@ def check(path: str | os.PathLike[str]) -> Path:
     InvalidInput
         `path` is a file, a folder that holds something else, the working folder, or cannot be written.
     """
-    try:
-        target = Path(path).expanduser().resolve() if str(path) else None
-        if target is None:
-            raise InvalidInput(
-                "The report needs a folder.", "got an empty path", "for example flexhinf-report"
-            )
+    with _refusals(path):
+        target = _resolved(path)
+        if target.parent.is_dir():
+            with locked(_lock(target)) as state:
+                if state != "busy":
+                    _clear(target, sure=state == "held")
         _refuse(target)
         _probe(target)
-    except (OSError, RuntimeError, ValueError) as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(
-            "The report's folder cannot be written.", f"{path}: {error}", "a folder that you may write to"
-        ) from error
     return target
+
+
+@contextmanager
+def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Errors of the system as ours."""
+    try:
+        yield
+    except InvalidInput:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InvalidInput(
+            "The report's folder cannot be written.",
+            f"{path}: {error}",
+            "a folder that you may write to, with room",
+        ) from error
+
+
+def _resolved(path: str | os.PathLike[str]) -> Path:
+    if not str(path):
+        raise InvalidInput("The report needs a folder.", "got an empty path", "for example flexhinf-report")
+    return Path(path).expanduser().resolve()
 
 
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
@@ -95,7 +121,6 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     InvalidInput
         As `check`; or a file's name leaves the folder; or the system refuses to write (full disk, …).
     """
-    target = check(path)
     for name in files:
         _check_name(name)
     marker = {
@@ -104,29 +129,57 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
         "note": "A new report replaces this folder whole.",
         "files": sorted(files),
     }
+    contents = {
+        name: content.encode("utf-8") if isinstance(content, str) else content
+        for name, content in {**files, MARKER: to_json(marker)}.items()
+    }
+    with _refusals(path):
+        target = _resolved(path)
+        _refuse(target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with locked(_lock(target), _PATIENCE) as state:
+            if state == "busy":
+                raise InvalidInput(
+                    "Another run is writing this report.",
+                    f"{target}: its lock {_lock(target).name} was held for {_PATIENCE:g} s",
+                    "another folder; or end that run and try again",
+                )
+            _clear(target, sure=state == "held")
+            _refuse(target)
+            _replace(target, contents)
+    return target
+
+
+def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
+    """Write everything beside the target, see that it is all there, and exchange the two."""
     fresh = _beside(target, "new")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         fresh.mkdir()
-        for name, content in {**files, MARKER: to_json(marker)}.items():
-            file = fresh / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        for name, content in contents.items():
+            for folder in reversed(PurePosixPath(name).parents[:-1]):
+                (fresh / folder).mkdir(
+                    exist_ok=True
+                )  # never `fresh` itself: who deleted it would delete again
+            (fresh / name).write_bytes(content)
+        found = {str(file.relative_to(fresh).as_posix()): file.stat().st_size for file in _files(fresh)}
+        if found != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
+            raise InvalidInput(
+                "The report's folder was changed while it was written; nothing was published.",
+                f"expected {len(contents)} files, got {len(found)} in {fresh.name}",
+                "write again; and no other program that clears this folder",
+            )
         _exchange(fresh, target)
-    except OSError as error:
-        raise InvalidInput(
-            "The report could not be written.",
-            f"{target}: {error}",
-            "more room, or a folder that you may write to",
-        ) from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
-    return target
+
+
+def _files(folder: Path) -> list[Path]:
+    """Everything below a folder that is not a folder."""
+    return [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
 
 
 def _refuse(target: Path) -> None:
     """Raise unless `target` is free, empty, or an earlier report."""
-    _clear(target)
     here = Path.cwd()
     if target == here or target in here.parents:
         raise InvalidInput(
@@ -149,6 +202,26 @@ def _refuse(target: Path) -> None:
             "The folder holds something that is not a report of flexhinf, and is left alone.",
             f"expected no folder, an empty one, or one with {MARKER}; got {target}",
             "another name, or an empty folder",
+        )
+    _refuse_strangers(target, target)
+
+
+def _refuse_strangers(folder: Path, target: Path) -> None:
+    """Raise if a report (that is, or was, at `target`) holds files that no report of ours put there."""
+    if not is_report(folder):
+        return
+    ours = json.loads((folder / MARKER).read_text(encoding="utf-8")).get("files")
+    known = (
+        {MARKER, *(name for name in ours if isinstance(name, str))} if isinstance(ours, list) else {MARKER}
+    )
+    known = {str(PurePosixPath(name)) for name in known}
+    others = [str(path.relative_to(folder).as_posix()) for path in _files(folder) if path.name not in _LITTER]
+    strangers = [name for name in others if name not in known]
+    if strangers:
+        raise InvalidInput(
+            "The report's folder holds files that are not of the report, and is left alone.",
+            f"got {', '.join(repr(name) for name in strangers[:3])}{' …' if len(strangers) > 3 else ''} in {target}",
+            "move them elsewhere, or another folder for the report",
         )
 
 
@@ -180,18 +253,23 @@ def _check_name(name: str) -> None:
 
 
 def _beside(target: Path, kind: str) -> Path:
-    return target.with_name(f".{target.name}.flexhinf-{kind}-{os.getpid()}-{secrets.token_hex(4)}")
+    return target.with_name(f".{target.name}.flexhinf-{kind}-{secrets.token_hex(8)}")
+
+
+def _lock(target: Path) -> Path:
+    return target.with_name(f".{target.name}.flexhinf-lock")
 
 
 def _exchange(fresh: Path, target: Path) -> None:
     """Give `fresh` the target's name; should that fail, the earlier report gets its name back."""
     if not target.exists():
-        os.rename(fresh, target)
+        publish(fresh, target)
         return
     earlier = _beside(target, "old")
     try:
         os.rename(target, earlier)
-        os.rename(fresh, target)
+        _refuse_strangers(earlier, target)  # what was put there since the report was checked
+        publish(fresh, target)
     except BaseException:
         if earlier.exists() and not target.exists():
             os.rename(earlier, target)
@@ -199,13 +277,17 @@ def _exchange(fresh: Path, target: Path) -> None:
     shutil.rmtree(earlier, ignore_errors=True)
 
 
-def _clear(target: Path) -> None:
-    """Clear away what killed runs left beside the target; a report that they had set aside comes back."""
-    if not target.parent.is_dir():
-        return
+def _clear(target: Path, sure: bool) -> None:
+    """Clear away what killed runs left beside the target; a report that they had set aside comes back.
+
+    Parameters
+    ----------
+    sure : bool
+        Whether the lock is held: then nobody else is writing. Else only what is old is taken for left over.
+    """
     for folder in sorted(target.parent.iterdir()):
         match = _TEMPORARY.match(folder.name)
-        if not match or match["name"] != target.name or not _abandoned(folder, int(match["process"])):
+        if not match or match["name"] != target.name or not (sure or _old(folder)):
             continue
         if match["kind"] == "old" and is_report(folder) and not target.exists():
             os.rename(folder, target)
@@ -213,14 +295,7 @@ def _clear(target: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _abandoned(folder: Path, process: int) -> bool:
-    if os.name == "posix":
-        try:
-            os.kill(process, 0)
-        except (ProcessLookupError, OverflowError):
-            return True
-        except PermissionError:
-            pass
+def _old(folder: Path) -> bool:
     try:
         return time.time() - folder.stat().st_mtime > _ABANDONED_AFTER
     except OSError:

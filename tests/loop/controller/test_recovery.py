@@ -1,8 +1,10 @@
 """Nothing that happens at one sample makes a controller unusable: refused and missing measurements, copies, threads."""
 
 import copy
+import os
 import pickle
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,3 +272,33 @@ def test_a_step_that_is_interrupted_does_not_lock_the_controller(made):
         controller.step(0.1)
     controller._ready = (run, *rest)
     assert np.isfinite(controller.step(0.1)).all()
+
+
+def resident():
+    """Memory of this process, bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+def test_ten_million_steps_take_no_memory(made):
+    """Measured, missing and refused samples; what the first million needs is all that is ever needed."""
+    controller = Controller(made.law, made.ukf(), saturation=20.0)
+    step, y = controller.step, np.array([0.1])
+
+    def million():
+        for _ in range(100):
+            for _ in range(9_980):
+                step(y, 0.2)
+            for _ in range(10):
+                step(None)
+            for bad in [np.nan, np.inf] * 5:
+                with pytest.raises(NumericalFailure):
+                    step(bad)
+                step(y)
+
+    million()
+    before = resident()
+    for _ in range(9):
+        million()
+    assert resident() - before < 1_000_000

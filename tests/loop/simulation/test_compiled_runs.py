@@ -22,7 +22,7 @@ def prepared(made, count, duration=0.3, estimator=True, **options):
     load = {"link_torque": Step(0.2, at=0.1)}
     runs = []
     for k in range(count):
-        stiffness = -1e6 if k == 2 else 100.0 - k
+        stiffness = -1e7 if k == 2 else 100.0 - k
         plant = paper_arm().plant().with_parameters(stiffness=stiffness)
         loop = Loop(plant, controller, 2, **options)
         runs.append(loop.prepared(0.3, load, 1e-3 if estimator else None, duration, seed=k))

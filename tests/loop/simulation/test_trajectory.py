@@ -123,6 +123,24 @@ def test_netcdf_is_what_xarray_reads(run, tmp_path):
         xr.testing.assert_identical(data.load(), run.data)
 
 
+def test_names_of_any_script_are_saved(made, tmp_path):
+    import csv
+
+    import xarray as xr
+
+    name = '肘,"$x$'
+    plant = Plant(lambda x, u, d, p: u, lambda x, u, p: x, (name,), ("u",), outputs=(name,))
+    law = made.LinearLaw((name, f"{name}_integral"), ("u",), [[-2.0, -1.0]])
+    run = Loop(plant, Controller(law, None, 1e-2)).run({name: 1.0}, duration=0.1)
+    run.save(tmp_path / "run.nc")
+    run.save(tmp_path / "run.csv")
+    with xr.open_dataset(tmp_path / "run.nc") as data:
+        assert data["state_name"].values.tolist() == [name]
+    head = next(csv.reader((tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()))
+    assert f"state.{name}" in head
+    assert run.plot()._repr_svg_()
+
+
 def test_a_run_without_disturbances_is_saved_too(made, tmp_path):
     import xarray as xr
 

@@ -42,11 +42,7 @@ KEYS = (
 )
 
 #: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
-RATIOS = {
-    "load_deviation": "load deviation",
-    "settling": "settling time",
-    "move_error": "move error",
-}
+RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
 
 #: Differences of the criterion smaller than this fraction are none.
 EQUAL = 0.02

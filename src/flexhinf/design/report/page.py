@@ -229,12 +229,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
             worst("settling", "s"),
         ),
         KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", worst("overshoot", "%")),
-        KeyNumber(
-            "peak input",
-            rounded(response.peak_input),
-            units.effort,
-            worst("peak", units.effort),
-        ),
+        KeyNumber("peak input", rounded(response.peak_input), units.effort, worst("peak", units.effort)),
     ]
     if not m.stable:
         return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]

@@ -69,30 +69,30 @@ def _option(s: Specification, name: str) -> str:
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
-    return [
-        Setting("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        Setting("pose", synthesis.goal, _units(e), "the robot's home" if s.pose is None else "option --pose"),
+    counted = "for the number of states"
+    rows = [
+        ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
+        ("pose", synthesis.goal, _units(e), "the robot's home" if s.pose is None else "option --pose"),
         *(
-            Setting(f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
+            (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
             for w in state_weights(problem, e.setup.joints)
         ),
-        Setting("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
-        Setting("disturbances", list(problem.disturbance_names), "", _option(s, "disturbances")),
-        Setting("integrated errors", list(problem.integrate), "", "ours"),
-        Setting("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
-        Setting("γ/γ*", s.gamma_ratio, "", _option(s, "gamma_ratio")),
-        Setting(
+        ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
+        ("disturbances", list(problem.disturbance_names), "", _option(s, "disturbances")),
+        ("integrated errors", list(problem.integrate), "", "ours"),
+        ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
+        ("γ/γ*", s.gamma_ratio, "", _option(s, "gamma_ratio")),
+        (
             "degrees of V tried",
             [c.degree for c in synthesis.choices],
             "",
-            "for the number of states" if s.degrees is None else "option --degrees",
+            "option --degrees" if s.degrees else counted,
         ),
-        Setting("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
-        Setting("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
-        Setting(
-            "rays", synthesis.rays, "", "for the number of states" if s.rays is None else "option --rays"
-        ),
+        ("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
+        ("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
+        ("rays", synthesis.rays, "", counted if s.rays is None else "option --rays"),
     ]
+    return [Setting(*row) for row in rows]
 
 
 def _units(e: LawEvaluation) -> str:
@@ -142,55 +142,29 @@ def _initial(noise: EstimatorNoise) -> str:
 def _simulation(e: LawEvaluation) -> list[Setting]:
     s, runs, filter = e.setup.specification, e.scenario, e.loop.filter
     assert runs is not None
+    extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
+    limits = "none" if s.saturation is None else f"± {s.saturation:g}"
+    steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows = [
-        Setting(
-            "start pose",
-            e.setup.start,
-            _units(e),
-            "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose",
-        ),
-        Setting("command", "the goal, from the first sample on", "", "ours"),
-        Setting(
-            "true plant",
-            "nominal numbers" + (f", with {', '.join(s.extras)}" if s.extras else ", no extras"),
-            "",
-            _option(s, "extras"),
-        ),
-        Setting(
-            "extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
-            "ours: their slope at standstill holds only for the smallest velocities",
-        ),
-        Setting("sampling period", s.period, "s", _option(s, "period")),
-        Setting("delay of the inputs", s.delay, "s", _option(s, "delay")),
-        Setting(
-            "limits of the inputs",
-            "none" if s.saturation is None else f"± {s.saturation:g}",
-            "",
-            _option(s, "saturation"),
-        ),
-        Setting(
-            "length of the step",
-            runs.step_duration,
-            "s",
-            "by the slowest mode, 0.5 to 20 s" if s.duration is None else "option --duration",
-        ),
-        Setting(
-            "load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
-            "a tenth of what the motors give at the peak of the step" if s.load is None else "option --load",
-        ),
-        Setting("sampled robots", len(runs.robots), "", f"uniform within the tolerances, seed ({s.seed}, 7)"),
-        Setting("Runge–Kutta steps per period", runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
+        ("start pose", e.setup.start, _units(e),
+         "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose"),
+        ("command", "the goal, from the first sample on", "", "ours"),
+        ("true plant", f"nominal numbers{extras}", "", _option(s, "extras")),
+        ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
+         "ours: their slope at standstill holds only for the smallest velocities"),
+        ("sampling period", s.period, "s", _option(s, "period")),
+        ("delay of the inputs", s.delay, "s", _option(s, "delay")),
+        ("limits of the inputs", limits, "", _option(s, "saturation")),
+        ("length of the step", runs.step_duration, "s",
+         "by the slowest mode, 0.5 to 20 s" if s.duration is None else "option --duration"),
+        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
+         "a tenth of what the motors give at the peak of the step" if s.load is None else "option --load"),
+        ("sampled robots", len(runs.robots), "", seed),
+        (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
     ]  # fmt: skip
     if filter is not None:
-        rows.append(
-            Setting(
-                "Runge–Kutta steps per period",
-                filter.sub_steps,
-                "",
-                "estimator's model: step × fastest mode ≤ 0.25",
-            )
-        )
-    return rows
+        rows.append((steps, filter.sub_steps, "", "estimator's model: step × fastest mode ≤ 0.25"))
+    return [Setting(*row) for row in rows]
 
 
 def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:

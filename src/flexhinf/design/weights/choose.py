@@ -201,11 +201,7 @@ def _number(values: np.ndarray) -> Any:
 
 def _problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
     return robot.problem(
-        penalty,
-        pose=goal,
-        measured=s.measured,
-        command=_command(s),
-        disturbances=s.disturbances,
+        penalty, pose=goal, measured=s.measured, command=_command(s), disturbances=s.disturbances
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from io import StringIO
 
 import matplotlib as mpl
@@ -15,7 +16,10 @@ class NotebookFigure(Figure):
 
     def _repr_svg_(self) -> str:
         text = StringIO()
-        with mpl.rc_context({"svg.fonttype": "none"}):
+        with mpl.rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
+            warnings.filterwarnings(
+                "ignore", "Glyph .* missing from font"
+            )  # the browser has fonts for every script
             self.savefig(text, format="svg")
         return text.getvalue()
 

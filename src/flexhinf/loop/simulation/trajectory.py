@@ -256,7 +256,7 @@ class Trajectory(Summarised):
 
         with netcdf_file(path, "w", version=2) as file:
             for key, value in {**self.settings, "status": self.status}.items():
-                setattr(file, key, str(value))
+                setattr(file, key, str(value).encode())
             file.createDimension("time", len(self.time))
             _variable(file, "time", self.time, ("time",), units="s", long_name="time")
             for kind in (kind for kind, names in self.names.items() if names):

@@ -8,8 +8,7 @@ from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, toler
 from flexhinf.paper.claims.disturbances import judge_sine_disturbance, judge_step_disturbance
 from flexhinf.paper.claims.judgement import Judged
 from flexhinf.paper.claims.reconstruction import judge_reconstruction
-from flexhinf.paper.claims.sine_tracking import judge_sine
-from flexhinf.paper.claims.steps import judge_against_linear, judge_steps
+from flexhinf.paper.claims.steps import judge_against_linear, judge_sine, judge_steps
 from flexhinf.paper.claims.weights import judge_integral_weight, judge_link_weight
 from flexhinf.paper.claims.what_h_infinity_buys import judge_h_infinity
 from flexhinf.paper.experiments import Experiments

@@ -54,11 +54,7 @@ def judge_step_disturbance(experiments: Experiments) -> Judged:
         f"With a torque step of {TORQUE:g} N·m at {LOAD_FROM:g} s, at the link or at the motor, the link comes back "
         f"within ±2 % of the command's step before {LOAD_DURATION:g} s and stays.",
     )
-    columns = (
-        "torque at the",
-        Column("largest deviation", "°", 2),
-        Column("time of recovery", "s", 2),
-    )
+    columns = ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2))
     caption = f"Torque step of {TORQUE:g} N·m; – where the link does not come back or diverges."
     return Judged(claim, (Table(columns, rows, caption, "table-step-disturbance"),))
 

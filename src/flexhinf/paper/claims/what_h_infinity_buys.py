@@ -12,13 +12,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from flexhinf.analysis.trade_off import (
-    TradeOffCurve,
-    TradeOffPoint,
-    scaled_effort,
-    sweep_effort,
-    sweep_gamma,
-)
+from flexhinf.analysis.trade_off import TradeOffCurve, TradeOffPoint, scaled_effort, sweep_effort, sweep_gamma
 from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Sine, Step, Trajectory
