@@ -59,6 +59,9 @@ def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) ->
         lambda: robot.operating_point(masked),
         lambda: robot.problem(Penalty([1.0] * 5, effort=masked)),
         lambda: robot.plant().derivative(np.zeros(4), masked),
+        lambda: robot.problem(np.ma.array(np.eye(5), mask=np.eye(5))),
+        lambda: robot.inverse_dynamics(masked),
+        lambda: robot.with_values({"mass": masked}),
         lambda: fh.Step(masked, at=0.0),
         lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, masked, 1e-6, np.zeros(4), 1e-4),
         lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4).correct(masked),
@@ -130,7 +133,7 @@ def test_any_value_has_a_short_text() -> None:
         ("1." * 200_000 + "1 = 1", "too many parts"),
         ('"a"."b".' * 50_000 + "a = 1", "too many parts"),
         ("[" + "a." * 200_000 + "a]", "too many parts"),
-        ("x = [" + "0.5," * 20_000_000 + "]", "too large"),
+        ("x = [" + "0.5," * 20_000_000 + "]", "is too large"),
         ('"\\' * 400_000, "no TOML"),
         ('x = """' + "\\" * 900_000, "no TOML"),
         ("x = 1\nx = 2", "no TOML"),
@@ -143,6 +146,7 @@ def test_what_is_too_deep_or_too_large_is_refused_in_a_second(tmp_path: Path, te
     with pytest.raises(InvalidInput, match=what) as caught:
         read_toml(path)
     assert time.process_time() - start < SECONDS
+    assert what in caught.value.what
     assert len(str(caught.value)) < SENTENCES
 
 
@@ -165,7 +169,7 @@ def test_dots_and_brackets_inside_of_texts_and_comments_do_not_count(tmp_path: P
         ('<!DOCTYPE r [<!ENTITY a "aaaa">]><robot>&a;</robot>', "document type"),
         ("<robot>", "no XML"),
         ("", "no XML"),
-        ("<robot>" + " " * 11_000_000 + "</robot>", "too large"),
+        ("<robot>" + " " * 11_000_000 + "</robot>", "is too large"),
     ],
 )
 def test_xml_that_no_robot_needs_is_refused_in_a_second(tmp_path: Path, text: str, what: str) -> None:

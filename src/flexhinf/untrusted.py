@@ -220,12 +220,19 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
             raise OSError("no regular file")
         with open(path, "rb") as file:
             content = file.read(largest + 1)
-        if len(content) > largest:
-            raise InvalidInput(
-                f"{path.name}: this file is too large for {kind}.",
-                f"expected at most {largest / 1e6:g} MB, got {path.stat().st_size / 1e6:.3g} MB",
-                "a file without meshes and tables of data",
-            )
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"There is no {what} {value_text(str(path), 120)} that can be read.",
+            f"expected {kind}, got: {getattr(error, 'strerror', None) or error}",
+            "the path of a file that you may read",
+        ) from error
+    if len(content) > largest:
+        raise InvalidInput(
+            f"{path.name}: this file is too large for {kind}.",
+            f"expected at most {largest / 1e6:g} MB, got more",
+            "a file without meshes and tables of data",
+        )
+    try:
         return content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise InvalidInput(
@@ -233,12 +240,6 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
             f"expected text in UTF-8, got byte {error.object[error.start]:#04x} at position {error.start}",
             f"save it as {kind} in UTF-8",
         ) from None
-    except (OSError, ValueError) as error:
-        raise InvalidInput(
-            f"There is no {what} {value_text(str(path), 120)} that can be read.",
-            f"expected {kind}, got: {getattr(error, 'strerror', None) or error}",
-            "the path of a file that you may read",
-        ) from error
 
 
 def read_toml(path: Path, what: str = "robot file") -> dict[str, Any]:

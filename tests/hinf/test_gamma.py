@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -15,7 +16,7 @@ from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 
-def _linear(a, g1, g2, c, r2=1.0) -> PolynomialPlant:
+def _linear(a, g1, g2, c, r2: Any = 1.0) -> PolynomialPlant:
     n = len(a)
     unit = np.eye(n, dtype=int)
     f = {tuple(unit[j].tolist()): np.asarray(a, float)[:, j] for j in range(n)}
@@ -62,6 +63,31 @@ def test_the_papers_arm_to_eight_digits_against_forty_digit_arithmetic(arm):
     assert gamma == pytest.approx(123.0168, abs=1e-3)
     assert _smallest_eigenvalue(arm.expand(1), gamma * (1 + 1e-9)) > 0
     assert _smallest_eigenvalue(arm.expand(1), gamma * (1 - 1e-9)) < 0
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("spread", [2.0, 4.0])
+def test_coefficients_over_eight_orders_of_magnitude(spread):
+    """Three states, every coefficient of a size of its own; 40 digits say which side γ* lies on."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        shapes = ((3, 3), (3, 1), (3, 1), (2, 3))
+        a, b1, b2, c = (
+            rng.standard_normal(shape) * 10 ** rng.uniform(-spread, spread, shape) for shape in shapes
+        )
+        plant = _linear(a, b1, b2, c)
+        gamma = smallest_gamma(plant)
+        assert _smallest_eigenvalue(plant, gamma * (1 + 1e-8)) > 0, seed
+        assert _smallest_eigenvalue(plant, gamma * (1 - 1e-8)) < 0, seed
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("reach", "accuracy"), [(1e-5, 1e-8), (1e-7, 1e-7), (1e-9, 1e-6)])
+def test_an_unstable_mode_almost_out_of_reach(reach, accuracy):
+    plant = _linear([[1.0, 0], [0.3, -1]], [[1], [0.5]], [[reach], [1]], np.eye(2))
+    gamma = smallest_gamma(plant)
+    assert _smallest_eigenvalue(plant, gamma * (1 + accuracy)) > 0
+    assert _smallest_eigenvalue(plant, gamma * (1 - accuracy)) < 0
 
 
 @pytest.mark.oracle

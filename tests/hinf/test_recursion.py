@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -73,3 +76,28 @@ def test_parity_skips_the_odd_degrees_and_changes_nothing(arm):
     for k in (2, 4, 6):
         scale = np.abs(odd.coefficient_array(k)).max()
         assert even.coefficient_array(k) == pytest.approx(odd.coefficient_array(k), abs=1e-12 * scale)
+
+
+_PROGRAM = """
+import sys
+import numpy as np
+import flexhinf as fh
+rng, n = np.random.default_rng(0), 20
+f = {1: rng.standard_normal((n, n)) / np.sqrt(n) - np.eye(n), 2: 0.05 * rng.standard_normal((n, 210))}
+g1, g2 = rng.standard_normal((2, n, 4, 1))
+solution = fh.solve_hji(fh.PolynomialPlant.from_parts(n, f, {0: g1}, {0: g2}, {1: np.eye(n)}, np.eye(4)), 40.0, 4)
+sys.stdout.buffer.write(b"".join(part.tobytes() for part in solution.value_parts.values()))
+"""
+
+
+def test_the_number_of_threads_changes_no_bit():
+    """Real and complex products beyond the sizes from which BLAS would share them among its threads."""
+    results = []
+    for threads in ("1", "2"):
+        counts = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), threads)
+        run = subprocess.run(
+            [sys.executable, "-c", _PROGRAM], env={**os.environ, **counts}, capture_output=True, check=True
+        )
+        results.append(run.stdout)
+    assert len(results[0]) == 8 * (210 + 1540 + 8855)
+    assert results[0] == results[1]

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from flexhinf.polynomial import basis, transform
+from flexhinf.polynomial import basis, threads, transform
 
 
 def test_two_threads_compute_the_same(monkeypatch):
@@ -23,6 +23,6 @@ def test_two_threads_compute_the_same(monkeypatch):
 
 def test_number_of_threads_follows_the_environment(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert transform.thread_count() == 3
+    assert threads.thread_count() == 3
     monkeypatch.delenv("OMP_NUM_THREADS")
-    assert 1 <= transform.thread_count() <= (os.cpu_count() or 1)
+    assert 1 <= threads.thread_count() <= (os.cpu_count() or 1)

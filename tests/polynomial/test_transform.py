@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, transform
+from flexhinf.polynomial import algebra, basis, threads, transform
 
 
 @pytest.mark.parametrize("small", [True, False])
@@ -13,7 +13,7 @@ from flexhinf.polynomial import algebra, basis, transform
 @pytest.mark.parametrize(("n", "k"), [(1, 3), (2, 5), (5, 4), (9, 3), (13, 2)])
 def test_change_of_variables(monkeypatch, small, kind, n, k):
     monkeypatch.setattr(transform, "_SMALL", 10**9 if small else 0)
-    monkeypatch.setattr(transform, "_TILE_PRODUCTS", 700)
+    monkeypatch.setattr(threads, "_TILE_PRODUCTS", 10**9 if small else 700)
     monkeypatch.setattr(transform, "_TILE_BYTES", 5_000)
     rng = np.random.default_rng(n * 10 + k)
     entries, matrix = rng.standard_normal(basis.count(n, k)), rng.standard_normal((n, n)).astype(kind)

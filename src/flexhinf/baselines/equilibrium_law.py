@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import jacobian
+from flexhinf.untrusted import real_array
 
 __all__ = ["EquilibriumLaw", "LinearFeedback", "PlacedLaw", "equilibrium_of"]
 
@@ -46,7 +47,7 @@ class EquilibriumLaw(Law):
     integrate: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        x, u = (np.array(part, dtype=float) for part in self.equilibrium)
+        x, u = (real_array(part) for part in self.equilibrium)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if (x.shape, u.shape) != shapes or not (np.all(np.isfinite(x)) and np.all(np.isfinite(u))):
             raise InvalidInput(

@@ -14,6 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
+from flexhinf.untrusted import real_array
 
 __all__ = ["ConstantGainBelief", "ConstantGainFilter"]
 
@@ -43,7 +44,7 @@ class ConstantGainFilter(Estimator):
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
-        gain, shape = np.asarray(gain, dtype=float), (filter.plant.n, len(filter.plant.outputs))
+        gain, shape = real_array(gain), (filter.plant.n, len(filter.plant.outputs))
         if gain.shape != shape or not np.all(np.isfinite(gain)):
             raise InvalidInput(
                 "The gain does not fit the plant.",

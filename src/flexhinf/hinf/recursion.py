@@ -24,6 +24,7 @@ from flexhinf.hinf.scaled_problem import Parts, ScaledProblem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, product
 from flexhinf.polynomial.homological import HomologicalEquation
+from flexhinf.polynomial.threads import matrix_product
 
 __all__ = ["DegreeRecord", "solve_degrees"]
 
@@ -82,7 +83,9 @@ def solve_degrees(
     value: Parts = {2: p[np.triu_indices(n)] / 2}
     records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
     gradients: Parts = {2: gradient(value[2], n, 2)}
-    rows: Parts = {1: gradients[2] @ problem.g[0][:, :, 0]}  # w, shape (count(n, degree), channels)
+    rows: Parts = {
+        1: matrix_product(gradients[2], problem.g[0][:, :, 0])
+    }  # w, shape (count(n, degree), channels)
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
         known_rows = _channel_rows(problem, gradients, k)
@@ -96,7 +99,7 @@ def solve_degrees(
             value[k] = solution.entries
             if k < problem.degree:
                 gradients[k] = gradient(value[k], n, k)
-                add_part(rows, k - 1, gradients[k] @ problem.g[0][:, :, 0])
+                add_part(rows, k - 1, matrix_product(gradients[k], problem.g[0][:, :, 0]))
             records.append(DegreeRecord(k, solution.method, solution.residual, perf_counter() - begin))
         advance(k)
     value[2] = riccati.p[np.triu_indices(n)] / 2

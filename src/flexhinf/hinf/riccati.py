@@ -18,7 +18,7 @@ __all__ = ["RiccatiSolution", "polish", "sensitivity", "solve_riccati"]
 _AXIS = 1e-13  # eigenvalues this close to the imaginary axis, relative to the norm times n, lie on it
 _ISOTROPY = 1e-6  # asymmetry of U1ᵀU2 beyond which the subspace mixes a mode with its mirror image
 _NEGATIVE = 1e-9  # most negative eigenvalue of P, relative to the largest, that still counts as zero
-_LARGEST = 1e14  # bound on the norm of P, relative to the norm of the Hamiltonian matrix
+_LARGEST = 1e40  # bound on the norm of P, relative to the norm of the Hamiltonian matrix
 _NEWTON_STEPS = 6
 _ROUNDING = 4 * float(np.finfo(np.longdouble).eps)  # relative residual that no step improves
 

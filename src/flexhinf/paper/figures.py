@@ -21,7 +21,7 @@ from flexhinf.paper.experiments import (
     load_numbers,
     step_numbers,
     tracking_numbers,
-)  # fmt: skip
+)
 from flexhinf.report import (
     INK,
     SERIES,
@@ -37,7 +37,7 @@ from flexhinf.report import (
     reference_line,
     settling_band,
     time_response,
-)  # fmt: skip
+)
 
 __all__ = ["FIGURES", "PaperFigure", "Recipe"]
 
@@ -304,7 +304,9 @@ def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
     for name, k in (("largest overshoot", worst_overshoot(runs)), ("settles last", slowest(runs))):
         m, error = runs[k].metrics, runs[k].metrics["steady_state_error"]
         error = None if error is None else math.degrees(error)
-        rows.append((name, m["overshoot_percent"], m["settling_time_s"], error, runs[k].changes))
+        rows.append(
+            (name, m["overshoot_percent"], m["settling_time_s"], error, runs[k].changes.replace("-", "−"))
+        )
     columns = (
         "run",
         Column("overshoot", "%", 2),

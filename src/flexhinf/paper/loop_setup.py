@@ -135,24 +135,12 @@ class PaperSetup:
         )
 
     # Runs -------------------------------------------------------------------------------------------------------
-    def run(
-        self,
-        law: Law,
-        reference: Any,
-        duration: float,
-        *,
-        true_values: Mapping[str, float] | None = None,
-        inductance: bool = False,
-        disturbance: Any = None,
-        estimator: Any = "settings",
-        noise: bool = True,
-        seed: int | None = None,
-    ) -> Trajectory:
-        """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
-        return self.prepared(
-            law, reference, duration, true_values=true_values, inductance=inductance, disturbance=disturbance,
-            estimator=estimator, noise=noise, seed=seed,
-        ).alone()  # fmt: skip
+    def run(self, law: Law, reference: Any, duration: float, **options: Any) -> Trajectory:
+        """Simulate one closed loop from the hanging rest, with the options of `prepared`.
+
+        A run that diverges says so in its status.
+        """
+        return self.prepared(law, reference, duration, **options).alone()
 
     def prepared(
         self,
@@ -167,7 +155,7 @@ class PaperSetup:
         noise: bool = True,
         seed: int | None = None,
     ) -> PreparedRun:
-        """The same before it is made, for `flexhinf.loop.run_many`."""
+        """A run before it is made, for `flexhinf.loop.run_many`."""
         s = self.settings
         chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
         loop = self.loop(law, chosen, inductance, true_values)

@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.plant import Plant
 from flexhinf.scalars import jacobian
+from flexhinf.untrusted import real_array
 
 __all__ = ["linear_plant"]
 
@@ -59,7 +60,7 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
         If shapes do not fit or (x, u) is no equilibrium.
     """
     a, b, g, c = plant.linearise(x, u)
-    x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+    x, u = real_array(x), real_array(u)
     rate = plant.derivative(x, u)
     worst = int(np.argmax(np.abs(rate)))
     if not np.all(np.isfinite(rate)) or abs(rate[worst]) > EQUILIBRIUM_TOLERANCE * max(

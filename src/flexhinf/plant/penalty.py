@@ -127,7 +127,7 @@ class Penalty:
         """C (s, n) for a penalty that is a matrix, else None."""
         if callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2:
             return None
-        return np.asarray(self.states, dtype=float)
+        return real_array(self.states)
 
     def weights(self, names: Sequence[str]) -> np.ndarray:
         """One weight per state, (n,); for a penalty given by one number for each."""

@@ -22,6 +22,7 @@ from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.truncated import degree_slice
 from flexhinf.scalars import apply, pack, symbols, trace
+from flexhinf.untrusted import real_array
 
 __all__ = ["GeneralisedPlant", "Plant"]
 
@@ -153,7 +154,7 @@ class GeneralisedPlant(Summarised):
         return equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate))
 
     def _given_equilibrium(self, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
-        x, u = np.array(x, dtype=float), np.array(u, dtype=float)
+        x, u = real_array(x), real_array(u)
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if self.pose is not None or (x.shape, u.shape) != shapes:
             raise InvalidInput(

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from flexhinf.polynomial import basis
+from flexhinf.polynomial.threads import matrix_product
 
 __all__ = ["add_part", "evaluate", "gradient", "monomials", "product"]
 
@@ -109,7 +110,7 @@ def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.n
     """
     rows, size = left.shape[0], basis.count(n, a + b)
     if rows * right.shape[1] <= _CACHED_TABLE:
-        return np.bincount(basis.merge(n, a, b).ravel(), (left @ right).ravel(), size)
+        return np.bincount(basis.merge(n, a, b).ravel(), matrix_product(left, right).ravel(), size)
     return _product_by_columns(left, right, n, a, b)
 
 
@@ -126,7 +127,7 @@ def _product_by_columns(left: np.ndarray, right: np.ndarray, n: int, a: int, b: 
         prefixes, columns = prefixes[active[columns]], columns[active[columns]]
         appended = np.ascontiguousarray(basis.insertion(n, a + b)[:, j])
         for begin in range(0, len(columns), _ROWS):
-            products = right[:, columns[begin : begin + _ROWS]].T @ transposed
+            products = matrix_product(right[:, columns[begin : begin + _ROWS]].T, transposed)
             for prefix, row in zip(prefixes[begin : begin + _ROWS], products, strict=True):
                 np.add.at(total, appended[prefixed[prefix]], row)
     return total

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
+from flexhinf.polynomial.threads import matrix_product
 from flexhinf.polynomial.triangular import diagonal_sums, substitute
 
 __all__ = ["HOPELESS", "HomologicalEquation", "HomologicalSolution"]
@@ -88,7 +89,7 @@ class HomologicalEquation:
         for begin in range(0, len(table), _ROWS):
             rows = table[begin : begin + _ROWS]
             slopes = entries[rows] * weights[begin : begin + _ROWS, None]
-            np.add.at(total, rows.ravel(), (slopes @ self.matrix).ravel())
+            np.add.at(total, rows.ravel(), matrix_product(slopes, self.matrix).ravel())
         return total / basis.multiplicity(n, k) + known
 
     @cached_property

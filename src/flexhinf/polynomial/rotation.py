@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from flexhinf.polynomial import basis
+from flexhinf.polynomial.threads import matrix_product
 from flexhinf.polynomial.transform import change_variables
 
 __all__ = ["rotate_pairs"]
@@ -34,7 +35,7 @@ def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np
     for first, rotation in rotations.items():
         for m in range(1, k + 1):
             group = _pair_tuples(n, k, first, m)
-            result[group] = result[group] @ _power(rotation.tobytes(), m)
+            result[group] = matrix_product(result[group], _power(rotation.tobytes(), m))
     return result
 
 

@@ -8,20 +8,17 @@ first in the sorted tuple: dense matrix products on arrays that never exceed cou
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from flexhinf.polynomial import basis
+from flexhinf.polynomial.threads import run_all, tile_products
 
-__all__ = ["Workspace", "change_variables", "run_all", "thread_count"]
+__all__ = ["Workspace", "change_variables"]
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
-_TILE_PRODUCTS = 200_000  # per matrix product: stays in cache, and below where BLAS starts threads of its own
 _TILE_BYTES = 2_000_000
 _LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
 
@@ -67,7 +64,8 @@ def change_variables(
     matrix = np.ascontiguousarray(matrix, dtype)
     for s in range(k):
         opening = basis.insertion(n, k - s)
-        if opening.size * tensor.shape[1] <= _SMALL:
+        width = tensor.shape[1]
+        if opening.size * width <= _SMALL and n * n * width <= tile_products(dtype):
             opened = matrix.T @ tensor[opening]
             tensor = opened.reshape(len(opening), -1)[:, _sorted_pairs(n, s)]
         else:
@@ -89,8 +87,9 @@ def _contract_one_index(
 ) -> np.ndarray:
     width = basis.count(n, s)
     blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
-    columns = min(width, max(1, _TILE_PRODUCTS * blocks // n**2))
-    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else _TILE_PRODUCTS // n**2)
+    products = tile_products(result.dtype)  # stays in cache, too
+    columns = min(width, max(1, products * blocks // n**2))
+    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
     edges = [(block * n) // blocks for block in range(blocks + 1)]
 
     def contract(top: int, left: int) -> None:
@@ -122,30 +121,3 @@ def _contract_tile(
             if tail < right:
                 place = first[j] - start[j]
                 result[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
-
-
-def thread_count() -> int:
-    """Threads to use: OMP_NUM_THREADS if it is set, else the processors this process may run on."""
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    if wanted.isdigit() and int(wanted) > 0:
-        return int(wanted)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
-    """Call `task` on each tuple of arguments, side by side if `large`; the calls must be independent.
-
-    NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough.
-    """
-    threads = thread_count() if large else 1
-    if threads == 1:
-        for argument in arguments:
-            task(*argument)
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(lambda argument: task(*argument), arguments):
-            pass

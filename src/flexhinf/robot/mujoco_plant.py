@@ -18,6 +18,7 @@ from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, signal_names, units_of
+from flexhinf.untrusted import real_array
 
 __all__ = ["MuJoCoPlant", "mujoco_xml"]
 
@@ -96,11 +97,7 @@ class MuJoCoPlant(BlackBox):
     # Black box ------------------------------------------------------------------------------------
     def reset(self, initial_state: Any = None) -> None:
         """Start again at a state (4 n,) in the order of `states`; at rest in the robot's home by default."""
-        x = (
-            self._robot.operating_point()[0]
-            if initial_state is None
-            else np.asarray(initial_state, dtype=float)
-        )
+        x = self._robot.operating_point()[0] if initial_state is None else real_array(initial_state)
         if x.shape != (len(self.states),):
             raise InvalidInput(
                 "The initial state does not fit MuJoCo's plant.",

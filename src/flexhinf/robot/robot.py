@@ -22,7 +22,7 @@ from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.quantities import check_parameters
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
 from flexhinf.robot.single_link import Pendulum
-from flexhinf.untrusted import checked_name, checked_text
+from flexhinf.untrusted import checked_name, checked_text, real_number
 
 __all__ = ["Robot"]
 
@@ -112,7 +112,7 @@ class Robot(Summarised):
         """The same robot with other nominal values; unknown names raise InvalidInput."""
         for name in values:
             self[name]
-        changed = tuple(replace(p, value=float(values.get(p.name, p.value))) for p in self.parameters)
+        changed = tuple(replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters)
         return replace(self, parameters=changed)
 
     def with_parameters(self, *parameters: Parameter) -> Robot:

@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     import casadi
 
 _UNROLLED = 32  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
-_INLINED = (
-    2  # places of which a function's calls may be replaced by it: a Map has one for blocks, one for the rest
+_PLACES = (
+    2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
 )
+_SMALL = 200  # operations of a function that is put where it is called
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,9 @@ class _Emitter:
         self.fused = fused
         self.operations = 0
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
+        self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
+        self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self.pointers: dict[str, str] = {}
         self.turns: dict[str, str] = {}
@@ -117,9 +120,12 @@ class _Emitter:
         return Module(text, dict(self.module.library), self.operations)
 
     def _inline(self) -> None:
-        """Put a function where it is called, if that is a place or two: the columns in hand then stay in registers."""
+        """Put functions of columns and small ones where they are called, if that is a place or two.
+
+        What a `Map` has in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
+        """
         for name, places in self.calls.items():
-            if places <= _INLINED:
+            if places <= _PLACES and (name in self.mapped or self.sizes[name] <= _SMALL):
                 text = self.module.definitions[name]
                 self.module.definitions[name] = text.replace(") nounwind {", ") nounwind alwaysinline {", 1)
 
@@ -215,9 +221,9 @@ class _Emitter:
         key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
             self.functions[key] = f"{PREFIX}function{len(self.functions)}"
-            self.operations += emit_function(
-                self.module, self.functions[key], function, lanes, shared, self.fused
-            )
+            size = emit_function(self.module, self.functions[key], function, lanes, shared, self.fused)
+            self.sizes[self.functions[key]] = size
+            self.operations += size
         return self.functions[key]
 
     def _call(self, step: Call, turns: tuple[str, ...]) -> None:
@@ -261,6 +267,7 @@ class _Emitter:
                 results = [(place, *rest) for place, (_, *rest) in zip(moved, results, strict=True)]
             call = f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})"
             self.calls[name] += 1
+            self.mapped.add(name)
             if step.times > 1:
                 self._loop("0", str(step.times), lambda _: writer.do(call))
             else:

@@ -240,7 +240,9 @@ def _table(e: LawEvaluation, samples: MonteCarlo, units: Units) -> Table:
         "worst",
         *(["worst joint"] if several else []),
     )
-    return Table(columns, rows, f"Worst joint of each robot: {settled}", "table-draws")
+    return Table(
+        columns, rows, f"Worst joint of each robot: {settled}" if several else settled, "table-draws"
+    )
 
 
 def _cell(value: float) -> str:
