@@ -19,7 +19,7 @@ def always(monkeypatch):
 def prepared(made, count, duration=0.3, estimator=True, **options):
     """Runs of arms of different stiffness, each with noise of its own; the third is so soft that it is torn apart."""
     controller = Controller(made.law, made.ukf() if estimator else None, 1e-3)
-    load = {"link_torque": Step(0.2, at=0.1)}
+    load = {"link_torque": Step(0.2, at=0.1)} if estimator else None
     runs = []
     for k in range(count):
         stiffness = -1e7 if k == 2 else 100.0 - k
@@ -67,7 +67,7 @@ def test_runs_of_two_lengths_take_turns(made):
 
 def test_few_runs_and_few_samples_are_made_alone(made, monkeypatch):
     module = importlib.import_module("flexhinf.loop.simulation.compiled_runs")
-    monkeypatch.setattr(module, "_side_by_side", lambda runs: pytest.fail("not worth a kernel"))
+    monkeypatch.setattr(module, "_side_by_side", lambda *runs: pytest.fail("not worth a kernel"))
     runs = prepared(made, LANES)
     assert list(run_many([])) == []
     same(next(run_many(runs[:3])), runs[0].alone())

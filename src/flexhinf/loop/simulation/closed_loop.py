@@ -233,11 +233,12 @@ class Loop(Summarised):
             "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
-            "disturbance": code.roomy(d, samples, parts), "held": before.copy(),
+            "disturbance": code.undisturbed(samples) if disturbance is None else code.roomy(d, samples, parts),
+            "held": before.copy(),
         }  # fmt: skip
         recorded = {
             "reference": signals["reference"],
-            "disturbance": d.reshape(samples, -1)[:, : code.sizes.d],
+            "disturbance": d.reshape(samples, -1)[:, : code.sizes.d].copy(),
         }
         return PreparedRun(
             code, plant, controller, times, arrays, recorded, parts, self.channel.delay, settings

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from typing import Any
 
@@ -28,7 +29,7 @@ LANES = 8
 WORTH = 50_000
 
 #: Runs that are prepared at a time.
-WINDOW = 64
+WINDOW = 32
 
 #: Runs at a time where they are made alone: compiled code lets the other thread go on.
 THREADS = 2
@@ -82,6 +83,10 @@ class LoopCode:
         room = np.zeros((samples, self.sizes.capacity, d.size // (samples * parts)))
         room[:, :parts] = d.reshape(samples, parts, -1)
         return room.ravel()
+
+    def undisturbed(self, samples: int) -> np.ndarray:
+        """The same of no disturbance, as one array for all runs."""
+        return _zeros(samples * self.sizes.capacity * 3 * self.sizes.d)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +186,7 @@ def run_many(runs: Iterable[PreparedRun]) -> Iterator[Trajectory]:
     Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them.
     The runs may be prepared on the way: `WINDOW` of them are asked for at a time.
     """
-    rest, worth = iter(runs), set()
+    rest, worth, common = iter(runs), set(), {}
     with ThreadPoolExecutor(THREADS) as pool:
         while window := list(islice(rest, WINDOW)):
             waiting: dict[tuple[object, ...], deque[int]] = {}
@@ -194,7 +199,7 @@ def run_many(runs: Iterable[PreparedRun]) -> Iterator[Trajectory]:
                     lanes, alike = run.fits in worth, waiting[run.fits]
                     batch = [alike.popleft() for _ in range(min(LANES if lanes else THREADS, len(alike)))]
                     chosen = [window[place] for place in batch]
-                    found = _side_by_side(chosen) if lanes else pool.map(PreparedRun.alone, chosen)
+                    found = _side_by_side(chosen, common) if lanes else pool.map(PreparedRun.alone, chosen)
                     made.update(zip(batch, found, strict=True))
                 yield made.pop(k)
 
@@ -203,8 +208,8 @@ def _worth_lanes(run: PreparedRun, count: int) -> bool:
     return count >= LANES and count * len(run.times) >= WORTH
 
 
-def _side_by_side(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
-    """Up to `LANES` runs at once; lanes without a run repeat the last one."""
+def _side_by_side(runs: Sequence[PreparedRun], common: dict[int, Any]) -> Iterator[Trajectory]:
+    """Up to `LANES` runs at once; lanes without a run repeat the last one. What all runs have in common is kept."""
     filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
     each = [run.inputs for run in filled]
     inputs = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
@@ -215,3 +220,21 @@ def _side_by_side(runs: Sequence[PreparedRun]) -> Iterator[Trajectory]:
     for lane, run in enumerate(runs):
         own = {name: array[lane] for name, array in rows.items()}
         yield run.trajectory(own, int(codes[lane]), int(steps[lane]))
+
+
+def _stacked(arrays: Sequence[np.ndarray], common: dict[int, Any]) -> np.ndarray:
+    """One lane for each array, (size, lanes); where all are one object, made once and kept with it by its id."""
+    first = arrays[0]
+    if any(array is not first for array in arrays):
+        return np.stack(arrays, axis=-1)
+    if id(first) not in common:
+        common[id(first)] = first, np.repeat(first[:, None], len(arrays), axis=1)
+    return common[id(first)][1]
+
+
+@lru_cache(4)
+def _zeros(size: int) -> np.ndarray:
+    """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
+    zeros = np.zeros(size)
+    zeros.setflags(write=False)
+    return zeros
