@@ -62,6 +62,14 @@ def test_rms_is_that_of_the_impulse_response() -> None:
     assert np.allclose(system.rms(), np.sqrt(total), rtol=1e-9)
 
 
+@pytest.mark.parametrize("size", [1e-250, 1e250])
+def test_the_norm_of_a_system_that_hardly_passes_anything_scales(size: float) -> None:
+    """The square of such a level is no number: an estimator told of a process noise of 1e-300 has such a loop."""
+    system = lag(0.9)
+    scaled = DiscreteSystem(system.a, size * system.b, system.c, size * system.d, system.period)
+    assert scaled.norm()[0] == pytest.approx(10.0 * size, rel=1e-9)
+
+
 def test_an_unstable_system_has_no_norm() -> None:
     norm, at = lag(1.01).norm()
     assert np.isinf(norm)

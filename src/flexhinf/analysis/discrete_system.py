@@ -174,8 +174,13 @@ class DiscreteSystem:
 
 
 def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level: float) -> np.ndarray:
-    """Frequencies ≥ 0 where a singular value of c (sI − a)⁻¹ b + d equals the level, ascending."""
-    r = level**2 * np.eye(d.shape[1]) - d.T @ d
+    """Frequencies ≥ 0 where a singular value of c (sI − a)⁻¹ b + d equals the level, ascending.
+
+    The level is divided out first: its square would leave the range of the numbers where hardly anything passes.
+    """
+    root = np.sqrt(level)
+    b, c, d = b / root, c / root, d / level
+    r = np.eye(d.shape[1]) - d.T @ d
     through = np.linalg.solve(r, np.hstack([d.T @ c, b.T]))
     n = len(a)
     closed = a + b @ through[:, :n]
