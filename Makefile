@@ -19,8 +19,8 @@ PROJECT := $(VENV)/.stamp-project
 PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
 
-# All cores; the tests of a file stay together, so that what they share is made once (tests/conftest.py).
-SHARED  := -n auto --maxprocesses 8 --dist loadgroup
+# All cores; the tests of a file stay together, so that what they share is made once.
+SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
 .PHONY: demo test check slow bench bench-hji bench-arm pages locks clean environment environment-dev
 .DELETE_ON_ERROR:

@@ -10,7 +10,7 @@ import pytest
 
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
 
-pytestmark = [pytest.mark.paper, pytest.mark.xdist_group("reproduction")]
+pytestmark = pytest.mark.paper
 
 FIGURES = [f"{number:02d}" for number in range(3, 13)]
 VERDICTS = {"holds", "fails", "ties", "not judged"}

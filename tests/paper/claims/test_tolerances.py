@@ -18,7 +18,7 @@ from flexhinf.paper.loop_setup import GOALS, PaperSetup
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerance_study import ToleranceStudy, growth_with, other_design, unstable_of
 
-pytestmark = [pytest.mark.paper, pytest.mark.xdist_group("tolerances")]
+pytestmark = pytest.mark.paper
 
 STIFF = "stiffness +12 %"
 

@@ -25,7 +25,7 @@ from flexhinf.paper.experiments import Experiments
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.paper.settings import PaperSettings
 
-pytestmark = [pytest.mark.paper, pytest.mark.xdist_group("trade-off")]
+pytestmark = pytest.mark.paper
 
 
 @pytest.fixture(scope="module")

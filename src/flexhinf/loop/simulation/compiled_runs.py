@@ -212,7 +212,7 @@ def _side_by_side(runs: Sequence[PreparedRun], common: dict[int, Any]) -> Iterat
     """Up to `LANES` runs at once; lanes without a run repeat the last one. What all runs have in common is kept."""
     filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
     each = [run.inputs for run in filled]
-    inputs = {name: np.stack([one[name] for one in each], axis=-1) for name in each[0]}
+    inputs = {name: _stacked([one[name] for one in each], common) for name in each[0]}
     outputs = PreparedRun.outputs(filled)
     status = runs[0].code.kernel(LANES).run({**inputs, **outputs}, runs[0].counts)
     codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
