@@ -85,10 +85,14 @@ class Table:
             for row in zip(*written, strict=True)
         )
         anchor = f' id="{self.id}"' if self.id else ""
-        caption = f"<caption>{prose(self.caption)}</caption>" if self.caption else ""
         kind = "table stacks" if self.stacks else "table"
+        caption, named = "", ""
+        if self.caption:  # above the table, not in it: a <caption> is no wider than its table
+            mark = f' id="{self.id}-caption"' if self.id else ""
+            named = f' aria-labelledby="{self.id}-caption"' if self.id else ""
+            caption = f'<p class="caption"{mark}>{prose(self.caption)}</p>'
         return (
-            f'<div class="{kind}"{anchor}><table>{caption}<thead><tr>{head}</tr></thead>'
+            f'<div class="{kind}"{anchor}>{caption}<table{named}><thead><tr>{head}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>"
         )
 

@@ -18,7 +18,7 @@ from flexhinf.robot.quantities import INERTIA
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, read_urdf
-from flexhinf.untrusted import distinct, read_toml, value_text
+from flexhinf.untrusted import checked_path, distinct, read_toml, value_text
 
 __all__ = ["catalogue", "load_robot"]
 
@@ -73,10 +73,9 @@ def load_robot(
 
 
 def _found(source: str | Path) -> Path:
-    shipped = catalogue()
+    shipped, path = catalogue(), checked_path("The robot file", source)
     if str(source) in shipped:
         return shipped[str(source)]
-    path = Path(source)
     try:
         if path.is_file():
             return path

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
+from flexhinf.untrusted import checked_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -221,7 +221,7 @@ class Trajectory(Summarised):
         InvalidInput
             For another suffix, or if the place cannot be written.
         """
-        suffix = Path(path).suffix
+        suffix = checked_path("The run's file", path).suffix
         if suffix == ".csv":
             write_file(path, "run", self._write_csv)
         elif suffix == ".nc":
