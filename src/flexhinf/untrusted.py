@@ -18,7 +18,7 @@ from flexhinf.errors import InvalidInput, readable
 
 __all__ = [
     "HUGE", "LONGEST_NAME", "checked_name", "checked_path", "checked_text", "distinct", "is_real", "read_bytes",
-    "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text", "within_proportion",
+    "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text", "within_proportion",
 ]  # fmt: skip
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
@@ -76,6 +76,20 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
     if strict:
         raise ValueError("no real numbers")
     return np.array(np.nan)
+
+
+def read_only(value: Any) -> Any:
+    """The same with arrays that cannot be written, in tuples and mappings too: what copies may share."""
+    if isinstance(value, np.ndarray):
+        view = value.view()
+        view.setflags(write=False)
+        return view
+    if isinstance(value, dict):
+        return {key: read_only(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        entries = [read_only(entry) for entry in value]
+        return type(value)(*entries) if hasattr(value, "_fields") else tuple(entries)
+    return value
 
 
 def real_number(value: Any) -> float:

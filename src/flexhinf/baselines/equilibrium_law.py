@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import jacobian
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["EquilibriumLaw", "LinearFeedback", "PlacedLaw", "equilibrium_of"]
 
@@ -55,7 +55,7 @@ class EquilibriumLaw(Law):
                 f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
                 "robot.operating_point(pose)",
             )
-        object.__setattr__(self, "equilibrium", (x, u))
+        object.__setattr__(self, "equilibrium", read_only((x, u)))
         object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))
         for name in self.integrate:
             self.plant.index(name)

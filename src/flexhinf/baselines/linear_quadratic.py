@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.baselines.equilibrium_law import LinearFeedback, equilibrium_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["LinearQuadratic", "checked_gain", "lqr", "lqr_gain"]
 
@@ -52,7 +52,7 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
         raise _unsolved(problem, str(error)) from error
     if not slowest < 0.0:
         raise _unsolved(problem, f"closed loop with a mode at {slowest:.3g} 1/s")
-    return gain
+    return read_only(gain)
 
 
 def _unsolved(problem: GeneralisedPlant, got: str) -> NumericalFailure:

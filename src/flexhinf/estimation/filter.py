@@ -13,7 +13,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, solve_lower, solve_lower_transposed
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import read_only, real_array, value_text
 
 __all__ = ["RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
 
@@ -168,9 +168,9 @@ class RecursiveFilter(Estimator):
         if not (np.isfinite(period) and period > 0.0):
             raise InvalidInput("The sampling period is not positive.", f"got {period!r} s", "1e-3 for 1 kHz")
         self.plant, self.period = plant, float(period)
-        self.process_noise = covariance_matrix(process_noise, plant.n, "process noise R^v")
-        self.measurement_noise = covariance_matrix(
-            measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True
+        self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
+        self.measurement_noise = read_only(
+            covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
         )
         self._start = covariance_matrix(covariance, plant.n, "initial covariance")
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
@@ -189,7 +189,12 @@ class RecursiveFilter(Estimator):
             If it does not fit the plant.
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
-        return Gaussian(start, self._start)
+        return read_only(Gaussian(start, self._start))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
+        shared = ("process_noise", "measurement_noise", "initial", "_start")
+        vars(self).update(state, **{name: read_only(state[name]) for name in shared})
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""

@@ -39,6 +39,7 @@ from flexhinf.estimation.placed_gain import check_decay, check_detectable, place
 from flexhinf.estimation.stationary import stationary_gain
 from flexhinf.plant import Plant
 from flexhinf.scalars import jacobian
+from flexhinf.untrusted import read_only
 
 __all__ = ["Held", "InjectedGaussian", "OutputInjectionObserver", "first_order_hold"]
 
@@ -225,7 +226,7 @@ class OutputInjectionObserver(RecursiveFilter):
         u, p = np.zeros(len(self.plant.inputs)), self.plant.parameters.vector()
         measured = self._lifted(self.output(belief.mean, u, p), u, p, self._lift)
         state = (belief.mean, belief.covariance, measured, still, np.zeros(1))
-        return InjectedGaussian._make((*state, self._drift, *self._held, self._gain, self._lift))
+        return read_only(InjectedGaussian._make((*state, self._drift, *self._held, self._gain, self._lift)))
 
     @property
     def _lift(self) -> np.ndarray:

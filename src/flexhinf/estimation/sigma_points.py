@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import read_only
 
 __all__ = ["SigmaPoints"]
 
@@ -57,6 +58,9 @@ class SigmaPoints:
                 stacklevel=4,
             )
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
+
     @cached_property
     def spread(self) -> float:
         """√(n + λ)."""
@@ -66,14 +70,14 @@ class SigmaPoints:
     def mean_weights(self) -> np.ndarray:
         """Wᵐ, (2n + 1,)."""
         total = self.spread**2
-        return np.array([(total - self.n) / total] + [0.5 / total] * (2 * self.n))
+        return read_only(np.array([(total - self.n) / total] + [0.5 / total] * (2 * self.n)))
 
     @cached_property
     def covariance_weights(self) -> np.ndarray:
         """Wᶜ, (2n + 1,)."""
         weights = self.mean_weights.copy()
         weights[0] += 1.0 - self.alpha**2 + self.beta
-        return weights
+        return read_only(weights)
 
     def offsets(self, column: Any) -> tuple[Any, Any]:
         """Deviations of two points from the mean, for a column of a square root of P."""

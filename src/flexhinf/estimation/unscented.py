@@ -16,7 +16,7 @@ from flexhinf.estimation.filter import RecursiveFilter, correction, gained, root
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import cholesky, clip
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -98,7 +98,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         if self.redraw:
             return belief
         points = self.points(DIRECT, belief.mean, cholesky(belief.covariance))
-        return SampledGaussian(belief.mean, belief.covariance, points)
+        return read_only(SampledGaussian(belief.mean, belief.covariance, points))
 
     @property
     def operations(self) -> int:

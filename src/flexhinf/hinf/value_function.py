@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.polynomial.kronecker import to_kronecker
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["ValueFunction"]
 
@@ -52,6 +53,13 @@ class ValueFunction:
     expansion: PolynomialPlant
     problem: Problem | None
     value_parts: dict[int, np.ndarray]
+
+    def __post_init__(self) -> None:
+        self.__setstate__({"P": self.P, "value_parts": self.value_parts})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over attributes; copies share their arrays, so nobody may write them."""
+        vars(self).update(read_only(state))
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -188,7 +196,8 @@ class ValueFunction:
     def slope_parts(self) -> dict[int, np.ndarray]:
         """Monomial coefficients of V_k,x by degree k of V, shape (count(n, k−1), n)."""
         n = len(self.P)
-        return {k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in self.value_parts.items()}
+        parts = self.value_parts.items()
+        return read_only({k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in parts})
 
     def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
         n = len(self.P)

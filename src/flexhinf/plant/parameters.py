@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import read_only, real_array, value_text
 
 __all__ = ["ParameterTable", "Parameters"]
 
@@ -65,6 +65,9 @@ class ParameterTable:
                 )
             checked[str(name)] = _finite(str(name), value)
         object.__setattr__(self, "values", checked)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.truncated import degree_slice
 from flexhinf.scalars import apply, digest, pack, symbols, trace
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["GeneralisedPlant", "Plant"]
 
@@ -128,6 +128,9 @@ class GeneralisedPlant(Summarised):
         self._check_equilibrium()
         self._check_penalty()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(read_only(state))  # copies share their arrays
+
     # Names ----------------------------------------------------------------------------------------
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -151,11 +154,11 @@ class GeneralisedPlant(Summarised):
         if self.equilibrium is not None:
             return self._given_equilibrium(*self.equilibrium)
         if self.pose is None:
-            return np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))
-        return equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate))
+            return read_only((np.zeros(self.plant.n), np.zeros(len(self.plant.inputs))))
+        return read_only(equilibrium_of(self.plant, self.integrate, pose_values(self.pose, self.integrate)))
 
     def _given_equilibrium(self, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
-        x, u = real_array(x), real_array(u)
+        x, u = read_only((real_array(x), real_array(u)))
         shapes = (self.plant.n,), (len(self.plant.inputs),)
         if self.pose is not None or (x.shape, u.shape) != shapes:
             raise InvalidInput(
@@ -164,6 +167,7 @@ class GeneralisedPlant(Summarised):
                 f"pose={self.pose!r}",
                 "either pose or equilibrium",
             )
+        object.__setattr__(self, "equilibrium", (x, u))
         return x, u
 
     @property
@@ -363,16 +367,12 @@ class GeneralisedPlant(Summarised):
         return ca.Function("varying_fields", [x], varying, {"cse": True}), constant
 
     @cached_property
-    def _input_matrix_is_constant(self) -> bool:
+    def input_matrix_is_constant(self) -> bool:
+        """Whether g2 does not depend on the state, as the code is written."""
         import casadi as ca
 
         x = ca.SX.sym("x", len(self.state_names))
         return not any(ca.which_depends(self._traced_fields.call([x])[2], x, 1, True))
-
-    @property
-    def input_matrix_is_constant(self) -> bool:
-        """Whether g2 does not depend on the state, as the code is written."""
-        return self._input_matrix_is_constant
 
     def input_matrix(self, x: Any) -> Any:
         """Exact g2 (n, m) at one deviation x (n,), on numbers or symbols."""

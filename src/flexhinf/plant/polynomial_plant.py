@@ -21,7 +21,7 @@ from flexhinf.plant.coefficients import (
 )
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.kronecker import from_kronecker
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import read_only, real_array, value_text
 
 __all__ = ["PolynomialPlant"]
 
@@ -224,13 +224,13 @@ class PolynomialPlant(Summarised):
         check_rest("h", parts["h"], tuple(f"z{i + 1}" for i in range(parts["h"][1].shape[0])))
         point = checked_point("state", operating_point, n)
         point_input = checked_point("input", operating_input, len(r2))
-        for name, value in parts.items():
-            object.__setattr__(self, f"{name}_parts", value)
-        object.__setattr__(self, "r2", r2)
-        object.__setattr__(self, "state_names", names)
-        object.__setattr__(self, "operating_point", point)
-        object.__setattr__(self, "input_names", inputs)
-        object.__setattr__(self, "operating_input", point_input)
+        named = {f"{name}_parts": value for name, value in parts.items()}
+        points = {"operating_point": point, "operating_input": point_input}
+        self.__setstate__({**named, "r2": r2, "state_names": names, "input_names": inputs, **points})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over attributes; copies share their arrays, so nobody may write them."""
+        vars(self).update(read_only(state))
 
     @property
     def size(self) -> tuple[int, int, int, int]:

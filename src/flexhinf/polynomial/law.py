@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
+from flexhinf.untrusted import read_only
 
 __all__ = ["PolynomialLaw"]
 
@@ -31,6 +33,7 @@ class PolynomialLaw:
     coefficients: np.ndarray
 
     def __post_init__(self) -> None:
+        self.__setstate__({"coefficients": self.coefficients})
         expected = sum(basis.count(self.n, k) for k in self.degrees)
         if self.coefficients.ndim != 2 or self.coefficients.shape[1] != expected:
             raise InvalidInput(
@@ -38,6 +41,10 @@ class PolynomialLaw:
                 f"expected shape (inputs, {expected}), got {self.coefficients.shape}",
                 f"one column per monomial of degrees {self.degrees} in {self.n} states",
             )
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over attributes; copies share their arrays, so nobody may write them."""
+        vars(self).update(read_only(state))
 
     @property
     def exponents(self) -> np.ndarray:

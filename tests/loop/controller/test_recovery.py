@@ -234,6 +234,35 @@ def test_an_estimator_copies_and_pickles_after_it_was_used(kind, how):
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-12)
 
 
+def writable(part, seen, path=""):
+    """Paths of the arrays inside an object of ours that can be written, with the arrays."""
+    if isinstance(part, np.ndarray):
+        return [(path, part)] if part.flags.writeable else []
+    if id(part) in seen:
+        return []
+    seen.add(id(part))
+    inside = part if isinstance(part, dict) else dict(enumerate(part)) if isinstance(part, tuple) else {}
+    if type(part).__module__.startswith("flexhinf") and hasattr(part, "__dict__"):
+        inside = {**inside, **vars(part)}
+    return [found for name, entry in inside.items() for found in writable(entry, seen, f"{path}.{name}")]
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_copies_share_nothing_that_can_be_written(cubic, how):
+    """Laws, filters and problems share their arrays with copies of them, copies of pickles too: none can be written."""
+    cubic.law([0.1] * 5)
+    one = COPIES[how]((cubic, arm_filter(UnscentedKalmanFilter), arm_filter(ExtendedKalmanFilter)))
+    for part in (*one, arm_filter(OutputInjectionObserver)):
+        other = copy.copy(part)
+        theirs = writable(other, set())
+        shared = [p for p, x in writable(part, set()) for _, y in theirs if x.size and np.shares_memory(x, y)]
+        assert not [path for path in shared if "._" not in path]
+    with pytest.raises(ValueError, match="read-only"):
+        one[0].P[0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        one[1].process_noise[0, 0] = 1.0
+
+
 def test_a_pickled_plant_of_any_code_is_the_same_plant():
     plant = lambdas().plant
     other = pickle.loads(pickle.dumps(plant))
