@@ -173,6 +173,8 @@ class _Search:
         sphere = self.rng.standard_normal((rays, self.states))
         found = self.march(self.inequality.directions(sphere), np.inf)
         best = found.chosen([int(np.argmin(found.level))])
+        if best.radius[0] <= self.first:  # at once: no level set is free of violations
+            return best
         quiet = 0
         for _ in range(_ROUNDS):
             best = self.touched(found, best)
