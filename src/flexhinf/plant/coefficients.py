@@ -25,7 +25,9 @@ def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: in
     """One name per signal, all distinct; numbered letters by default."""
     if given is None:
         return tuple(f"{letter}{i + 1}" for i in range(count))
-    names = (given,) if isinstance(given, str) else tuple(given) if isinstance(given, Iterable) else (None,)
+    names: tuple[Any, ...] = (
+        tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
+    )
     if not all(isinstance(name, str) for name in names):
         raise InvalidInput(
             f"A {kind} name is not a text.",
