@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 import tempfile
 import tomllib
@@ -22,8 +23,8 @@ ATTEMPTS = 3000
 
 NUMBERS = (
     "0", "-0.0", "-1", "1e-300", "5e-324", "1e31", "1e200", "1e308", "1e400", "-1e300", "nan", "inf", "-inf",
-    "9" * 400, "9" * 5000, "1e-31", "0x10", "1_000", "true", '"1"', "[1.0]", "{}", "1e", "", "٣", "1979-05-27",
-    "100", "99.99",
+    "9" * 400, "9" * 5000, "1e-31", "0x10", "1_000", "+7", ".5", "true", '"1"', "[1.0]", "{}", "1e", "", "٣",
+    "1979-05-27", "100", "99.99",
 )  # fmt: skip
 WORDS = (
     "", " ", "world", "integral", "a_integral", "a b", "$x$", "[red]", "é", "\u202e", "\x1b[31m", "\x00",
@@ -48,6 +49,13 @@ JOINTS = "".join(
     f'[[joint]]\nname = "{name}"\n[joint.spring]\nstiffness = 500.0\n[joint.motor]\nmotor_inertia = 0.2\n'
     for name in ("shoulder", "elbow")
 )
+
+
+#: Elements that are read of a link, a joint or an <inertial>.
+READ = {"inertial", "origin", "mass", "inertia", "parent", "child", "axis", "limit", "mimic"}
+
+STRTOD: Any = ctypes.CDLL(None).strtod
+STRTOD.restype, STRTOD.argtypes = ctypes.c_double, [ctypes.c_char_p, ctypes.POINTER(ctypes.c_char_p)]
 
 
 def run(attempts: int, seed: int) -> Tally:
@@ -125,6 +133,16 @@ def _swapped(content: bytes, rng: np.random.Generator) -> bytes:
     return content[: old.start()] + new[0] + content[old.end() :]
 
 
+def _doubled(content: bytes, rng: np.random.Generator) -> bytes:
+    """An element twice, the second time with another number."""
+    places = list(re.finditer(rb"<[a-z]+ [^<>]*/>", content))
+    if not places:
+        return content
+    place = places[rng.integers(len(places))]
+    other = re.sub(rb"\d+\.?\d*", str(rng.integers(1, 9)).encode(), place[0], count=1)
+    return content[: place.end()] + other + content[place.end() :]
+
+
 MUTATIONS = (
     _bytes,
     _replaced(r"-?\d+\.?\d*(e-?\d+)?", NUMBERS),
@@ -133,6 +151,7 @@ MUTATIONS = (
     _lines,
     _structure,
     _swapped,
+    _doubled,
 )
 
 
@@ -174,17 +193,18 @@ def _toml_fault(robot: Robot, content: bytes) -> str:
 
 
 def _urdf_fault(robot: Robot, content: bytes) -> str:
-    """Names that stand twice; the mass that moves, which is what the links behind the first moving joint have."""
+    """Elements that stand twice; the mass that moves, axes and limits, against the file's as C reads its numbers."""
     root = ElementTree.fromstring(content.decode())
     for tag in ("link", "joint"):
         names = [one.get("name") for one in root.findall(tag)]
         if len(set(names)) < len(names):
             return f"two {tag}s of one name"
-    masses = {
-        link.get("name"): float(mass.get("value") or 0.0)
-        for link in root.findall("link")
-        if (mass := link.find("inertial/mass")) is not None
-    }
+    for element in root.iter():
+        tags = [child.tag for child in element if child.tag not in ("link", "joint", "visual", "collision")]
+        if element.tag in ("link", "joint", "inertial") and len(set(tags) & READ) < sum(
+            t in READ for t in tags
+        ):
+            return f"an element stands twice in <{element.tag}>"
     ends = {
         next(one.get("link") for one in joint.iter("child")): (
             next(one.get("link") for one in joint.iter("parent")),
@@ -193,11 +213,35 @@ def _urdf_fault(robot: Robot, content: bytes) -> str:
         for joint in root.findall("joint")
     }
     total = 0.0
-    for name, mass in masses.items():
-        link, moves = name, False
-        while link in ends:
-            link, kind = ends[link]
+    for link in root.findall("link"):
+        name, moves = link.get("name"), False
+        while name in ends:
+            name, kind = ends[name]
             moves |= kind != "fixed"
-        total += mass if moves else 0.0
+        if moves and link.find("inertial") is not None:
+            total += _c_number(link.find("inertial/mass").attrib["value"])
     found = sum(p.value for p in robot.parameters if p.name.split("_")[0] == "mass")
-    return "" if np.isclose(found, total, rtol=1e-12) else f"a mass of {found} instead of {total}"
+    if not np.isclose(found, total, rtol=1e-12):
+        return f"a mass of {found} instead of {total}"
+    return _joint_fault(robot, root)
+
+
+def _joint_fault(robot: Robot, root: ElementTree.Element) -> str:
+    rows = {joint.get("name"): joint for joint in root.findall("joint")}
+    for joint in robot.links.tree.joints if isinstance(robot.links, Arm) else ():
+        axis, limit = rows[joint.name].find("axis"), rows[joint.name].find("limit")
+        stated = [1.0, 0.0, 0.0] if axis is None else [_c_number(word) for word in axis.attrib["xyz"].split()]
+        if not np.allclose(np.cross(joint.axis, stated / np.linalg.norm(stated)), 0.0, atol=1e-12):
+            return f"an axis {joint.axis} instead of {stated}"
+        if limit is not None and rows[joint.name].get("type") != "continuous":
+            ends = tuple(_c_number(limit.get(key, "0")) for key in ("lower", "upper"))
+            if joint.limits != (None if ends == (0.0, 0.0) else ends):
+                return f"limits {joint.limits} instead of {ends}"
+    return ""
+
+
+def _c_number(text: str) -> float:
+    """As strtod reads it, which is what other readers of URDF use; NaN where something is left over."""
+    raw, end = text.strip(" \t\n\r").encode(), ctypes.c_char_p()
+    value = STRTOD(raw, ctypes.byref(end))
+    return float("nan") if end.value or not raw else value

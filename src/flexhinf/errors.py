@@ -94,7 +94,7 @@ class NotDetectable(FlexhinfError):
 
 
 class NoFeasibleGamma(FlexhinfError):
-    """No attenuation level works for this problem."""
+    """No attenuation level holds for all tolerances of a robust design."""
 
 
 class InfeasibleGamma(FlexhinfError):

@@ -25,6 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import checked_path, read_bytes
 
 try:
     import fcntl
@@ -51,7 +52,7 @@ NO_LOCKS = {
 POLL_S = 0.02
 
 _DIGEST = 64  # bytes of a SHA-256 in hexadecimal
-_LARGEST = 32 << 30  # bytes that an archive may unpack to
+_LARGEST_FILE, _LARGEST = 16 << 30, 32 << 30  # bytes of an archive, and bytes that it may unpack to
 
 
 def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], Any]) -> None:
@@ -69,9 +70,9 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
     Raises
     ------
     InvalidInput
-        If the place cannot be written.
+        If this is no path, or the place cannot be written.
     """
-    path = Path(path)
+    path = checked_path(f"The {what}", path)
     name = ""
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
@@ -83,11 +84,11 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
         os.umask(mask)
         os.chmod(name, 0o666 & ~mask)
         publish(name, path)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
         _remove(name)
         raise InvalidInput(
             f"The {what} cannot be written.",
-            f"{path}: {error.strerror or error}",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
     except BaseException:
@@ -120,13 +121,14 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
     InvalidInput
         Not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own message.
     """
-    path = Path(path)
-    if not path.is_file():  # a pipe would wait for ever
-        raise _unreadable("no such file" if not path.exists() else "not a file")
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(error.strerror or str(error)) from error
+        content = read_bytes(Path(path), _LARGEST_FILE + 1)
+    except FileNotFoundError as error:
+        raise _unreadable("no such file") from error
+    except (OSError, ValueError) as error:
+        raise _unreadable(getattr(error, "strerror", None) or str(error)) from error
+    if len(content) > _LARGEST_FILE:
+        raise _unreadable(f"more than {_LARGEST_FILE} bytes")
     whole = content[-_DIGEST:] == _digest(content[:-_DIGEST])
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -136,7 +138,10 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}, whole
+            members = {name: arrays[name] for name in arrays.files}
+        if not all(isinstance(member, np.ndarray) for member in members.values()):
+            raise _unreadable("damaged: a member is no array")
+        return members, whole
     except InvalidInput:
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
@@ -228,7 +233,10 @@ def _acquired(path: Path) -> int:
     while fcntl is not None:
         handle = -1
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            # never through a symbolic link, which would make a file elsewhere
+            handle = os.open(
+                path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666
+            )
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.path.exists(path) and os.path.samestat(os.fstat(handle), os.stat(path)):
                 return handle

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import tomllib
 import unicodedata
 from collections.abc import Sequence
@@ -15,8 +17,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput, readable
 
 __all__ = [
-    "HUGE", "LONGEST_NAME", "checked_name", "checked_text", "distinct", "is_real", "read_text", "read_toml", "read_xml",
-    "real_array", "real_number", "value_text", "within_proportion",
+    "HUGE", "LONGEST_NAME", "checked_name", "checked_path", "checked_text", "distinct", "is_real", "read_bytes",
+    "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text", "within_proportion",
 ]  # fmt: skip
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
@@ -207,6 +209,42 @@ def distinct(what: str, names: Sequence[str]) -> None:
 
 
 # Files ----------------------------------------------------------------------------------------------
+def checked_path(what: str, path: Any) -> Path:
+    """A path as a `Path`; `what` begins the message: "The controller's file".
+
+    Raises
+    ------
+    InvalidInput
+        For what is no text and no path object (None, numbers, bytes) or is empty.
+    """
+    text = os.fspath(path) if isinstance(path, os.PathLike) else path
+    if not isinstance(text, str) or not text:
+        raise InvalidInput(
+            f"{what} has no usable path.",
+            f"expected text or a pathlib.Path, got {value_text(path, 60)}",
+            "for example 'folder/name'",
+        )
+    return Path(text)
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The first `most` bytes of a regular file, all for −1; nobody is kept waiting by a FIFO or a device.
+
+    Raises
+    ------
+    OSError, ValueError
+        There is no such file, it cannot be read, or it is not a regular one.
+    """
+    with open(path, "rb", opener=_without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError("not a file, but a folder, a pipe or a device")
+        return file.read(most)
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
     """The text of a file of at most `largest` bytes in UTF-8; `kind` and `what` are for the message.
 
@@ -216,10 +254,7 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
         For a file that is larger, no text, or cannot be read.
     """
     try:
-        if path.exists() and not path.is_file():  # a pipe would wait for ever
-            raise OSError("no regular file")
-        with open(path, "rb") as file:
-            content = file.read(largest + 1)
+        content = read_bytes(path, largest + 1)
     except (OSError, ValueError) as error:
         raise InvalidInput(
             f"There is no {what} {value_text(str(path), 120)} that can be read.",

@@ -62,6 +62,13 @@ def test_rms_is_that_of_the_impulse_response() -> None:
     assert np.allclose(system.rms(), np.sqrt(total), rtol=1e-9)
 
 
+def test_a_pole_on_the_circle_that_noise_does_not_reach_leaves_the_others_as_they_are() -> None:
+    """Without a warning of SciPy on the terminal."""
+    one = np.array([[0.0], [1.0]])
+    system = DiscreteSystem(np.diag([1.0, 0.5]), one, one.T, np.zeros((1, 1)), 0.01)
+    assert system.rms()[0, 0] == pytest.approx(1.0 / np.sqrt(1.0 - 0.25))
+
+
 @pytest.mark.parametrize("size", [1e-250, 1e250])
 def test_the_norm_of_a_system_that_hardly_passes_anything_scales(size: float) -> None:
     """The square of such a level is no number: an estimator told of a process noise of 1e-300 has such a loop."""

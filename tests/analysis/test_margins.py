@@ -11,6 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
+from flexhinf.analysis.margins import _gain_margins
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.hinf import HJISolution
@@ -50,6 +51,14 @@ def test_a_mass_on_pd_has_the_margins_of_the_textbook(made: SimpleNamespace) -> 
     a = 2.0 * k - d**2
     assert found.bandwidth[0] == pytest.approx(math.sqrt((a + math.sqrt(a**2 + 4.0 * k**2)) / 2.0), rel=1e-4)
     assert found.positions == ("position",)
+
+
+@pytest.mark.parametrize(("size", "upper"), [(1e-3, 1.5e3), (1e-9, math.inf), (1e-60, math.inf)])
+def test_a_gain_margin_beyond_a_million_is_infinite(size: float, upper: float) -> None:
+    """Old code showed the rounding of a loop that is hardly there as a factor with 60 digits."""
+    one = np.ones((1, 1))
+    opened = DiscreteSystem(0.5 * one, -size * one, one, 0.0 * one, PERIOD)
+    assert _gain_margins(opened) == (0.0, pytest.approx(upper))
 
 
 @pytest.mark.oracle

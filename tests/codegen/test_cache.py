@@ -218,6 +218,9 @@ def test_where_the_folder_is(monkeypatch, tmp_path):
     assert cache.folder() == Path("/x/flexhinf")
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("FLEXHINF_CACHE", "~/x")
+    assert cache.folder() == tmp_path / "x"
+    monkeypatch.delenv("FLEXHINF_CACHE")
     assert cache.folder() == tmp_path / ".cache" / "flexhinf"
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # to be ignored, says its specification
     assert cache.folder() == tmp_path / ".cache" / "flexhinf"

@@ -49,6 +49,10 @@ def test_words_have_any_case() -> None:
     ("fields", "found", "python", "option"),
     [
         ({"draws": -5}, "an integer >= 0, got -5", "draws=200", "--draws 200"),
+        ({"draws": 10**12}, "at most 100000 (more take hours", "draws=200", "--draws 200"),
+        ({"rays": 10**12}, "at most 100000", "rays=1000", "--rays 1000"),
+        ({"gamma_ratio": 1e308}, "at most 1e+06 (", "gamma_ratio=1.5", "--gamma-ratio 1.5"),
+        ({"checked_gamma_ratio": 1e308}, "at most 1e+06 (", "checked_gamma_ratio=1.6", "--checked-gamma-ratio 1.6"),
         ({"duration": -3.0}, "a time > 0, s, got -3.0", "duration=5.0", "--duration 5"),
         ({"delay": 5}, "5 s are 5000 samples", "delay='5ms'", "--delay 5ms"),
         ({"delay": 0.6}, "at most 0.2 s, 200 samples", "delay='0.6ms'", "--delay 0.6ms"),

@@ -20,8 +20,8 @@ from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFac
 from flexhinf.design.scenario import Scenario, plan_move
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import synthesise
-from flexhinf.design.tuning import Tuner, best_rival, figures_of, own_figures, trade_offs
-from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.design.tuning import Tuner, best_rival, figures_of, own_figures, trade_offs, yardstick
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 
 LIMITS = {"peak_sensitivity": (2.5, "default"), "gain_margin": (1.7, "default")}
@@ -175,6 +175,20 @@ def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
         figures_of(fast)
     own = own_figures(LawEvaluation(REFERENCE, fast.setup, rig.own.scenario))
     assert (own.gain_margin, own.peak_sensitivity) == (1.0, np.inf)
+    with pytest.raises(InvalidInput, match="linear loop is unstable at the goal"):
+        yardstick(LawEvaluation(REFERENCE, fast.setup, rig.own.scenario))
+
+
+@pytest.mark.parametrize("figure", ["peak_input", "load_deviation", "move_error"])
+def test_a_design_with_a_run_that_diverges_measures_no_law(
+    rig: Tuner, figure: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Old code divided the others' deviations by 1 rad and ranked them."""
+    figures = own_figures(rig.own)
+    assert yardstick(rig.own) == figures
+    monkeypatch.setattr(tuning, "own_figures", lambda evaluation: replace(figures, **{figure: np.inf}))
+    with pytest.raises(InvalidInput, match=f"got: {tuning.RUNS[figure]} diverges"):
+        yardstick(rig.own)
 
 
 def test_a_law_that_keeps_no_limit_is_told_with_what_it_exceeds(rig: Tuner, short: None) -> None:

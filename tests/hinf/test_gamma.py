@@ -91,6 +91,19 @@ def test_an_unstable_mode_almost_out_of_reach(reach, accuracy):
 
 
 @pytest.mark.oracle
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("distance", [1e-8, 3e-9, 1e-9])
+def test_two_unstable_modes_almost_as_one_to_the_input(distance, turned):
+    """One input reaches their sum; their difference only through the distance of the modes."""
+    a, b = np.array([[0.5, 0, 0], [0, 0.5 + distance, 1], [0, 0, -1]]), np.ones((3, 1))
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0] if turned else np.eye(3)
+    plant = _linear(turn @ a @ turn.T, np.eye(3), turn @ b, np.eye(3))
+    gamma, accuracy = smallest_gamma(plant), 3e-15 / distance
+    assert _smallest_eigenvalue(plant, gamma * (1 + accuracy)) > 0
+    assert _smallest_eigenvalue(plant, gamma * (1 - accuracy)) < 0
+
+
+@pytest.mark.oracle
 @pytest.mark.parametrize(
     ("a", "b", "r"), [(-1.0, 1.0, 1.0), (2.0, 0.5, 3.0), (0.0, 1.0, 0.1), (-1e3, 1e2, 1e-3)]
 )

@@ -352,6 +352,7 @@ def test_refusals(weighted):
     for wrong in (
         {"rays": 0},
         {"rays": 2.5},
+        {"rays": 10**12},
         {"seed": -1},
         {"largest": "far"},
         {"gamma": "2"},

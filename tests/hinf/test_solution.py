@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
@@ -22,6 +22,16 @@ def solved(arm):
 def general(random_plant):
     plant = random_plant(np.random.default_rng(3), 3)
     return plant, solve_hji(plant, 3 * smallest_gamma(plant), 4)
+
+
+@pytest.mark.parametrize("name", ["value", "gradient", "law", "worst_disturbance", "residual"])
+def test_a_state_beyond_the_finite_numbers_is_refused(solved, name):
+    """Old code returned nan, with a warning of NumPy's."""
+    function = getattr(solved, name)
+    with pytest.raises(NumericalFailure, match=r"leaves the finite numbers[\s\S]*1e\+200"):
+        function([np.zeros(5), np.full(5, 1e200)])
+    with pytest.raises(InvalidInput, match="finite numbers of shape"):
+        function([0.0, np.nan, 0.0, 0.0, 0.0])
 
 
 def test_shapes_follow_the_state(solved):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,6 +60,55 @@ def test_a_report_into_which_somebody_put_files_is_left_alone(tmp_path: Path) ->
     assert names(target) == {*FILES, MARKER, "figures/my notes.txt"}
     (target / "figures" / "my notes.txt").rename(tmp_path / "my notes.txt")
     assert names(report.write(target, {"index.html": "new"})) == {"index.html", MARKER}
+
+
+def test_a_report_that_somebody_edited_or_that_holds_a_folder_of_theirs_is_left_alone(tmp_path: Path) -> None:
+    target = report.write(tmp_path / "r", FILES)
+    (target / "mine").mkdir()
+    with pytest.raises(InvalidInput, match="not of the report"):
+        report.write(target, FILES)
+    (target / "mine").rmdir()
+    (target / "index.html").write_text("hours of work")
+    for act in (report.check, lambda path: report.write(path, FILES)):
+        with pytest.raises(InvalidInput, match="were changed") as caught:
+            act(target)
+        assert "'index.html'" in caught.value.found
+    assert (target / "index.html").read_text() == "hours of work"
+    (target / "index.html").unlink()
+    (target / "index.html").symlink_to(tmp_path)
+    with pytest.raises(InvalidInput, match="were changed"):
+        report.check(target)
+    (target / "index.html").unlink()
+    assert names(report.write(target, FILES)) == {*FILES, MARKER}
+
+
+def test_a_report_of_the_first_version_is_replaced(tmp_path: Path) -> None:
+    target = report.write(tmp_path / "r", FILES)
+    (target / MARKER).write_text(json.dumps({"what": "flexhinf report", "version": 1, "files": [*FILES]}))
+    assert names(report.write(target, {"index.html": "new"})) == {"index.html", MARKER}
+
+
+@posix
+def test_a_pipe_or_a_link_in_place_of_marker_or_lock_is_neither_waited_for_nor_followed(
+    tmp_path: Path,
+) -> None:
+    target = tmp_path / "r"
+    target.mkdir()
+    os.mkfifo(target / MARKER)
+    with pytest.raises(InvalidInput, match="not a report of flexhinf"):
+        report.check(target)
+    lock = tmp_path / ".other.flexhinf-lock"
+    lock.symlink_to(tmp_path / "victim")
+    with pytest.raises(InvalidInput, match="cannot be written"):
+        report.write(tmp_path / "other", FILES)
+    assert not (tmp_path / "victim").exists()
+
+
+@pytest.mark.parametrize("path", [None, 3, b"r", "", "a\0b"], ids=repr)
+def test_what_is_no_path_is_refused(path: Any) -> None:
+    for act in (report.check, lambda place: report.write(place, FILES)):
+        with pytest.raises(InvalidInput, match=r"no usable path|cannot be written"):
+            act(path)
 
 
 def test_a_file_put_into_a_report_while_it_is_replaced_is_kept(

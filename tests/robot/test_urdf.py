@@ -264,3 +264,52 @@ def test_masses_out_of_proportion_are_refused(tmp_path, mass):
 def test_a_joint_is_locked_at_a_number(urdf, value):
     with pytest.raises(InvalidInput, match="locked at no position"):
         read_urdf(urdf, locked={"elbow": value, "follow": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('<mass value="2.5"/>', '<mass value="99"/><mass value="2.5"/>', "<mass> stands 2 times in <inertial> of"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', "<axis> stands 2 times"),
+        ('<parent link="base"/>', '<parent link="fore"/><parent link="base"/>', "<parent> stands 2 times"),
+        ('<child link="upper"/>', '<child link="fore"/><child link="upper"/>', "<child> stands 2 times"),
+        ('<origin xyz="0 0.1 0"/>', '<origin xyz="0 0 9"/><origin xyz="0 0.1 0"/>', "<origin> stands 2 times"),
+        ('<limit lower="-2"', '<limit lower="-1" upper="1"/><limit lower="-2"', "<limit> stands 2 times"),
+        ('<link name="fore">', '<link name="fore"><inertial/>', "<inertial> stands 2 times"),
+        ("<inertia ixx", '<inertia ixx="1" iyy="1" izz="1"/><inertia ixx', "<inertia> stands 2 times"),
+        ('<mass value="0.4"/>', '<mass kg="0.4"/>', "<mass> in 'bracket' has no 'value'"),
+        ('<mass value="0.4"/>', "", "without a mass"),
+        ('<mass value="0.4"/>', '<mass value="0.4" unit="g"/>', "unknown attribute 'unit'"),
+        ('izz="0.004"', 'izZ="0.004"', "<inertia> in 'fore' has no 'izz'"),
+        ('<axis xyz="0 1 0"/>', '<axis XYZ="0 1 0"/>', "<axis> in 'shoulder' has no 'xyz'"),
+        ('<axis xyz="0 1 0"/>', '<Axis xyz="0 1 0"/>', "unknown element <Axis>"),
+        ('<parent link="base"/>', "<parent/>", "<parent> in 'shoulder' has no 'link'"),
+        ('lower="-2" upper="1.5"', 'lower="1.5" upper="-2"', "leave no room"),
+        ('value="2.5"', 'value="2_5"', "value of <mass>"),
+        ('value="2.5"', 'value="\u0662"', "value of <mass>"),
+        ('value="2.5"', 'value="inf"', "value of <mass>"),
+    ],
+)  # fmt: skip
+def test_what_could_be_read_in_two_ways_is_refused(tmp_path, old, new, words):
+    assert old in ARM
+    refused(tmp_path / "arm.urdf", ARM.replace(old, new, 1), words)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"joints": 5}, {"joints": [1]}, {"joints": [None]}, {"joints": [["shoulder"]]}, {"joints": "shoulder"},
+        {"joints": ["shoulder", "shoulder"]}, {"locked": ["elbow"]}, {"locked": {1: 0.0}}, {"locked": "elbow"},
+        {"locked": {"elbow": np.array([0.0, 1.0])}}, {"locked": {"elbow": "0"}},
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_joints_that_are_not_named_are_refused(urdf, elastic, options):
+    with pytest.raises(InvalidInput) as caught:
+        load_robot(urdf, elastic("shoulder", "elbow", "lift"), **options)
+    assert all((caught.value.what, caught.value.found, caught.value.advice))
+
+
+def test_limits_of_zero_are_none(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM.replace('lower="-2" upper="1.5"', 'lower="0" upper="0"'))
+    assert read_urdf(tmp_path / "arm.urdf", locked={"follow": 0.0}).joints[0].limits is None

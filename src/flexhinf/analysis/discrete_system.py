@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -106,13 +107,17 @@ class DiscreteSystem:
     def rms(self) -> np.ndarray:
         """RMS of each output for white noise of unit variance on one input at a time, (p, m).
 
-        Σ = a Σ aᵀ + b bᵀ for each column b; then the variances are those of c Σ cᵀ + d dᵀ.
+        Σ = a Σ aᵀ + b bᵀ for each column b; then the variances are those of c Σ cᵀ + d dᵀ. With a pole within rounding
+        of the unit circle (an estimator that hardly corrects has one) that is singular, and Σ that of a pole moved by
+        rounding.
         """
         from scipy.linalg import solve_discrete_lyapunov
 
         columns = []
         for b, d in zip(self.b.T, self.d.T):
-            spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of the moved pole
+                spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
             columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
         return np.array(columns).T
 

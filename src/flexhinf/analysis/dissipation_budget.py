@@ -112,7 +112,8 @@ def dissipation_budget(
     before = controller.input_before(initial_input)
     integral = _integrals(run, controller, x, before)
     moved = np.hstack([x, integral]) - law.operating_point
-    wanted = law.operating_input + law.law(moved)
+    with np.errstate(all="ignore"):  # a run that diverges is not complete
+        value, wanted = law.value_and_gradient(moved)[0], law.operating_input + law.inputs(moved)
     late = loop.channel.delay
     applied = np.vstack([np.tile(before, (late, 1)), run.signals["input"]])[: len(x) - 1]
     first, last = applied - wanted[:-1], applied - wanted[1:]
@@ -121,7 +122,7 @@ def dissipation_budget(
     spent = 0.5 * period / 3.0 * (square(first, first) + square(first, last) + square(last, last))
     d = _disturbances(run, loop, law)[:-1]
     energy = 0.5 * law.gamma**2 * period * (d**2).sum(axis=1) if d.any() else np.zeros(len(d))
-    value, (spent, energy) = law.value(moved), (_running(s) for s in (spent, energy))
+    spent, energy = _running(spent), _running(energy)
     complete = bool(np.all(np.isfinite(spent)) and np.all(np.isfinite(value)))
     return DissipationBudget(run.time, float(level), float(value[0]), spent, energy, value, complete)
 

@@ -170,7 +170,11 @@ class DisturbanceRuns:
         outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
         begun = outer > BEGUN * outer[-1]
         ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
-        largest = float(np.max(self.law.value(x))) if isinstance(self.law, HJISolution) else float("nan")
+        largest = (
+            float(np.max(self.law.value_and_gradient(x)[0]))
+            if isinstance(self.law, HJISolution)
+            else float("nan")
+        )
         return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
 
     # Small motions -------------------------------------------------------------------------------------

@@ -56,8 +56,8 @@ class EquilibriumLoop:
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
     delay : int
-        Whole samples between an input and its effect, of which the estimator does not know; at most
-        `flexhinf.loop.simulation.channel.MOST_QUEUED` inputs may wait in all.
+        Whole samples between an input and its effect, of which the estimator does not know. At most 200 inputs may wait
+        in all (each is a state of the linear loop): 200 samples with one motor, 28 with seven.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 

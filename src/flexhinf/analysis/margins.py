@@ -47,6 +47,9 @@ BEFORE, HALVINGS = 0.999, 30
 #: States of a closed loop whose eigenvalues are affordable: 40 ms of seven inputs at 1 kHz, or 600 ms of one.
 AFFORDABLE = 700
 
+#: A factor of the gain beyond which a loop counts as stable with any: the open loop is then rounding there.
+LARGEST_FACTOR = 1e6
+
 #: Refinements of a peak between its neighbours on the grid, and points of each.
 REFINEMENTS, POINTS = 5, 33
 
@@ -64,7 +67,8 @@ class Margins:
     delay_frequency : float
         Where the loop then oscillates, rad/s.
     gain_margins : (m, 2) array
-        The loop is stable with the gain of one input times all factors between these, the others as they are.
+        The loop is stable with the gain of one input times all factors between these, the others as they are. Beyond a
+        millionth and a million they are 0 and infinite.
     disk_margin : float
         α, symmetric: the loop is stable with every input multiplied by its own complex factor
         (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
@@ -196,6 +200,7 @@ def _gain_margins(opened: DiscreteSystem) -> tuple[float, float]:
         values = opened.response(np.array([*at, top]))[:, 0, 0]
         factors = 1.0 / np.real(values)
     real = np.isfinite(factors) & (factors > 0.0) & (np.abs(np.imag(values)) <= 1e-6 * np.abs(values))
+    real &= (factors >= 1.0 / LARGEST_FACTOR) & (factors <= LARGEST_FACTOR)
     below, above = factors[real & (factors < 1.0)], factors[real & (factors > 1.0)]
     return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
 

@@ -67,7 +67,7 @@ def folder() -> Path | None:
     """Where object code is kept (the folder may not exist); None where there is no place for it."""
     chosen = os.environ.get("FLEXHINF_CACHE")
     if chosen:
-        return Path(chosen)
+        return Path(os.path.expanduser(chosen))
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/AppData/Local")
     elif sys.platform == "darwin":

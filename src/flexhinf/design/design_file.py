@@ -19,7 +19,7 @@ from flexhinf.design.specification import FIELDS, Specification, SpecificationEr
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
-from flexhinf.untrusted import read_toml
+from flexhinf.untrusted import checked_path, read_toml
 
 __all__ = [
     "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "plain", "read_design",
@@ -135,7 +135,7 @@ def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rivals(name: str, value: Any, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Fields that contradict this one, see `flexhinf.design.presets.choose.preset_of`."""
+    """Fields that contradict this one, see `flexhinf.design.weights.choose.preset_of`."""
     stated = fields.get("preset") == "paper"
     if name == "penalty":
         return ("bandwidth", "damping", "preset")
@@ -169,7 +169,7 @@ def read_design(path: str | Path) -> DesignFile:
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
-    path = Path(path)
+    path = checked_path("The design file", path)
     data = read_toml(path, "design file")
     table = data.get("design")
     if not isinstance(table, dict):

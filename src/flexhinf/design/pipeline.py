@@ -39,7 +39,7 @@ from flexhinf.design.scenario import (
 )
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, synthesise
-from flexhinf.design.tuning import TunedLaw, Tuner, own_figures
+from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
 from flexhinf.design.weights.choose import preset_of, required_damping
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -268,8 +268,8 @@ def compare(
     Raises
     ------
     InvalidInput
-        For a name or a way to tune that is not known, nothing to move, or a law that was asked for and does not fit
-        the robot.
+        For a name or a way to tune that is not known, nothing to move, a design whose own loop diverges, or a law that
+        was asked for and does not fit the robot.
     FlexhinfError
         As `design`.
     """
@@ -333,7 +333,7 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
     if s.bandwidth is not None:
         limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
     assert own.scenario is not None
-    return criterion_for(mode, own_figures(own), own.scenario.step_duration, limits, unit)
+    return criterion_for(mode, yardstick(own), own.scenario.step_duration, limits, unit)
 
 
 def _row(

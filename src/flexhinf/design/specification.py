@@ -63,6 +63,14 @@ TOLERANCE = 0.02
 #: shorter one does not.
 RUN_SAMPLES = 1_000_000
 
+#: Most of what only costs time and memory beyond, and why.
+MOST = {
+    "draws": (100_000, "more take hours, and the memory of every run"),
+    "rays": (100_000, "ascent finds what so many directions miss; more take hours"),
+    "gamma_ratio": (1e6, "from there on the disturbance has no weight in the law, and it no longer changes"),
+    "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
+}
+
 BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
 SYNTHESIS, LOOP, REPORT = "Synthesis", "Sensors, estimator and true plant", "Report"
 
@@ -165,9 +173,9 @@ class Specification:
         "link_position=60,link_position_integral=300", default="by the preset")] = None
     effort: Annotated[Positive | None, About(WEIGHTS, "R2, the weight of the input.", "10", zero="the default",
         default="the robot's own, or 1")] = None
-    gamma_ratio: Annotated[AboveOne, About(SYNTHESIS, "γ/γ* of the design.", "1.5")] = 1.5
-    checked_gamma_ratio: Annotated[Positive, About(SYNTHESIS, "γ/γ* of the inequality that is checked.",
-        "1.6")] = 1.6
+    gamma_ratio: Annotated[AboveOne, About(SYNTHESIS, "γ/γ* of the design, at most 1e6.", "1.5")] = 1.5
+    checked_gamma_ratio: Annotated[Positive, About(SYNTHESIS,
+        "γ/γ* of the inequality that is checked, at most 1e6.", "1.6")] = 1.6
     checked_penalty: Annotated[Weights | None, About(SYNTHESIS, "Weights of the inequality that is checked.",
         "link_position=54", default="0.9 times the penalty")] = None
     degrees: Annotated[Degrees | None, About(SYNTHESIS, "Degrees of V to compare: 4, or 2,4,6.", "2,4",
@@ -199,16 +207,18 @@ class Specification:
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")] = ()
     delay: Annotated[Seconds, About(LOOP,
-        "Delay of the inputs, a multiple of the period; the estimator does not know of it.", "5ms", "s")] = 0.0
+        "Delay of the inputs, a multiple of the period, at most 200 samples over the number of motors; the estimator "
+        "does not know of it.", "5ms", "s")] = 0.0
     quantisation: Annotated[NotNegative, About(LOOP,
         "Step of every measurement, in its unit; the estimator does not know of it.", "1e-4")] = 0.0
     load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")] = None
     draws: Annotated[Count | None, About(REPORT,
-        "Robots within their tolerances that make the step (Monte Carlo samples); 0: none.", "200",
+        "Robots within their tolerances that make the step (Monte Carlo samples), at most 100,000; 0: none.", "200",
         default="by the number of states")] = None
-    rays: Annotated[Count | None, About(REPORT, "Directions along which the region is sampled; 0: none.",
-        "1000", default="by the number of states")] = None
+    rays: Annotated[Count | None, About(REPORT,
+        "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
+        default="by the number of states")] = None
     duration: Annotated[Duration | None, About(REPORT, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
@@ -221,6 +231,9 @@ class Specification:
     # fmt: on
 
     def __post_init__(self) -> None:
+        for name, (most, why) in MOST.items():
+            if (value := getattr(self, name)) is not None and value > most:
+                raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
         if self.delay:
             self._check_delay()
         length = 0.0 if self.duration is None else self.duration / self.period

@@ -12,9 +12,18 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import worst_of
-from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-__all__ = ["TradeOff", "TunedLaw", "Tuner", "best_rival", "figures_of", "own_figures", "trade_offs"]
+__all__ = [
+    "TradeOff",
+    "TunedLaw",
+    "Tuner",
+    "best_rival",
+    "figures_of",
+    "own_figures",
+    "trade_offs",
+    "yardstick",
+]
 
 #: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
 BUDGET = ((15, 6, 15), (10_000, 1, 4))
@@ -25,6 +34,14 @@ CONTAINED = {"rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": 50.0}
 #: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
 #: seconds. The law itself is judged afterwards.
 MANY_STATES = 15
+
+
+#: Runs of the criterion, by the figure that is infinite where one diverged.
+RUNS = {
+    "peak_input": "the step commanded at once",
+    "load_deviation": "the run under the load",
+    "move_error": "the planned move",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +177,28 @@ def own_figures(evaluation: LawEvaluation) -> Figures:
         return figures_of(evaluation)
     except FlexhinfError:
         return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
+
+
+def yardstick(evaluation: LawEvaluation) -> Figures:
+    """Figures of the design's own law, by which those of all laws are divided.
+
+    Raises
+    ------
+    InvalidInput
+        If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
+    """
+    found = own_figures(evaluation)
+    lost = [f"{run} diverges" for figure, run in RUNS.items() if math.isinf(getattr(found, figure))]
+    if not evaluation.linear_failure and not evaluation.margins.stable:
+        lost.insert(0, "its linear loop is unstable at the goal")
+    if lost:
+        raise InvalidInput(
+            f"The design's own law ({REFERENCE}) is unstable or diverges, so no law can be measured by it.",
+            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
+            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
+            "start nearer to the goal; `flexhinf design` shows the loop alone",
+        )
+    return found
 
 
 def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.errors import NoFeasibleGamma
+from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.linear_part import LinearPart, check_problem, disturbance_reaches_output
 from flexhinf.plant.problem import Problem
 
@@ -13,6 +13,7 @@ __all__ = ["is_feasible", "linear_smallest_gamma", "smallest_gamma"]
 _RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
 _LARGE_P = 1e3  # eigenvalue of P at γ = ∞, balanced, from which other states are sought
 _SMALLEST_P = 1e-20  # eigenvalue of P, relative to the largest, up to which a state is stretched
+_REACHED = 1e-13  # step of the staircase form, relative to the norm of A, below which a state is not reached
 _PASSES = 3
 _FACTOR = 4.0
 _WIDEST = 60  # factors of four tried on either side of the first guess
@@ -31,7 +32,8 @@ def smallest_gamma(problem: Problem) -> float:
     float
         γ*, 0.0 when the disturbance cannot reach z. To a relative 1e-8 where coefficients differ by up to eight orders
         of magnitude, as 40-digit arithmetic says; a mode that the input reaches only to ε relative to others, and
-        that slow or unstable, costs about 1e-15/ε more: 1e-6 at ε = 1e-9.
+        that slow or unstable, costs about 1e-15/ε more: 1e-6 at ε = 1e-9. So do two such modes that are ε apart and
+        share one input. Below about ε = 1e-10 a mode counts as not reached.
 
     Raises
     ------
@@ -39,8 +41,8 @@ def smallest_gamma(problem: Problem) -> float:
         Not a problem.
     NotStabilisable, NotDetectable
         The state and the mode are named.
-    NoFeasibleGamma
-        Not even γ = ∞ (no disturbance) has a stabilising solution.
+    NumericalFailure
+        The problem is so ill-conditioned that rounding hides the solutions, which exist for every γ large enough.
 
     Notes
     -----
@@ -56,10 +58,11 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
     linear.check()
     linear, given = _in_value_states(linear), linear
     if not is_feasible(linear, float("inf")):
-        raise NoFeasibleGamma(
-            "No attenuation level works for this problem.",
-            "even without disturbance (gamma = inf) the Riccati equation has no stabilising solution",
-            "weights and inputs of comparable size; check the units of the model",
+        raise NumericalFailure(
+            "The smallest attenuation level cannot be computed: the problem is too ill-conditioned.",
+            "expected a stabilising solution of the Riccati equation without disturbance (gamma = inf), which exists: "
+            "every lasting mode is reached and seen; rounding hides it",
+            "an input that reaches each mode that does not decay more directly; weights and inputs of comparable size",
         )
     _, balanced = given.scaled(float("inf"))
     if not disturbance_reaches_output(balanced.a, balanced.b1, balanced.c):
@@ -88,6 +91,8 @@ def _in_value_states(linear: LinearPart) -> LinearPart:
     sizes of numbers, cannot see it, and the Hamiltonian matrix loses as many digits. P is rough at first, so that its
     states are sought up to `_PASSES` times.
     """
+    if not is_feasible(linear, float("inf")):
+        linear = _in_reached_states(linear)
     for _ in range(_PASSES):
         _, balanced = linear.scaled(float("inf"))
         riccati = balanced.riccati(float("inf"))
@@ -98,9 +103,41 @@ def _in_value_states(linear: LinearPart) -> LinearPart:
         if largest <= _LARGE_P:
             break
         sizes = np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest)
-        scale = np.exp2(-np.round(np.log2(sizes) / 2))
-        linear = balanced.in_states(directions * scale, directions.T / scale[:, None])
+        linear = _scaled_states(balanced, directions, 1.0 / np.sqrt(sizes))
     return linear
+
+
+def _in_reached_states(linear: LinearPart) -> LinearPart:
+    """The linear part in orthogonal states by how v reaches them (the staircase form of A and g2), each step as large.
+
+    Two modes ε apart are reached by one input as their sum, and their difference through an entry of size ε. In the
+    modes' own states P is about 1/ε², lost to rounding below ε = 1e-8; here ε is an entry by itself, which scaling
+    takes away, known to 1e-16/ε.
+    """
+    _, balanced = linear.scaled(float("inf"))
+    a, n = balanced.a, len(balanced.a)
+    basis, scale = np.zeros((n, 0)), np.zeros(0)
+    block, size, reach = balanced.b2, float(np.linalg.norm(balanced.b2)), np.ones(1)
+    while basis.shape[1] < n:
+        for _ in range(2):
+            block = block - basis @ (basis.T @ block)
+        left, sizes, _ = np.linalg.svd(block, full_matrices=False)
+        fresh = sizes > _REACHED * size
+        if not fresh.any():
+            rest = np.linalg.svd(basis)[0][:, basis.shape[1] :]
+            return _scaled_states(
+                balanced, np.hstack([basis, rest]), np.append(scale, np.ones(rest.shape[1]))
+            )
+        reach = reach.min() * sizes[fresh] / size
+        basis, scale = np.hstack([basis, left[:, fresh]]), np.append(scale, reach)
+        block, size = a @ left[:, fresh], float(np.linalg.norm(a))
+    return _scaled_states(balanced, basis, scale)
+
+
+def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray) -> LinearPart:
+    """In the states y of x = `directions` diag(`sizes`) y, sizes rounded to powers of two; directions orthogonal."""
+    scale = np.exp2(np.round(np.log2(sizes)))
+    return linear.in_states(directions * scale, directions.T / scale[:, None])
 
 
 def _bracket(linear: LinearPart) -> tuple[float, float]:
@@ -116,8 +153,8 @@ def _bracket(linear: LinearPart) -> tuple[float, float]:
         high *= _FACTOR
         if is_feasible(linear, high):
             return high / _FACTOR, high
-    raise NoFeasibleGamma(
-        "No attenuation level works for this problem.",
-        f"no stabilising solution up to gamma = {high:.3g}, although there is one without disturbance",
+    raise NumericalFailure(
+        "The smallest attenuation level cannot be computed: it is too large, or the problem too ill-conditioned.",
+        f"found no stabilising solution up to gamma = {high:.3g}, although there is one without disturbance",
         "d reaches z through a mode almost out of reach of the input: look at weights, units, inputs",
     )

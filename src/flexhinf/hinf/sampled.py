@@ -27,7 +27,7 @@ from flexhinf.hinf.violations import Landscape, ascend, touching_point
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
-__all__ = ["SampledCheck", "sample_region"]
+__all__ = ["MOST_RAYS", "SampledCheck", "sample_region"]
 
 _SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation on a ray, and its growth from point to point along a ray
 _FINE = 1.02  # the same for the single rays that are followed again
@@ -38,6 +38,7 @@ _TOUCHES, _APART = (
     4,
     0.98,
 )  # violations followed per round, and the cosine of the angle they keep from each other
+MOST_RAYS = 100_000  # far beyond what changes a level, which ascent finds; their points take 100 MB
 _LOWER = 1e-9  # relative lowering of the level that counts
 
 
@@ -116,10 +117,13 @@ def sample_region(
 ) -> SampledCheck | None:
     """What `HJISolution.sampled_region` does."""
     whole = all(isinstance(count, Integral) for count in (rays, seed))
-    if not (whole and isinstance(largest, Real) and rays > 0 <= seed and largest > _SMALLEST):
+    if not (
+        whole and isinstance(largest, Real) and 0 < rays <= MOST_RAYS and seed >= 0 and largest > _SMALLEST
+    ):
         raise InvalidInput(
             "The check cannot be made with these numbers.",
-            f"expected whole rays ≥ 1 and seed ≥ 0, and largest > {_SMALLEST}, got {rays!r}, {seed!r}, {largest!r}",
+            f"expected whole rays from 1 to {MOST_RAYS} and seed ≥ 0, and largest > {_SMALLEST}, "
+            f"got {rays!r}, {seed!r}, {largest!r}",
             "the defaults",
         )
     margin, pair = checked_margin(solution, gamma, penalty), checked_pair(solution, gamma, penalty)
@@ -169,6 +173,8 @@ class _Search:
         sphere = self.rng.standard_normal((rays, self.states))
         found = self.march(self.inequality.directions(sphere), np.inf)
         best = found.chosen([int(np.argmin(found.level))])
+        if best.radius[0] <= self.first:  # at once: no level set is free of violations
+            return best
         quiet = 0
         for _ in range(_ROUNDS):
             best = self.touched(found, best)

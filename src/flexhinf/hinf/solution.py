@@ -70,8 +70,8 @@ class HJISolution(ValueFunction, Law):
             The penalty to check, smaller than the designed one: h(x) from (N, n) to (N, s), {state: weight},
             one weight per state, or a matrix (s, n). Default: 0.9 times the designed h.
         rays : int
-            Directions that are followed outwards first. The level does not depend on them: violations are then
-            looked for by ascent from many starts.
+            Directions that are followed outwards first, at most 100,000. The level does not depend on them: violations
+            are then looked for by ascent from many starts.
         seed : int
             Of the directions and of the starts.
         largest : float
@@ -86,7 +86,7 @@ class HJISolution(ValueFunction, Law):
         Raises
         ------
         InvalidInput
-            A γ below the designed one, a penalty that does not fit the states, or no rays.
+            A γ below the designed one, a penalty that does not fit the states, or no rays or too many.
         """
         return sample_region(self, gamma, penalty, rays=rays, seed=seed, largest=largest)
 

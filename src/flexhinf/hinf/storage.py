@@ -18,6 +18,7 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial.basis import count
+from flexhinf.untrusted import checked_path
 
 __all__ = ["read_solution", "write_solution"]
 
@@ -71,7 +72,7 @@ def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict
     InvalidInput
         Not there, not such a file, damaged, or of a newer version.
     """
-    path = Path(path)
+    path = checked_path("The solution's file", path)
     try:
         arrays, whole = read_arrays(path)
         return _assembled(arrays, whole, problem)

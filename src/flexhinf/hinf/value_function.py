@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant.polynomial_plant import PolynomialPlant
@@ -17,7 +17,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.polynomial.kronecker import to_kronecker
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["ValueFunction"]
 
@@ -113,17 +113,17 @@ class ValueFunction:
             )
 
     # The functions -----------------------------------------------------------------------------
+    # Each at one deviation (n,) or several (N, n). One that is not finite raises InvalidInput, one so large that the
+    # result leaves the finite numbers NumericalFailure; the functions of (N, n) alone return what comes out.
     def value(self, x: np.ndarray) -> np.ndarray:
         """V(x): a scalar, or shape (N,)."""
-        points, single = self._points(x)
-        total = np.concatenate([self._value(chunk) for chunk in self._chunks(points)])
-        return total[0] if single else total
+        return self._at(
+            x, lambda points: np.concatenate([self._value(chunk) for chunk in self._chunks(points)])
+        )
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """V_x(x): shape (n,) or (N, n)."""
-        points, single = self._points(x)
-        slope = self._gradient(points)
-        return slope[0] if single else slope
+        return self._at(x, self._gradient)
 
     def gradient_parts(self, x: np.ndarray) -> dict[int, np.ndarray]:
         """V_k,x by degree k of V, at deviations (N, n): shape (N, n) each; vanishing degrees are missing."""
@@ -141,24 +141,30 @@ class ValueFunction:
 
     def law(self, x: np.ndarray) -> np.ndarray:
         """u = −R2⁻¹ g2(x)ᵀ V_xᵀ, deviation of the input: shape (m,) or (N, m)."""
-        points, single = self._points(x)
-        _, _, g2, _ = self._fields(points, "g2")
-        inputs = -np.linalg.solve(self.expansion.r2, np.einsum("ai,aij->ja", self._gradient(points), g2)).T
-        return inputs[0] if single else inputs
+        return self._at(x, self.inputs)
+
+    def inputs(self, x: np.ndarray) -> np.ndarray:
+        """`law` at deviations (N, n), shape (N, m)."""
+        _, _, g2, _ = self._fields(x, "g2")
+        return -np.linalg.solve(self.expansion.r2, np.einsum("ai,aij->ja", self._gradient(x), g2)).T
 
     def worst_disturbance(self, x: np.ndarray) -> np.ndarray:
         """d = g1(x)ᵀ V_xᵀ / γ²: shape (md,) or (N, md); zero for γ = ∞."""
-        points, single = self._points(x)
-        _, g1, _, _ = self._fields(points, "g1")
-        disturbance = np.einsum("ai,aij->aj", self._gradient(points), g1) / self.gamma**2
-        return disturbance[0] if single else disturbance
+
+        def disturbance(points: np.ndarray) -> np.ndarray:
+            _, g1, _, _ = self._fields(points, "g1")
+            return np.einsum("ai,aij->aj", self._gradient(points), g1) / self.gamma**2
+
+        return self._at(x, disturbance)
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """Left-hand side of Eq. (8) with the exact f, g1, g2 and h: a scalar, or shape (N,)."""
-        points, single = self._points(x)
-        terms = self.hamiltonian_terms(self._gradient(points), self._fields(points, "residual"), self.gamma)
-        left = terms.sum(axis=0)
-        return left[0] if single else left
+
+        def left(points: np.ndarray) -> np.ndarray:
+            fields = self._fields(points, "residual")
+            return self.hamiltonian_terms(self._gradient(points), fields, self.gamma).sum(axis=0)
+
+        return self._at(x, left)
 
     def hamiltonian_terms(self, slope: np.ndarray, fields: Sequence[np.ndarray], gamma: float) -> np.ndarray:
         """V_x f, ½ hᵀh, ½ |g1ᵀ V_xᵀ|²/γ² and −½ V_x g2 R2⁻¹ g2ᵀ V_xᵀ, the terms of Eq. (8), shape (4, N).
@@ -190,13 +196,28 @@ class ValueFunction:
         n = len(self.P)
         return {k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in self.value_parts.items()}
 
+    def _at(self, x: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """A function of points (N, n) at one deviation or several, all numbers finite."""
+        points, single = self._points(x)
+        with np.errstate(all="ignore"):
+            found = function(points)
+        lost = np.flatnonzero(~np.isfinite(found).all(axis=tuple(range(1, found.ndim))))
+        if lost.size:
+            raise NumericalFailure(
+                "A state is so far away that V leaves the finite numbers there.",
+                f"expected deviations of about the size that the solution is for, got {points[lost[0]].tolist()}",
+                f"deviations of {', '.join(self.state_names)} in the units of the model",
+            )
+        return found[0] if single else found
+
     def _points(self, x: np.ndarray) -> tuple[np.ndarray, bool]:
         n = len(self.P)
         points = real_array(x)
-        if points.ndim not in (1, 2) or points.shape[-1] != n:
+        if points.ndim not in (1, 2) or points.shape[-1] != n or not np.isfinite(points).all():
             raise InvalidInput(
                 "The state does not fit the solution.",
-                f"expected shape ({n},) or (N, {n}), got {points.shape if points.ndim else repr(x)}",
+                f"expected finite numbers of shape ({n},) or (N, {n}), got "
+                f"{points.shape if points.ndim and np.isfinite(points).all() else value_text(x)}",
                 f"deviations of {', '.join(self.state_names)} from the operating point",
             )
         return np.atleast_2d(points), points.ndim == 1

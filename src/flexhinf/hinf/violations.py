@@ -77,7 +77,9 @@ class Landscape:
         rate = inequality.worst_rate(slope, fields)
         length = np.linalg.norm(np.linalg.solve(self.scale, rate.T), axis=0)
         small = (_DIFFERENCE / np.maximum(length, 1e-300))[:, None]
-        beside = inequality.solution.gradient(np.concatenate([x + small * rate, x - small * rate]))
+        _, beside = inequality.solution.value_and_gradient(
+            np.concatenate([x + small * rate, x - small * rate])
+        )
         bend = (beside[:count] - beside[count:]) / (2 * small)
         constant = np.repeat(slope, 1 + 2 * n, axis=0)
         terms = inequality.solution.hamiltonian_terms(constant, every, inequality.gamma)

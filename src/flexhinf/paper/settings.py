@@ -51,7 +51,13 @@ class PaperSettings:
     measurement_noise: float = 1e-6
 
     def __post_init__(self) -> None:
-        _require("γ/γ*", self.gamma_ratio, self.gamma_ratio > 0.0, "a number above 1", "--gamma-ratio 2")
+        _require(
+            "γ/γ*",
+            self.gamma_ratio,
+            0.0 < self.gamma_ratio <= 1e6,
+            "a number above 1, up to 1e6",
+            "--gamma-ratio 2",
+        )
         whole = isinstance(self.degree, int) and not isinstance(self.degree, bool)
         _require(
             "degree of V",

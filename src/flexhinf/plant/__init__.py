@@ -3,7 +3,7 @@
 from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.plant.integration import rk4_step, sub_steps
 from flexhinf.plant.linear import linear_plant
-from flexhinf.plant.model import StoredCode
+from flexhinf.plant.model_code import StoredCode
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import GeneralisedPlant, Plant

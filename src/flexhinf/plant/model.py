@@ -3,47 +3,21 @@
 from __future__ import annotations
 
 import copy
-import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import Symbol, apply, digest, function_arrays, function_from_arrays, trace
-from flexhinf.untrusted import LONGEST_NAME, checked_name, real_array, value_text
+from flexhinf.scalars import digest, function_arrays, trace
+from flexhinf.untrusted import LONGEST_NAME, checked_name, distinct, real_array, value_text
 
-__all__ = ["Model", "StoredCode"]
-
-
-class StoredCode:
-    """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
-
-    It runs on numbers and symbols.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        As `flexhinf.scalars.function_arrays` makes them.
-    table : ParameterTable
-        The names, in the order of the parameter vector.
-    """
-
-    def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
-        self.arrays, self.table = dict(arrays), table
-
-    def __call__(self, *arguments: Any) -> Any:
-        """`flow` or `output`, called like them."""
-        *vectors, p = arguments
-        return apply(self._function, *vectors, self.table.flat(p))[0]
-
-    @cached_property
-    def _function(self) -> Any:
-        return function_from_arrays(self.arrays, "stored")
+__all__ = ["Model"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,11 +68,11 @@ class Model(Summarised):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
             names = getattr(self, kind)
-            names = (names,) if isinstance(names, str) else tuple(names)
+            names = (names,) if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
             if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
                 raise InvalidInput(
                     f"The {kind} of the plant are not named.",
-                    f"expected one distinct name each, got {list(names)}",
+                    f"expected one distinct name each, got {value_text(list(names))}",
                     f"{kind}=('one', 'another')",
                 )
             for name in names:
@@ -110,6 +84,7 @@ class Model(Summarised):
                 f"got {len(self.states)} states and {len(self.inputs)} inputs",
                 "states=(...), inputs=(...)",
             )
+        distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         rows = self.traced_flow.size1_out(0)
         if rows != len(self.states):
             raise InvalidInput(
@@ -176,7 +151,7 @@ class Model(Summarised):
         InvalidInput
             If the flow reads something that has changed since.
         """
-        if digest(self._trace_flow()) != self._content[0]:
+        if not isinstance(self.flow, StoredCode) and digest(self._trace_flow()) != self._content[0]:
             raise InvalidInput(
                 "flow(x, u, d, p) computes something else than when its plant was built.",
                 "expected the same operations and constants: a global or an attribute that it reads has changed",
@@ -201,12 +176,17 @@ class Model(Summarised):
         return same
 
     def __getstate__(self) -> dict[str, Any]:
-        """For a pickle. Code that has no name to be found by, such as a lambda, becomes its traced instructions."""
+        """For a pickle: the plant as it was traced, wherever it is read, whatever its text would compute there.
+
+        Code without a name to be found by, such as a lambda, becomes its instructions; of other code the text is
+        found again, for expansions, which ask `check_unchanged`.
+        """
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for name, traced in (("flow", self.traced_flow), ("output", self.traced_output)):
-            if not _has_a_name(state[name]):
+            if not has_a_name(state[name]):
                 state[name] = StoredCode(function_arrays(traced), self.parameters)
-        return state
+        kept = ("traced_flow", "traced_output", "_content")
+        return state | {name: getattr(self, name) for name in kept}
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
@@ -226,7 +206,7 @@ class Model(Summarised):
         table = self.parameters
         sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
         return trace(
-            lambda x, u, d, p: _signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
+            lambda x, u, d, p: signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
             *sizes, name="flow", names=("x", "u", "d", "p"),
         )  # fmt: skip
 
@@ -238,21 +218,27 @@ class Model(Summarised):
             return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
 
         return trace(
-            lambda x, u, p: _signals("output(x, u, p)", lambda: output(x, u, p)),
+            lambda x, u, p: signals("output(x, u, p)", lambda: output(x, u, p)),
             len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
 
+    @cached_property
+    def _codes(self) -> tuple[TracedCode, TracedCode]:
+        """The traced flow and output, to be called."""
+        return TracedCode(self.traced_flow), TracedCode(self.traced_output)
+
     def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
-        """ẋ (n,) on any element, p the parameter vector; symbols go through what was traced, as all machine code."""
-        if _symbolic(x, u, d, p):
-            return apply(self.traced_flow, x, u, d, p)[0]
-        return self.flow(x, u, d, self.parameters.named(p))
+        """ẋ (n,) on any element, p the parameter vector.
+
+        Numbers and symbols go through what was traced, as all machine code does; other elements through the text.
+        """
+        rates = self._codes[0].evaluate(x, u, d, p)
+        return self.flow(x, u, d, self.parameters.named(p)) if rates is None else rates
 
     def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
         """y (p,) on any element, likewise."""
-        if _symbolic(x, u, p):
-            return apply(self.traced_output, x, u, p)[0]
-        return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
+        y = self._codes[1].evaluate(x, u, p)
+        return np.atleast_1d(self.output(x, u, self.parameters.named(p))) if y is None else y
 
     @cached_property
     def traced_jacobians(self) -> Any:
@@ -328,41 +314,6 @@ class Model(Summarised):
                 "a point where the model is smooth",
             )
         return float(np.abs(np.linalg.eigvals(a)).max())
-
-
-def _symbolic(*arrays: Any) -> bool:
-    """Whether there is a symbol among the elements."""
-    return any(isinstance(element, Symbol) for array in arrays for element in np.ravel(array))
-
-
-def _has_a_name(function: Callable[..., Any]) -> bool:
-    """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
-    try:
-        pickle.dumps(function)
-    except Exception:  # what it is bound to may be anybody's
-        return False
-    return True
-
-
-def _signals(what: str, model: Callable[[], Any]) -> np.ndarray:
-    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
-    try:
-        signals = np.asarray(model(), dtype=object)
-    except FlexhinfError:
-        raise
-    except Exception as error:
-        raise InvalidInput(
-            f"{what} does not run on symbols.",
-            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
-            "the names in states, inputs and disturbances, and NumPy functions on the elements",
-        ) from error
-    if signals.ndim != 1:
-        raise InvalidInput(
-            f"{what} does not return a vector.",
-            f"expected one axis, got shape {signals.shape}",
-            "np.array([...]) of the elements",
-        )
-    return signals
 
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:

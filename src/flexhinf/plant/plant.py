@@ -18,10 +18,11 @@ from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.plant.expansion import expand, expand_control_affine
 from flexhinf.plant.model import Model
+from flexhinf.plant.model_code import StoredCode, TracedCode, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.truncated import degree_slice
-from flexhinf.scalars import apply, pack, symbols, trace
+from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.untrusted import real_array
 
 __all__ = ["GeneralisedPlant", "Plant"]
@@ -225,7 +226,7 @@ class GeneralisedPlant(Summarised):
         torques: list[Any] = [0.0] * len(self.plant.disturbances)
         for place, name in enumerate(self.disturbances or ()):
             torques[tuple(self.plant.disturbances).index(name)] = d[commands + place]
-        rates = self.plant.flow(x[:n], u, np.array(torques), p)
+        rates = self.plant.evaluate_flow(x[:n], u, np.array(torques), self.plant.parameters.flat(p))
         errors = []
         for place, name in enumerate(self.integrate):
             i = self.plant.index(name)
@@ -233,8 +234,47 @@ class GeneralisedPlant(Summarised):
         return np.array([*rates, *errors])
 
     def penalty_output(self, x: Any, p: Any) -> Any:
-        """h(x) on any element; x is the deviation from the operating point, integrals included."""
+        """h(x) on any element; x is the deviation from the operating point, integrals included.
+
+        A function h goes the way of the plant's code: numbers and symbols through what was traced.
+        """
+        if callable(self.penalty.states):
+            h = self._penalty_code.evaluate(x, self.plant.parameters.flat(p))
+            if h is not None:
+                return h
         return self.penalty.evaluate(x, self.state_names, p)
+
+    @cached_property
+    def _penalty_code(self) -> TracedCode:
+        """h as it is when the problem is built."""
+        return TracedCode(self._trace_penalty())
+
+    def _trace_penalty(self) -> Any:
+        names, named = self.state_names, self.plant.parameters.named
+
+        def traced(x: Any, p: Any) -> np.ndarray:
+            return signals("The penalty h(x, p)", lambda: self.penalty.evaluate(x, names, named(p)))
+
+        return trace(traced, len(names), self.plant.parameters.size, name="penalty", names=("x", "p"))
+
+    def check_unchanged(self) -> None:
+        """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`.
+
+        Raises
+        ------
+        InvalidInput
+            If one of them reads something that has changed since.
+        """
+        self.plant.check_unchanged()
+        h = self.penalty.states
+        if not callable(h) or isinstance(h, StoredCode):
+            return
+        if digest(self._trace_penalty()) != digest(self._penalty_code.function):
+            raise InvalidInput(
+                "The penalty h(x, p) computes something else than when its problem was built.",
+                "expected the same operations and constants: a global or an attribute that it reads has changed",
+                "build the problem anew: plant.with_objective(...)",
+            )
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
@@ -249,7 +289,7 @@ class GeneralisedPlant(Summarised):
         InvalidInput
             As `flexhinf.plant.expansion.expand_control_affine`.
         """
-        self.plant.check_unchanged()
+        self.check_unchanged()
         n, table = len(self.state_names), self.plant.parameters
         parameters = table.named(table.vector())
         flow = expand_control_affine(
@@ -285,7 +325,6 @@ class GeneralisedPlant(Summarised):
         """f, g1, g2, h as one CasADi function of the deviation x, at the nominal parameters."""
         import casadi as ca
 
-        self.plant.check_unchanged()
         n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
         named = self.plant.parameters.named
         flow = trace(

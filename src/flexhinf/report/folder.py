@@ -6,6 +6,7 @@ earlier report gives way; anything else is left alone. A marker file says what i
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -15,10 +16,12 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, publish
 from flexhinf.report.text import to_json
+from flexhinf.untrusted import checked_path, read_bytes
 
 __all__ = ["MARKER", "check", "is_report", "write"]
 
@@ -33,17 +36,25 @@ _PATIENCE = 60.0
 #: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
 _ABANDONED_AFTER = 86400.0
 
+#: Most bytes of a marker: one of a thousand files has a hundred thousand.
+_LARGEST_MARKER = 10_000_000
+
 #: What systems put into folders that somebody looks at.
 _LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
 
 def is_report(path: str | os.PathLike[str]) -> bool:
     """Whether a folder is a report of ours, by its marker file."""
+    return _marker(Path(path)) is not None
+
+
+def _marker(folder: Path) -> dict[str, Any] | None:
+    """What the marker file says; None where there is none, or something else in its place."""
     try:
-        marker = json.loads((Path(path) / MARKER).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(marker, dict) and marker.get("what") == _WHAT
+        marker = json.loads(read_bytes(folder / MARKER, _LARGEST_MARKER))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return marker if isinstance(marker, dict) and marker.get("what") == _WHAT else None
 
 
 def check(path: str | os.PathLike[str]) -> Path:
@@ -54,8 +65,8 @@ def check(path: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     path : path
-        A folder that does not exist yet (nor need its parents), an empty one, or an earlier report without other
-        files in it.
+        A folder that does not exist yet (nor need its parents), an empty one, or an earlier report as it was written:
+        without other files or folders in it, and none of its files changed.
 
     Returns
     -------
@@ -94,9 +105,7 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def _resolved(path: str | os.PathLike[str]) -> Path:
-    if not str(path):
-        raise InvalidInput("The report needs a folder.", "got an empty path", "for example flexhinf-report")
-    return Path(path).expanduser().resolve()
+    return checked_path("The report's folder", path).expanduser().resolve()
 
 
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
@@ -123,16 +132,17 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     """
     for name in files:
         _check_name(name)
-    marker = {
-        "what": _WHAT,
-        "version": 1,
-        "note": "A new report replaces this folder whole.",
-        "files": sorted(files),
-    }
     contents = {
         name: content.encode("utf-8") if isinstance(content, str) else content
-        for name, content in {**files, MARKER: to_json(marker)}.items()
+        for name, content in files.items()
     }
+    marker = {
+        "what": _WHAT,
+        "version": 2,
+        "note": "A new report replaces this folder whole, unless one of these files (SHA-256) was changed.",
+        "files": {str(PurePosixPath(name)): _digest(contents[name]) for name in sorted(contents)},
+    }
+    contents[MARKER] = to_json(marker).encode("utf-8")
     with _refusals(path):
         target = _resolved(path)
         _refuse(target)
@@ -207,22 +217,56 @@ def _refuse(target: Path) -> None:
 
 
 def _refuse_strangers(folder: Path, target: Path) -> None:
-    """Raise if a report (that is, or was, at `target`) holds files that no report of ours put there."""
-    if not is_report(folder):
+    """Raise if a report (that is, or was, at `target`) holds what no report of ours put there, or left so."""
+    marker = _marker(folder)
+    if marker is None:
         return
-    ours = json.loads((folder / MARKER).read_text(encoding="utf-8")).get("files")
-    known = (
-        {MARKER, *(name for name in ours if isinstance(name, str))} if isinstance(ours, list) else {MARKER}
-    )
-    known = {str(PurePosixPath(name)) for name in known}
-    others = [str(path.relative_to(folder).as_posix()) for path in _files(folder) if path.name not in _LITTER]
-    strangers = [name for name in others if name not in known]
+    ours = marker.get("files")
+    digests: dict[str, Any] = ours if isinstance(ours, dict) else {}
+    listed = ours if isinstance(ours, (dict, list)) else ()  # before version 2, a list of names
+    known = {MARKER, *(str(PurePosixPath(name)) for name in listed if isinstance(name, str))}
+    homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}
+    others = {
+        str(path.relative_to(folder).as_posix()): path
+        for path in sorted(folder.rglob("*"))
+        if path.name not in _LITTER or path.is_dir()
+    }
+    strangers = [
+        name
+        for name, path in others.items()
+        if name not in (homes if path.is_dir() and not path.is_symlink() else known)
+    ]
     if strangers:
         raise InvalidInput(
             "The report's folder holds files that are not of the report, and is left alone.",
-            f"got {', '.join(repr(name) for name in strangers[:3])}{' …' if len(strangers) > 3 else ''} in {target}",
+            f"got {_some(strangers)} in {target}",
             "move them elsewhere, or another folder for the report",
         )
+    changed = [
+        name for name, path in others.items() if name in digests and _content_digest(path) != digests[name]
+    ]
+    if changed:
+        raise InvalidInput(
+            "Files of the report were changed since it was written, and it is left alone.",
+            f"got {_some(changed)} in {target}",
+            "copy them elsewhere and delete the folder, or another folder for the report",
+        )
+
+
+def _some(names: list[str]) -> str:
+    return f"{', '.join(repr(name) for name in names[:3])}{' …' if len(names) > 3 else ''}"
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _content_digest(path: Path) -> str:
+    """Of a file itself; of a link, a FIFO and what cannot be read it is no file's."""
+    try:
+        return "" if path.is_symlink() else _digest(read_bytes(path, -1))
+    except OSError:
+        return ""
 
 
 def _probe(target: Path) -> None:

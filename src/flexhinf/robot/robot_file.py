@@ -17,8 +17,8 @@ from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
 from flexhinf.robot.quantities import INERTIA
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
-from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, read_urdf
-from flexhinf.untrusted import distinct, read_toml, value_text
+from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
+from flexhinf.untrusted import checked_path, distinct, read_toml, value_text
 
 __all__ = ["catalogue", "load_robot"]
 
@@ -50,6 +50,7 @@ def load_robot(
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
+    check_selection(joints, locked)
     path = _found(source)
     if path.suffix.lower() == ".toml":
         if elastic is not None:
@@ -73,10 +74,9 @@ def load_robot(
 
 
 def _found(source: str | Path) -> Path:
-    shipped = catalogue()
+    shipped, path = catalogue(), checked_path("The robot file", source)
     if str(source) in shipped:
         return shipped[str(source)]
-    path = Path(source)
     try:
         if path.is_file():
             return path

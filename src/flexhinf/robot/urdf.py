@@ -16,9 +16,10 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parts import Link
-from flexhinf.untrusted import HUGE, checked_name, distinct, is_real, read_xml, value_text
+from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, limits_of, origin_of
+from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
-__all__ = ["MOST_JOINTS", "RigidArm", "read_urdf"]
+__all__ = ["MOST_JOINTS", "RigidArm", "check_selection", "read_urdf"]
 
 #: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
 MOST_JOINTS, MOST_LINKS = 100, 1000
@@ -62,9 +63,9 @@ def read_urdf(
         For a file that is no URDF, joint names that are not in it, mimic joints that are not locked, kinds of
         joints that are not supported, and moving links without mass.
     """
+    check_selection(joints, locked)
     path = Path(path)
     file = _File(path.name, _root(path))
-    _check_locked(path.name, locked)
     locked = dict(locked or {})
     file.check_names([*(joints or ()), *locked])
     if joints is not None:
@@ -116,6 +117,8 @@ class _File:
         self.name = name
         self.links = self._named(root, "link")
         self.joints = self._named(root, "joint")
+        for one, element in (*self.links.items(), *self.joints.items()):
+            check_element(name, one, element)
         self.children: dict[str, list[str]] = {}
         for joint, element in self.joints.items():
             for end in ("parent", "child"):
@@ -144,7 +147,7 @@ class _File:
     def end(joint: ElementTree.Element, which: str) -> str:
         """Name of the link at one end of a joint."""
         found = joint.find(which)
-        return "" if found is None else str(found.get("link"))
+        return "" if found is None else found.get("link", "")
 
     @property
     def movable(self) -> tuple[str, ...]:
@@ -199,14 +202,14 @@ class _Walk:
             carrier, placement = self.cross(name, carrier, placement)
             link = self.file.end(self.file.joints[name], "child")
             if carrier is not None:
-                self.bodies[carrier] += _body(self.file, link, placement)
+                self.bodies[carrier] += body_of(self.file.name, link, self.file.links[link], placement)
             ahead += [(after, carrier, placement) for after in reversed(self.file.children.get(link, []))]
 
     def cross(self, name: str, carrier: int | None, placement: Placement) -> tuple[int | None, Placement]:
         """The joint that carries the link behind `name` (None: the world), and where the link is in its frame."""
         element = self.file.joints[name]
         kind = element.get("type")
-        place = placement.then(_origin(self.file, name, element))
+        place = placement.then(origin_of(self.file.name, name, element))
         if kind == "fixed":
             return carrier, place
         if kind not in KINDS:
@@ -215,13 +218,7 @@ class _Walk:
                 f"expected fixed or one of {list(KINDS)}",
                 "a robot on a fixed base with joints of one degree of freedom",
             )
-        axis = _vector(self.file, name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
-        if not np.linalg.norm(axis) > 1.0 / HUGE:
-            raise InvalidInput(
-                f"{self.file.name}: the axis of the joint {name!r} has no direction.",
-                f"expected a vector that is not zero, got {axis}",
-                "xyz='0 0 1'",
-            )
+        axis = axis_of(self.file.name, name, element)
         if name in self.locked:
             self.check_lock(name, element)
             return carrier, place.then(_moved(kind, axis, float(self.locked[name])))
@@ -232,13 +229,13 @@ class _Walk:
                 f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
             )
         above = "world" if carrier is None else self.joints[carrier].name
-        self.joints.append(Joint(name, kind, axis, place, _limits(self.file, name, element), above))
+        self.joints.append(Joint(name, kind, axis, place, limits_of(self.file.name, name, element), above))
         self.bodies.append([])
         return len(self.joints) - 1, Placement()
 
     def check_lock(self, name: str, element: ElementTree.Element) -> None:
         """A joint is locked inside its limits."""
-        limits, value = _limits(self.file, name, element), float(self.locked[name])
+        limits, value = limits_of(self.file.name, name, element), float(self.locked[name])
         if limits is not None and not limits[0] <= value <= limits[1]:
             raise InvalidInput(
                 f"{self.file.name}: the joint {name!r} is locked outside its limits.",
@@ -247,53 +244,42 @@ class _Walk:
             )
 
 
-def _check_locked(file: str, locked: Mapping[str, float] | None) -> None:
+def check_selection(joints: Any, locked: Any) -> None:
+    """Refuse what does not say which joints move, and where the others stand.
+
+    Raises
+    ------
+    InvalidInput
+        Unless `joints` is None or a sequence of distinct names, and `locked` None or a mapping of names to finite
+        numbers.
+    """
+    names = joints is None or (
+        isinstance(joints, Sequence)
+        and not isinstance(joints, (str, bytes))
+        and all(isinstance(name, str) for name in joints)
+    )
+    if not names:
+        raise InvalidInput(
+            "The joints that move are not named.",
+            f"expected a list of names, got joints={value_text(joints, 60)}",
+            "joints=['shoulder', 'elbow']",
+        )
+    distinct("joints: the joint", list(joints or ()))
+    if not (
+        locked is None or (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked))
+    ):
+        raise InvalidInput(
+            "The joints that are locked are not named.",
+            f"expected names and positions, got locked={value_text(locked, 60)}",
+            "locked={'elbow': 0.0}",
+        )
     for name, value in (locked or {}).items():
-        if not (is_real(value) and abs(value) <= HUGE):
+        if not abs(real_number(value)) <= HUGE:
             raise InvalidInput(
-                f"{file}: the joint {value_text(name, 60)} is locked at no position.",
+                f"The joint {value_text(name, 60)} is locked at no position.",
                 f"expected a finite number in rad or m, got {value_text(value, 60)}",
                 "0.0",
             )
-
-
-# Elements -----------------------------------------------------------------------------------------
-def _vector(
-    file: _File, name: str, element: ElementTree.Element | None, key: str, default: tuple[float, ...]
-) -> Any:
-    if element is None or element.get(key) is None:
-        return default
-    try:
-        numbers = tuple(float(word) for word in str(element.get(key)).split())
-    except ValueError:
-        numbers = ()
-    if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
-        raise InvalidInput(
-            f"{file.name}: {key} of <{element.tag}> in {name!r} cannot be read.",
-            f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
-            f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
-        )
-    return numbers
-
-
-def _number(file: _File, name: str, element: ElementTree.Element, key: str, default: float) -> float:
-    return _vector(file, name, element, key, (default,))[0]
-
-
-def _origin(file: _File, name: str, element: ElementTree.Element) -> Placement:
-    origin = element.find("origin")
-    nothing = (0.0, 0.0, 0.0)
-    return Placement.of(
-        _vector(file, name, origin, "xyz", nothing), _vector(file, name, origin, "rpy", nothing)
-    )
-
-
-def _limits(file: _File, name: str, joint: ElementTree.Element) -> tuple[float, float] | None:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return None
-    lower, upper = (_number(file, name, limit, key, 0.0) for key in ("lower", "upper"))
-    return (lower, upper) if lower < upper else None
 
 
 def _moved(kind: str, axis: tuple[float, float, float], value: float) -> Placement:
@@ -305,50 +291,6 @@ def _moved(kind: str, axis: tuple[float, float, float], value: float) -> Placeme
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation = np.eye(3) + math.sin(value) * cross + (1.0 - math.cos(value)) * cross @ cross
     return Placement(tuple(tuple(float(entry) for entry in row) for row in rotation))  # type: ignore[arg-type]
-
-
-def _body(file: _File, link: str, placement: Placement) -> list[tuple[str, float, np.ndarray, np.ndarray]]:
-    """A link's name, mass, centre of mass and inertia about it, in the carrier's frame; nothing without mass."""
-    inertial = file.links[link].find("inertial")
-    mass_element = None if inertial is None else inertial.find("mass")
-    if inertial is None or mass_element is None:
-        return []
-    mass = _number(file, link, mass_element, "value", 0.0)
-    six = inertial.find("inertia")
-    if six is None and mass == 0.0:
-        return []
-    if six is None:
-        raise InvalidInput(
-            f"{file.name}: the link {link!r} has a mass and no inertia.",
-            "expected <inertia ixx=… iyy=… izz=…/> in <inertial>",
-            "the moments about its centre of mass",
-        )
-    xx, xy, xz, yy, yz, zz = (
-        _number(file, link, six, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
-    _check_body(file, link, mass, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    place = placement.then(_origin(file, link, inertial))
-    turn = np.array(place.rotation)
-    inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    return [(link, mass, np.array(place.translation), inertia)]
-
-
-def _check_body(file: _File, link: str, mass: float, inertia: np.ndarray) -> None:
-    """Refuse what no body has, before it is merged with others; a body may be a point, or have no mass at all."""
-    a, b, c = np.linalg.eigvalsh(inertia)
-    slack = 1e-9 * max(abs(a), c)
-    if mass < 0.0 or a < -slack:
-        wrong = "a negative mass" if mass < 0.0 else "a negative inertia"
-    elif a + b < c - slack:
-        wrong = "an inertia that violates the triangle inequality"
-    else:
-        return
-    raise InvalidInput(
-        f"{file.name}: the link {link!r} has {wrong}: no such body exists.",
-        "expected mass >= 0 and principal inertias >= 0 of which none exceeds the sum of the others, got "
-        f"{mass:g} kg and ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²",
-        "the inertia about the centre of mass, in kg·m²",
-    )
 
 
 def _merged(bodies: list[Any], joint: str, file: str) -> Link:

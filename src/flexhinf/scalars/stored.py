@@ -15,6 +15,20 @@ NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 
 COLUMNS = ("first", "second", "result", "value")
 
+#: Operations of one and of two numbers that a file may name. CasADi takes any number of an operation here, also of
+#: those that are none of scalars.
+UNARY = {
+    "ASSIGN", "EXP", "LOG", "SQRT", "SQ", "TWICE", "NEG", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "FLOOR", "CEIL",
+    "FABS", "SIGN", "ERF", "ERFINV", "INV", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "NOT", "LOG1P", "EXPM1",
+}  # fmt: skip
+BINARY = {
+    "ADD", "SUB", "MUL", "DIV", "POW", "CONSTPOW", "LT", "LE", "EQ", "NE", "AND", "OR", "FMOD", "REMAINDER",
+    "COPYSIGN", "IF_ELSE_ZERO", "FMIN", "FMAX", "ATAN2", "HYPOT",
+}  # fmt: skip
+
+#: Most entries of an argument or a result that a file may claim.
+LONGEST = 1_000_000
+
 #: Stands for the second operand of a function of one.
 ONE_OPERAND = -1
 
@@ -69,22 +83,27 @@ def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored")
         If the arrays are no function's.
     """
     count, sizes = int(arrays["arguments"]), [int(size) for size in arrays["sizes"]]
+    if not (0 <= count <= len(sizes) and all(0 <= size <= LONGEST for size in sizes)):
+        raise ValueError("sizes that no function has")
+    if any(
+        arrays[column].dtype != np.int64 or (arrays[column] < ONE_OPERAND).any() for column in COLUMNS[:3]
+    ):
+        raise ValueError("places that no function has")
     arguments = [ca.SX.sym(f"i{k}", size) for k, size in enumerate(sizes[:count])]
     results = [ca.SX.zeros(size) for size in sizes[count:]]
     work: dict[int, ca.SX] = {}
     rows = zip(arrays["operation"].tolist(), *(arrays[column].tolist() for column in COLUMNS), strict=True)
     for operation, first, second, result, value in rows:
-        if operation not in NAMES.values():
-            raise ValueError(f"unknown operation {operation!r}")
-        code = getattr(ca, operation)
+        code, kind = getattr(ca, operation, -1), operation.removeprefix("OP_")
         if code == ca.OP_CONST:
             work[result] = ca.SX(value)
         elif code == ca.OP_INPUT:
             work[result] = arguments[first][second]
         elif code == ca.OP_OUTPUT:
             results[first][second] = work[result]
-        elif second == ONE_OPERAND:
-            work[result] = ca.SX.unary(code, work[first])
+        elif kind in (UNARY if second == ONE_OPERAND else BINARY):
+            operands = [work[place] for place in (first, second) if place != ONE_OPERAND]
+            work[result] = (ca.SX.unary if second == ONE_OPERAND else ca.SX.binary)(code, *operands)
         else:
-            work[result] = ca.SX.binary(code, work[first], work[second])
+            raise ValueError(f"unknown operation {operation!r}")
     return ca.Function(name, arguments, [ca.densify(result) for result in results])

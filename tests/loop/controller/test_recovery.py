@@ -131,6 +131,26 @@ def test_after_a_wild_measurement_the_controller_works_again(cubic, kind, wild, 
         assert controller.integrals[0] < earlier[0] + 2 * SPACING * 1e-4
 
 
+@pytest.mark.parametrize("good", [10, 200])
+def test_a_wild_command_that_is_held_is_forgotten_with_its_memory(cubic, good):
+    """Its step is finite, and the integral of the error is not much later: an earlier memory brings its own command."""
+    controller = Controller(cubic, arm_filter(UnscentedKalmanFilter))
+    for _ in range(good):
+        controller.step(0.0, 0.1)
+    controller.step(0.0, 1e300)
+    failed = 0
+    for _ in range(20):
+        try:
+            u = controller.step(0.0)
+        except NumericalFailure:
+            failed += 1
+    assert failed == (2 if good > 2 * SPACING else 4)
+    assert abs(u[0]) < 5.0
+    assert (controller.integrals[0] < 0.0) == (
+        good > 2 * SPACING
+    )  # the start has the command of the operating point
+
+
 def test_a_sensor_that_stays_wild_is_refused_and_then_forgotten(cubic):
     controller = Controller(cubic, arm_filter(UnscentedKalmanFilter))
     fresh = controller.fresh()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from flexhinf.baselines import (
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
+from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop import load_controller
 from flexhinf.loop.controller import controller as controller_module
 from flexhinf.loop.controller import law_code
@@ -157,10 +159,69 @@ def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
         arrays = {name: archive[name] for name in archive.files}
     header = json.loads(str(arrays["header"]))
     for change in ({"version": 2}, {"format": "a solution"}):
-        np.savez(path, **{**arrays, "header": np.array(json.dumps({**header, **change}))})
+        write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps({**header, **change}))})
         with pytest.raises(InvalidInput, match="Another format"):
             load_controller(path)
-    header["estimator"]["estimator"] = ["subprocess", "Popen"]
-    np.savez(path, **{**arrays, "header": np.array(json.dumps(header))})
-    with pytest.raises(InvalidInput, match="other code"):
+    for place in (["subprocess", "Popen"], ["flexhinf.__main__", "main"], ["flexhinf.plant", "Plant"], "x"):
+        header["estimator"]["estimator"] = place
+        write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
+        with pytest.raises(InvalidInput, match="controller cannot be read"):
+            load_controller(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"options": {"moving": True, "start": "zero", "fade": None, "evil": 1}},
+        {"options": 5},
+        {"laws": []},
+        {"period": "x"},
+        {"hysteresis": 10**400},
+    ],
+    ids=repr,
+)
+def test_a_header_of_a_whole_file_that_says_something_else_is_refused(
+    change: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "c.npz"
+    fh.Controller(LAWS["linear"](), None).save(path)
+    arrays, _ = read_arrays(path)
+    header = json.loads(str(arrays["header"])) | change
+    write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
+    with pytest.raises(InvalidInput, match="controller cannot be read"):
         load_controller(path)
+
+
+def test_a_changed_bit_a_missing_digest_or_a_pipe_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "c.npz"
+    fh.Controller(LAWS["linear"](), None).save(path)
+    whole = path.read_bytes()
+    for place in range(7, len(whole), 211):
+        changed = bytearray(whole)
+        changed[place] ^= 4
+        path.write_bytes(changed)
+        with pytest.raises(InvalidInput, match="controller cannot be read"):
+            load_controller(path)
+    path.write_bytes(whole)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    np.savez(path, **arrays)
+    with pytest.raises(InvalidInput, match="digest at its end is missing"):
+        load_controller(path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(InvalidInput, match="not a file"):
+        load_controller(path)
+
+
+@pytest.mark.parametrize("path", [None, 3, b"c.npz", "", "a\0b", "x" * 5000], ids=lambda path: repr(path)[:9])
+@pytest.mark.parametrize("load", [fh.load_controller, fh.load_solution, fh.load_robot, fh.load_design])
+def test_what_is_no_path_is_refused_wherever_files_are_read(load: Callable[[Any], Any], path: Any) -> None:
+    with pytest.raises(InvalidInput):
+        load(path)
+
+
+@pytest.mark.parametrize("path", [None, 3, b"c.npz", "", "a\0b", "x" * 5000], ids=lambda path: repr(path)[:9])
+def test_what_is_no_path_is_refused_where_files_are_written(path: Any) -> None:
+    with pytest.raises(InvalidInput):
+        fh.Controller(LAWS["linear"](), None).save(path)

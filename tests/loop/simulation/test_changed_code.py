@@ -3,6 +3,9 @@
 The pairs of numbers ask for the same number of sub-steps, so that nothing but the code itself distinguishes the loops.
 """
 
+import copy
+import dataclasses
+import pickle
 from typing import Any
 
 import numpy as np
@@ -10,7 +13,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Plant
+from flexhinf.plant import Penalty, Plant
 
 GRAVITY = 9.81
 SCALE = 1.0
@@ -152,3 +155,74 @@ def test_a_law_that_is_written_anew_has_code_of_its_own():
         object.__setattr__(law, "part", part)
         inputs.append(fh.Controller(law, None, period=0.01).step([0.3, 0.1]))
     np.testing.assert_allclose(inputs[0], 2.0 * inputs[1], rtol=1e-14)
+
+
+# Pickles, estimators alone, penalties -----------------------------------------------------------------
+def test_a_pickle_is_the_plant_as_it_was_whatever_its_text_computes_where_it_is_read(monkeypatch):
+    """`falling` is found by its name, and reads a global that has another value by then, as in another process."""
+    monkeypatch.setitem(globals(), "GRAVITY", 5.0)
+    loop: Any = built(plant_of(falling, measured))
+    first = loop.run(initial_state=[0.5, 0.0], duration=0.5)
+    plant, sent = loop.controller.estimator.plant, pickle.dumps(loop)
+    rates = plant.derivative([0.5, 0.0])
+    monkeypatch.setitem(globals(), "GRAVITY", 9.81)
+    read = pickle.loads(sent)
+    again = read.controller.estimator.plant
+    np.testing.assert_array_equal(
+        read.run(initial_state=[0.5, 0.0], duration=0.5).data.state, first.data.state
+    )
+    np.testing.assert_array_equal(again.derivative([0.5, 0.0]), rates)
+    assert again.code_key == plant.code_key
+    with pytest.raises(InvalidInput, match="something else than when its plant was built"):
+        again.with_objective({"a": 3.0}, disturbances=("push",)).expand(2)
+    monkeypatch.setitem(globals(), "GRAVITY", 5.0)
+    assert again.with_objective({"a": 3.0}, disturbances=("push",)).expand(2).f_parts[1][1, 0] == -5.0
+
+
+@pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
+def test_an_estimator_alone_runs_the_plant_that_was_traced(monkeypatch, kind):
+    """Its numbers are those of the controller's step: before and after a change, in copies and in pickles."""
+    plant = plant_of(falling, measured)
+    one = kind(plant, 0.01, 1e-6, 1e-6, np.array([1.0, 0.0]), 1e-2)
+    others = [one, copy.deepcopy(one), pickle.loads(pickle.dumps(one))]
+    fresh = copy.deepcopy(one)
+    for step in (fresh.correct, fresh.predict, fresh.correct):
+        step([0.9])
+    monkeypatch.setitem(globals(), "GRAVITY", 5.0)
+    monkeypatch.setitem(globals(), "SCALE", 0.5)
+    for other in others:
+        for step in (other.correct, other.predict, other.correct):
+            step([0.9])
+        np.testing.assert_array_equal(other.mean, fresh.mean)
+
+
+WEIGHT = 3.0
+
+
+def weighted(x, p):
+    return np.array([WEIGHT * x[0], x[1]])
+
+
+def test_a_penalty_stays_what_it_was_and_a_changed_one_is_refused(monkeypatch):
+    problem = plant_of(falling, measured).with_objective(Penalty(weighted), disturbances=("push",))
+    solution = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=4)
+    sent, x = pickle.dumps(solution), np.array([0.5, 0.1])
+    monkeypatch.setitem(globals(), "WEIGHT", 30.0)
+    assert abs(solution.residual(x)) < 0.01  # traced for the first time only now
+    assert pickle.loads(sent).residual(x) == solution.residual(x)
+    region: Any = solution.sampled_region()
+    assert region.level > 0.1
+    np.testing.assert_array_equal(problem.fields(x)[3], [[1.5, 0.1]])
+    with pytest.raises(InvalidInput, match=r"penalty h.* something else than when its problem was built"):
+        fh.solve_hji(problem, gamma=solution.gamma, degree=4)
+
+
+def test_a_region_whose_inequality_fails_at_once_has_level_zero(monkeypatch):
+    """A solution beside another problem: r > 0 at every point, however near to 0."""
+    plant = plant_of(falling, measured)
+    problem = plant.with_objective(Penalty(weighted), disturbances=("push",))
+    solution = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=4)
+    monkeypatch.setitem(globals(), "WEIGHT", 30.0)
+    heavier = plant.with_objective(Penalty(weighted), disturbances=("push",))
+    region: Any = dataclasses.replace(solution, problem=heavier).sampled_region()
+    assert region.level == 0.0

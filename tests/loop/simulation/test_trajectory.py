@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -188,3 +190,11 @@ def test_a_diverged_run_is_shown_with_its_message(made):
     run = Loop(paper_arm().plant(), Controller(law, None)).run(1.0, duration=60.0)
     assert "diverged" in repr(run)
     assert "smaller command" in run._repr_html_()
+
+
+def test_errors_whose_squares_are_not_finite_have_a_mean(run):
+    """Old code said inf, with a warning of NumPy's."""
+    for distance in (1e300, 0.0):
+        estimate = run.signals["state"][:, :4] + distance
+        found = replace(run, signals={**run.signals, "estimate": estimate}).metrics()
+        assert found["estimation_rmse"] == pytest.approx([distance] * 4)

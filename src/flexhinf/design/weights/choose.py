@@ -161,7 +161,7 @@ def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) ->
     ------
     InvalidInput
         For a contradiction, or a behaviour that cannot be met: which limit binds, and the best found.
-    InfeasibleGamma, NoFeasibleGamma, NotStabilisable, NotDetectable
+    InfeasibleGamma, NoFeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
         As the synthesis.
     """
     preset = preset_of(robot, s)

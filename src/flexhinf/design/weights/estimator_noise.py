@@ -28,6 +28,7 @@ from flexhinf.analysis import (
     frequency_response,
     tolerance_corners,
 )
+from flexhinf.analysis.margins import LARGEST_FACTOR
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.specification import TOLERANCE
@@ -291,7 +292,8 @@ def _figures(linear: LinearLoop, noise: np.ndarray | None, top: float) -> _Figur
 
 
 def _gain_margin(loops: np.ndarray) -> float:
-    """Smallest factor by which the gain of one input may rise or fall: where L_i (F, m) crosses the negative axis."""
+    """Smallest factor by which the gain of one input may rise or fall, infinite beyond `LARGEST_FACTOR`: where L_i
+    (F, m) crosses the negative axis."""
     found = np.inf
     for loop in loops.T:
         before, after = loop[:-1], loop[1:]
@@ -302,7 +304,7 @@ def _gain_margin(loops: np.ndarray) -> float:
             )
             at = abs(before[k].real + weight * (after[k].real - before[k].real))
             found = min(found, max(at, 1.0 / at) if at > 0.0 else np.inf)
-    return float(found)
+    return float(found) if found <= LARGEST_FACTOR else np.inf
 
 
 def _compliance(response: FrequencyResponse, top: float) -> float:

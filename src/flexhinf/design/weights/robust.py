@@ -20,7 +20,7 @@ import numpy as np
 
 from flexhinf.design.weights.linear_family import ROUGH, LinearDesign, LinearProblem
 from flexhinf.design.weights.uncertainty import Channel
-from flexhinf.errors import NoFeasibleGamma
+from flexhinf.errors import NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf.gamma import is_feasible
 from flexhinf.plant import Plant
 
@@ -211,7 +211,7 @@ def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
         if start.fraction == 1.0:
             try:
                 return float(np.log(problem.gamma_star(found)))
-            except NoFeasibleGamma:
+            except (NoFeasibleGamma, NumericalFailure):
                 return np.inf
         return -problem.fraction(found)
 

@@ -4,7 +4,9 @@ A step is a transaction: memory and estimate change where the step's numbers are
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
 estimate leaves the finite numbers only some samples later. Two earlier memories are therefore kept. A step that
 fails leaves the memory as it was; where the next one fails too, the memory itself is taken to be bad and an earlier one
-takes its place, `SPACING` to 2·`SPACING` samples old; where that fails as well, the one of the start.
+takes its place, `SPACING` to 2·`SPACING` samples old, with its command; where that fails as well, the one of the start.
+The start had no command yet, so the last one holds there; where the start is gone back to again before a memory was
+kept, the command was what made it fail, and is that of the start too.
 """
 
 from __future__ import annotations
@@ -49,6 +51,8 @@ class Remembered:
         The command of the last good sample, and zeros; likewise.
     estimate : (n,) array
         Likewise; NaN before the first sample.
+    holding : bool array
+        Whether the last command holds after the last going back, and not that of the earlier memory.
     """
 
     def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
@@ -62,16 +66,21 @@ class Remembered:
         self.estimate[:] = np.nan
         self.start = np.array(memory)
         self.older = self.newer = self.start
+        self.holding, self._begun_again = np.array(False), np.array(False)
         self._failed = np.zeros(0)
 
     def keep(self) -> None:
         """Keep this memory as an earlier one, every `SPACING` samples; the oldest is forgotten."""
         self.older, self.newer = self.newer, self.memory.copy()
+        self._begun_again = np.array(False)
 
     def fail(self) -> bool:
         """Note that a step has failed; where one did before from the same memory, go back to an earlier, and say so."""
         back = np.array_equal(self._failed, self.memory)
         if back:
+            start = np.array_equal(self.older, self.start)
+            self.holding = np.array(start and not self._begun_again)
+            self._begun_again = np.array(start)
             self.memory[:] = self.older
             self.older = self.newer = self.start
         self._failed = self.memory.copy()

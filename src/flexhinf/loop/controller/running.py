@@ -200,10 +200,12 @@ class Running(Summarised):
         self._remembered.reference[: len(self.commanded)] = self.memory.named(self._memory).reference
 
     def _failed(self, code: int) -> bool:
-        """After a step that failed: the command of the last good sample holds; whether an earlier memory does too."""
+        """After a step that failed: the command of the last good sample holds, or all of an earlier memory (True)."""
         self._keep_reference()
         back = code == BAD_RESULT and self._remembered.fail()
-        if back:
+        if back and not self._remembered.holding:
+            self._keep_reference()
+        elif back:
             self.memory.named(self._memory).reference[:] = self._remembered.reference[: len(self.commanded)]
         return back
 

@@ -12,9 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -23,19 +21,23 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.files import write_arrays
+from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
+from flexhinf.untrusted import checked_name, checked_path, distinct, value_text
 
 __all__ = ["StoredLaw", "read_controller", "write_controller"]
 
 FORMAT, VERSION = "flexhinf controller", 1
 
-#: Estimators are made again by their classes, of this package only: a file cannot name other code.
-PACKAGE = "flexhinf."
+#: Estimators are made again by the public classes of this room only: a file cannot name, nor import, other code.
+ESTIMATORS = "flexhinf.estimation"
+
+#: Most states or inputs of a law that a file may claim.
+MOST_SIGNALS = 1000
 
 NAMES = ("states", "inputs", "disturbances", "outputs")
 
@@ -53,9 +55,12 @@ class StoredLaw(Law):
 
     def __init__(self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         self.name, self.degree = str(header["name"]), header["degree"]
-        self.state_names, self.input_names = tuple(header["states"]), tuple(header["inputs"])
-        self.operating_point, self.operating_input = arrays["point"], arrays["input"]
-        self._data, self._degrees, self._arrays = arrays["data"], header["degrees"], arrays
+        self.state_names, self.input_names = (_signal_names(header[kind]) for kind in ("states", "inputs"))
+        shapes = {"point": (len(self.state_names),), "input": (len(self.input_names),), "data": None}
+        self.operating_point, self.operating_input, self._data = (
+            _finite_vector(name, arrays[name], shape) for name, shape in shapes.items()
+        )
+        self._degrees, self._arrays = header["degrees"], arrays
 
     @property
     def law_data(self) -> np.ndarray:
@@ -84,6 +89,19 @@ class StoredLaw(Law):
         coefficients = self._data.reshape(len(self.input_names), -1)
         return PolynomialLaw(len(self.state_names), tuple(self._degrees), coefficients)
 
+    def check(self) -> None:
+        """Build the functions now, so that what does not fit is refused when it is read.
+
+        Raises
+        ------
+        InvalidInput, ValueError, IndexError, KeyError
+            If the arrays are no functions of these states and inputs.
+        """
+        if self._degrees is None:
+            _check_sizes(self._law, [len(self.state_names), self._data.size], len(self.input_names))
+        else:
+            self.evaluate_law(np.zeros(len(self.state_names)), self._data)
+
     @property
     def law_table(self) -> PolynomialLaw | None:
         """The polynomial, if it is one."""
@@ -111,6 +129,13 @@ class StoredPlacedLaw(StoredLaw):
     @cached_property
     def _about(self) -> Any:
         return function_from_arrays(_below("about.", self._arrays), "law_about")
+
+    def check(self) -> None:
+        """As of any law, and the function about a reference."""
+        super().check()
+        inputs = len(self.input_names)
+        arguments = [len(self.state_names), len(self.plant_states), inputs, self._data.size]
+        _check_sizes(self._about, arguments, inputs)
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
@@ -148,28 +173,24 @@ def write_controller(
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
 
 
-def read_controller(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The arguments of `Controller` by name, from a file; see `load_controller`.
+def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> Any:
+    """What `make`, the class `Controller`, makes of the arguments in a file; see `load_controller`.
 
     Raises
     ------
     InvalidInput
-        If the file is not there, is no such file, is damaged, or is of another version.
+        If the file is not there, is no such file, is damaged, is of another version, or nothing can be made of it.
     """
-    path = Path(path)
+    place = checked_path("The controller's file", path)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays: dict[str, Any] = {name: archive[name] for name in archive.files}
-        return _assembled(json.loads(str(arrays.pop("header"))), arrays)
+        arrays, whole = read_arrays(place)
+        if not whole:
+            raise InvalidInput("Not whole.", "the digest at its end is missing, or that of another content")
+        return make(**_assembled(json.loads(str(arrays.pop("header"))), arrays))
     except FlexhinfError as error:
-        raise _unreadable(path, f"{error.what} {error.found or ''}".strip()) from error
-    except FileNotFoundError as error:
-        raise _unreadable(path, "no such file") from error
-    except (
-        OSError, EOFError, zipfile.BadZipFile, zlib.error, KeyError, IndexError, ValueError, TypeError, AttributeError,
-        RuntimeError,
-    ) as error:  # fmt: skip
-        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
+        raise _unreadable(place, " ".join(filter(None, (error.what, error.found)))) from error
+    except Exception as error:  # a file with a digest may still hold anything
+        raise _unreadable(place, f"damaged or not such a file ({type(error).__name__})") from error
 
 
 def _unreadable(path: Path, found: str) -> InvalidInput:
@@ -182,7 +203,8 @@ def _unreadable(path: Path, found: str) -> InvalidInput:
 
 def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     if header["format"] != FORMAT or header["version"] != VERSION:
-        raise InvalidInput("Another format.", f"{header['format']!r}, version {header['version']!r}")
+        found = f"{value_text(header['format'], 60)}, version {value_text(header['version'], 60)}"
+        raise InvalidInput("Another format.", found)
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
@@ -224,7 +246,31 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
 
 
 def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> StoredLaw:
-    return (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
+    law = (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
+    law.check()
+    return law
+
+
+def _check_sizes(function: Any, arguments: list[int], result: int) -> None:
+    found = [function.size1_in(k) for k in range(function.n_in())]
+    if found != arguments or function.n_out() != 1 or function.size1_out(0) != result:
+        raise InvalidInput("Another law.", f"expected arguments of {arguments} numbers, got {found}")
+
+
+def _signal_names(names: Any) -> tuple[str, ...]:
+    """Names of a law's states or inputs; a text would be taken for a list of letters."""
+    if not isinstance(names, list) or not 0 < len(names) <= MOST_SIGNALS:
+        raise InvalidInput("A law's signals are not named.", f"got {value_text(names, 60)}")
+    checked = tuple(checked_name("a signal of a law", name, spaces=True) for name in names)
+    distinct("The signal", checked)
+    return checked
+
+
+def _finite_vector(name: str, array: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
+    right = array.ndim == 1 if shape is None else array.shape == shape
+    if array.dtype != np.float64 or not right or not np.isfinite(array).all():
+        raise InvalidInput("Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it")
+    return array
 
 
 def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -236,7 +282,7 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
     """What stands for a setting in the header; arrays go to `arrays`."""
     if isinstance(value, Estimator):
         kind = type(value)
-        if not kind.__module__.startswith(PACKAGE) or "." in kind.__qualname__:
+        if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:
             raise InvalidInput(
                 f"{kind.__name__} cannot be saved.",
                 "expected an estimator of flexhinf.estimation: a file names no other code",
@@ -254,12 +300,11 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
 
 def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]) -> Any:
     if "estimator" in part:
-        module, name = part["estimator"]
-        if not module.startswith(PACKAGE):
-            raise InvalidInput("An estimator of other code.", f"{module}.{name}")
-        kind = getattr(import_module(module), name)
+        _, name = part["estimator"]
+        room = import_module(ESTIMATORS)
+        kind = getattr(room, name) if name in room.__all__ else None
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
-            raise InvalidInput("No estimator.", f"{module}.{name}")
+            raise InvalidInput("No estimator.", value_text(name, 60))
         return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
     if "plant" in part:
         return _restored_plant(part["plant"], _below(prefix, arrays))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
+from flexhinf.untrusted import checked_path
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -179,8 +179,8 @@ class Trajectory(Summarised):
             **step_metrics(self.time, position, step_shape(self.time, position, reference)),
             "steady_state_error": steady_state_error(position, reference),
             "peak_input": float(np.abs(self.signals["input"]).max()),
-            "tracking_rmse": float(np.sqrt(np.mean((position - reference) ** 2))),
-            "estimation_rmse": [float(np.sqrt(np.mean(error**2))) for error in errors],
+            "tracking_rmse": _rms(position - reference),
+            "estimation_rmse": [_rms(error) for error in errors],
         }
 
     def _judged_name(self, name: str | None) -> str:
@@ -221,7 +221,7 @@ class Trajectory(Summarised):
         InvalidInput
             For another suffix, or if the place cannot be written.
         """
-        suffix = Path(path).suffix
+        suffix = checked_path("The run's file", path).suffix
         if suffix == ".csv":
             write_file(path, "run", self._write_csv)
         elif suffix == ".nc":
@@ -371,3 +371,11 @@ def _label_axis(axes: Axes, units: Sequence[str], what: str) -> None:
 def _label(name: str, unit: str) -> str:
     words = name.replace("_", " ")
     return f"{words} in {unit}" if unit else words
+
+
+def _rms(errors: np.ndarray) -> float:
+    """Root of the mean square, of numbers whose squares are not finite too."""
+    largest = float(np.abs(errors).max())
+    if largest == 0.0 or not np.isfinite(largest):
+        return largest
+    return largest * float(np.sqrt(np.mean((errors / largest) ** 2)))

@@ -139,7 +139,7 @@ def _gains(m: Margins, joints: tuple[str, ...]) -> str:
         worst = int(np.argmin(np.minimum(m.gain_margins[:, 1], 1.0 / m.gain_margins[:, 0])))
     low, high = (float(value) for value in m.gain_margins[worst])
     name = f" ({joints[worst]})" if len(m.gain_margins) > 1 else ""
-    return f"× {number(low if low > 1e-6 else 0.0, 3)}, × {number(high, 3)}{name}"
+    return f"× {number(low, 3)}, × {number(high, 3)}{name}"
 
 
 def _table(e: LawEvaluation) -> Table:
