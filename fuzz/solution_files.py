@@ -1,4 +1,4 @@
-"""Solution files that were damaged, or made to mislead: refused, or the solution that was written."""
+"""Solution and controller files that were damaged, or made to mislead: refused, or what was written."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import tempfile
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,8 @@ from fuzz.tally import Tally
 
 ATTEMPTS = 1500
 
+ESTIMATORS: tuple[Any, ...] = (None, fh.ExtendedKalmanFilter, fh.UnscentedKalmanFilter)
+
 _POINTS = np.random.default_rng(5).standard_normal((5, 2))
 _HOSTILE = (
     None, True, -1, 0, 1.5, 10**400, "x", "nan", "-inf", [], {}, [[]], "a\nb", "𝛼" * 300, [1] * 1000, -(2**63),
@@ -26,25 +29,63 @@ _HOSTILE = (
 
 
 def run(attempts: int, seed: int) -> Tally:
-    """Write one solution, damage the file in a drawn way, load it."""
-    rng, tally = np.random.default_rng(seed), Tally("solution files damaged, or made to mislead")
+    """Write a solution or a controller, damage the file in a drawn way, load it."""
+    rng = np.random.default_rng(seed)
+    tally = Tally("solution and controller files damaged, or made to mislead")
     solution = _solution()
+    controllers = [_controller(solution, kind) for kind in ESTIMATORS]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "solution"
-        solution.save(path)
-        content = path.read_bytes()
-        with np.load(io.BytesIO(content)) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        path = Path(folder) / "file"
+        kinds = []
+        for written in (solution, *controllers):
+            written.save(path)
+            with np.load(path) as archive:
+                kinds.append((written, path.read_bytes(), {name: archive[name] for name in archive.files}))
         for attempt in range(attempts):
+            written, content, arrays = kinds[0 if rng.random() < 0.5 else rng.integers(1, len(kinds))]
             damage = _DAMAGES[rng.integers(len(_DAMAGES))]
-            how = f"seed {seed}, attempt {attempt}, {damage.__name__}"
+            how = f"seed {seed}, attempt {attempt}, {type(written).__name__}, {damage.__name__}"
             path.write_bytes(damage(rng, content, dict(arrays)))
+            same = damage not in _OTHER_CONTENT
             try:
-                loaded = fh.load_solution(path)
-                tally.answered(_fault(loaded, solution, same=damage not in _OTHER_CONTENT), how)
+                with warnings.catch_warnings(), np.errstate(all="ignore"):
+                    warnings.simplefilter("ignore")
+                    if isinstance(written, fh.HJISolution):
+                        fault = _fault(fh.load_solution(path), written, same)
+                    else:
+                        fault = _controller_fault(fh.load_controller(path), written, same)
+                tally.answered(fault, how)
             except Exception as error:
                 tally.raised(error, how)
     return tally
+
+
+def _controller(solution: fh.HJISolution, estimator: Any) -> fh.Controller:
+    """The solution's law, with an estimator of the plant ẋ = (x2, −x1 + u), or none."""
+    if estimator is None:
+        return fh.Controller(solution, None, 1e-2, 3.0)
+    plant = fh.Plant(
+        lambda x, u, d, p: np.array([x[1], -p.k * x[0] + u[0]]),
+        lambda x, u, p: np.array([x[0]]),
+        solution.state_names,
+        solution.input_names,
+        parameters={"k": 1.0},
+    )
+    return fh.Controller(
+        solution, estimator(plant, 1e-2, 1e-6, 1e-4, np.zeros(2), 1e-2), 1e-2, ([-3.0], [2.0])
+    )
+
+
+def _controller_fault(loaded: fh.Controller, written: fh.Controller, same: bool) -> str:
+    """What is wrong with a controller that was loaded; one of other content need only make finite steps, or refuse."""
+    fresh = written.fresh()
+    for sample in _POINTS[:, : len(written.measured)] if same else _POINTS[:2, : len(loaded.measured)]:
+        made = loaded.step(sample)
+        if not np.isfinite(made).all():
+            return "a step that is not finite"
+        if same and not np.array_equal(made, fresh.step(sample)):
+            return "another controller"
+    return "" if repr(loaded) else "no text"
 
 
 def _solution() -> fh.HJISolution:
@@ -207,9 +248,18 @@ def _bomb(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> b
 
 
 def _header(rng: np.random.Generator, content: bytes, arrays: dict[str, Any]) -> bytes:
-    """One value of the JSON header, or of a record in it, is something else, or missing."""
-    header = json.loads(str(arrays["header"]))
-    place = header if rng.random() < 0.7 else header["records"][rng.integers(len(header["records"]))]
+    """One value of the JSON header, or of something in it at any depth, is something else, or missing."""
+    header = place = json.loads(str(arrays["header"]))
+    while rng.random() < 0.7:
+        below = place.values() if isinstance(place, dict) else place
+        below = [part for part in below if part and isinstance(part, (dict, list))]
+        if not below:
+            break
+        place = below[rng.integers(len(below))]
+    if isinstance(place, list):
+        place[rng.integers(len(place))] = _HOSTILE[rng.integers(len(_HOSTILE))]
+        arrays["header"] = np.array(json.dumps(header))
+        return _repacked(arrays)
     key = list(place)[rng.integers(len(place))]
     if rng.random() < 0.15:
         del place[key]

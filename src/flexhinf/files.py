@@ -138,7 +138,10 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}, whole
+            members = {name: arrays[name] for name in arrays.files}
+        if not all(isinstance(member, np.ndarray) for member in members.values()):
+            raise _unreadable("damaged: a member is no array")
+        return members, whole
     except InvalidInput:
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise

@@ -184,3 +184,9 @@ def test_models_may_be_objects_without_a_hash():
 
     plant = Plant(Model(), lambda x, u, p: x, ("x",), ("u",))
     assert plant.fastest_mode() == 2.0
+
+
+@pytest.mark.parametrize("names", [{"states": 5}, {"inputs": None}, {"inputs": ("angle",)}], ids=repr)
+def test_names_that_do_not_tell_signals_apart_are_refused(names):
+    with pytest.raises(InvalidInput):
+        pendulum(**names)

@@ -94,3 +94,18 @@ def test_refusals_name_what_is_wrong(changed, words):
 def test_rounding_at_rest_is_dropped():
     plant = _plant(f={**F, (0, 0): [1e-16, -1e-15]})
     assert 0 not in plant.f_parts
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"state_names": ("a", "a")},
+        {"state_names": ("a", "b"), "input_names": ("v", "a")},
+        {"state_names": 5},
+        {"state_names": "ab"},
+    ],
+    ids=repr,
+)
+def test_names_that_do_not_tell_signals_apart_are_refused(names):
+    with pytest.raises(InvalidInput):
+        _plant(**names)

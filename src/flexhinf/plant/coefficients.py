@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import distinct, real_array, value_text
 
 __all__ = [
     "check_rest", "checked_names", "checked_parts", "checked_point", "checked_r2", "parts_from_input",
@@ -22,8 +22,12 @@ _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to on
 
 
 def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
-    """One name per signal; numbered letters by default."""
-    names = tuple(f"{letter}{i + 1}" for i in range(count)) if given is None else tuple(given)
+    """One name per signal, all distinct; numbered letters by default."""
+    if given is None:
+        return tuple(f"{letter}{i + 1}" for i in range(count))
+    names: tuple[Any, ...] = (
+        tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
+    )
     if not all(isinstance(name, str) for name in names):
         raise InvalidInput(
             f"A {kind} name is not a text.",
@@ -36,6 +40,7 @@ def checked_names(kind: str, given: Sequence[str] | None, letter: str, count: in
             f"expected {count} names, got {len(names)}: {', '.join(names)}",
             f"one name per {kind}, in the order of {letter}",
         )
+    distinct(f"The {kind}", names)
     return names
 
 

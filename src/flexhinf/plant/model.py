@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
@@ -15,7 +15,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import digest, function_arrays, trace
-from flexhinf.untrusted import LONGEST_NAME, checked_name, real_array, value_text
+from flexhinf.untrusted import LONGEST_NAME, checked_name, distinct, real_array, value_text
 
 __all__ = ["Model"]
 
@@ -68,11 +68,11 @@ class Model(Summarised):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
             names = getattr(self, kind)
-            names = (names,) if isinstance(names, str) else tuple(names)
+            names = (names,) if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
             if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
                 raise InvalidInput(
                     f"The {kind} of the plant are not named.",
-                    f"expected one distinct name each, got {list(names)}",
+                    f"expected one distinct name each, got {value_text(list(names))}",
                     f"{kind}=('one', 'another')",
                 )
             for name in names:
@@ -84,6 +84,7 @@ class Model(Summarised):
                 f"got {len(self.states)} states and {len(self.inputs)} inputs",
                 "states=(...), inputs=(...)",
             )
+        distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         rows = self.traced_flow.size1_out(0)
         if rows != len(self.states):
             raise InvalidInput(

@@ -21,7 +21,7 @@ from flexhinf.plant.coefficients import (
 )
 from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.kronecker import from_kronecker
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import distinct, real_array, value_text
 
 __all__ = ["PolynomialPlant"]
 
@@ -214,6 +214,7 @@ class PolynomialPlant(Summarised):
         r2 = checked_r2(r2)
         names = checked_names("state", state_names, "x", n)
         inputs = checked_names("input", input_names, "u", len(r2))
+        distinct("Of states and inputs, the name", (*names, *inputs))
         parts = {
             "f": checked_parts("f", f, n, (n,), 1),
             "g1": checked_parts("g1", g1, n, (n, None), 0),

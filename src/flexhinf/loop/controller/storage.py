@@ -89,6 +89,19 @@ class StoredLaw(Law):
         coefficients = self._data.reshape(len(self.input_names), -1)
         return PolynomialLaw(len(self.state_names), tuple(self._degrees), coefficients)
 
+    def check(self) -> None:
+        """Build the functions now, so that what does not fit is refused when it is read.
+
+        Raises
+        ------
+        InvalidInput, ValueError, IndexError, KeyError
+            If the arrays are no functions of these states and inputs.
+        """
+        if self._degrees is None:
+            _check_sizes(self._law, [len(self.state_names), self._data.size], len(self.input_names))
+        else:
+            self.evaluate_law(np.zeros(len(self.state_names)), self._data)
+
     @property
     def law_table(self) -> PolynomialLaw | None:
         """The polynomial, if it is one."""
@@ -116,6 +129,13 @@ class StoredPlacedLaw(StoredLaw):
     @cached_property
     def _about(self) -> Any:
         return function_from_arrays(_below("about.", self._arrays), "law_about")
+
+    def check(self) -> None:
+        """As of any law, and the function about a reference."""
+        super().check()
+        inputs = len(self.input_names)
+        arguments = [len(self.state_names), len(self.plant_states), inputs, self._data.size]
+        _check_sizes(self._about, arguments, inputs)
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
@@ -226,7 +246,15 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
 
 
 def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> StoredLaw:
-    return (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
+    law = (StoredPlacedLaw if header["placed"] else StoredLaw)(header, arrays)
+    law.check()
+    return law
+
+
+def _check_sizes(function: Any, arguments: list[int], result: int) -> None:
+    found = [function.size1_in(k) for k in range(function.n_in())]
+    if found != arguments or function.n_out() != 1 or function.size1_out(0) != result:
+        raise InvalidInput("Another law.", f"expected arguments of {arguments} numbers, got {found}")
 
 
 def _signal_names(names: Any) -> tuple[str, ...]:
