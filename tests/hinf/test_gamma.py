@@ -90,6 +90,11 @@ def test_an_unstable_mode_almost_out_of_reach(reach, accuracy):
     assert _smallest_eigenvalue(plant, gamma * (1 - accuracy)) < 0
 
 
+def test_scales_beyond_whole_numbers_are_no_warning():
+    """SciPy's, of a cast of the scales that balance the matrix."""
+    assert smallest_gamma(_linear([[0.5, 1], [0, 0.3]], np.eye(2), [[1], [1e-13]], np.eye(2))) > 1e13
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("distance", [1e-8, 3e-9, 1e-9])

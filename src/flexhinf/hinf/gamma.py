@@ -33,7 +33,7 @@ def smallest_gamma(problem: Problem) -> float:
         γ*, 0.0 when the disturbance cannot reach z. To a relative 1e-8 where coefficients differ by up to eight orders
         of magnitude, as 40-digit arithmetic says; a mode that the input reaches only to ε relative to others, and
         that slow or unstable, costs about 1e-15/ε more: 1e-6 at ε = 1e-9. So do two such modes that are ε apart and
-        share one input. Below about ε = 1e-10 a mode counts as not reached.
+        share one input; below about ε = 1e-10 these count as not reached.
 
     Raises
     ------

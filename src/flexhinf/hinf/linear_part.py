@@ -131,7 +131,7 @@ def check_standing_assumptions(
             raise NotStabilisable(
                 "A mode that does not decay cannot be reached from the input.",
                 f"eigenvalue {_mode_text(mode)} of A, mainly in state {state_names[state]!r}, "
-                "has a left eigenvector orthogonal to g2",
+                "has a left eigenvector orthogonal to g2, to ten digits",
                 "an input that acts on it, or leave that state out of the problem",
             )
         state = _missed_direction(a, c, mode)

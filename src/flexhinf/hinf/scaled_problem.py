@@ -62,7 +62,8 @@ def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
     b_square, c_square, size = np.abs(b @ b.T), np.abs(c.T @ c), np.abs(a)
     hamiltonian = np.block([[size, b_square], [c_square, size.T]])
     np.fill_diagonal(hamiltonian, 0.0)
-    _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
+    with np.errstate(invalid="ignore"):  # SciPy reads the factors as a permutation too
+        _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
     exponents = np.log2(factors)
     state = np.exp2(-np.round((exponents[n:] - exponents[:n]) / 2))
     b_norm = np.linalg.norm(b_square / np.outer(state, state))
