@@ -314,7 +314,7 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
     Raises
     ------
     InvalidInput
-        If the file is not there, is no such file, is damaged (also: without a digest, as files before version 1.0
-        may be), or is of another version.
+        If the file is not there, is no such file, is damaged or has no digest at its end, or is of
+        another version.
     """
     return read_controller(path, Controller)
