@@ -172,7 +172,7 @@ class RecursiveFilter(Estimator):
         self.measurement_noise = read_only(
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
         )
-        self._start = covariance_matrix(covariance, plant.n, "initial covariance")
+        self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         self.sub_steps = sub_steps(self.period, plant.fastest_mode(self.initial.mean), MODEL_STEP)
         self._belief: Any = self.initial

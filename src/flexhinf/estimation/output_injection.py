@@ -139,7 +139,7 @@ class OutputInjectionObserver(RecursiveFilter):
         self._gain = self._kalman_gain() if poles is None else self._placed_gain(poles)
         check_decay(self.error_matrix)
         if covariance is None:
-            self._start = self._stationary_covariance()
+            self._start = read_only(self._stationary_covariance())
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def _kalman_gain(self) -> np.ndarray:
