@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Joint, Tree
+from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.file_errors import check_tolerance
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
@@ -14,6 +14,7 @@ from flexhinf.robot.payload import SHAPES, Frame, Payload, inertia_of_shape, pay
 from flexhinf.robot.quantities import INERTIA, per_joint, unit_of
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, PayloadTable, RobotTable, VectorTable
+from flexhinf.robot.single_link import Pendulum
 from flexhinf.untrusted import distinct, value_text
 
 __all__ = ["PartsReader", "own_frames"]
@@ -25,7 +26,7 @@ Made = TypeVar("Made")
 
 
 class PartsReader:
-    """Makes parts of one file; each number takes its tolerance from itself, its joint, or the whole file, in this order.
+    """Makes parts of one file; a number takes its tolerance from itself, its joint or the whole file, in this order.
 
     Parameters
     ----------
@@ -189,6 +190,8 @@ class PartsReader:
         payloads = [self._payload(row) for row in self._table.payload] if given is None else _payloads(given)
         where = [self._frame(payload, frames, tips) for payload in payloads]
         distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in where])
+        if isinstance(robot.links, Pendulum):
+            self._check_plane(payloads)
         count = len(robot.joint_names)
         added = [
             number for payload, frame in zip(payloads, where) for number in payload.parameters(frame, count)
@@ -201,8 +204,10 @@ class PartsReader:
         }
         if len(shapes) > 1:
             raise InvalidInput(
-                f"{self.file}: a payload has two shapes.", f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}", "one of them"
-            )  # fmt: skip
+                f"{self.file}: a payload has two shapes.",
+                f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
+                "one of them",
+            )
         mass = self.number(table.mass, "mass")
         centre = None if table.centre_of_mass is None else self.vector(table.centre_of_mass, "centre_of_mass")
         per_mass: tuple[float, ...] = (0.0,) * 6
@@ -213,6 +218,17 @@ class PartsReader:
             ((kind, sizes),) = shapes.items()
             per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
         return self._blamed("payload", lambda: Payload(mass, table.at or "", centre, per_mass))
+
+    def _check_plane(self, payloads: Sequence[Payload]) -> None:
+        """A link that states no frame of its own carries on the line from its axis to its centre of mass."""
+        for payload in payloads:
+            beside = [] if payload.centre_of_mass is None else [x.value for x in payload.centre_of_mass[1:]]
+            if any(beside):
+                raise InvalidInput(
+                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
+                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
+                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
+                )
 
     def _frame(self, payload: Payload, frames: Mapping[str, Frame], tips: Sequence[str]) -> Frame:
         if not payload.at and len({frames[tip].joint for tip in tips}) == 1 and len(tips) == 1:
@@ -249,7 +265,7 @@ def own_frames(joints: Sequence[Joint], links: Sequence[Any]) -> tuple[dict[str,
         else:
             centre = link.centre_of_mass
         numbers = [2.0 * (x.value if isinstance(x, Parameter) else float(x)) for x in centre]
-        frames[joint.name] = Frame(joint.name, tip=(numbers[0], numbers[1], numbers[2]))
+        frames[joint.name] = Frame(joint.name, Placement(), tip=(numbers[0], numbers[1], numbers[2]))
     carriers = set(Tree(tuple(joints)).parents)
     return frames, [joint.name for i, joint in enumerate(joints) if i not in carriers]
 

@@ -1,8 +1,8 @@
 """What a robot carries: a body of unknown mass that is fixed to one of its links.
 
-A payload is part of its link's mass, centre of mass and inertia in every plant (`carried`), so that dynamics, estimator,
-MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain number, and
-the inertia of the payload is in proportion to its mass.
+A payload is part of its link's mass, centre of mass and inertia in every plant (`carried`), so that dynamics,
+estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
+number, and the inertia of the payload is in proportion to its mass.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class Frame:
     """
 
     joint: str
-    placement: Placement = Placement()
+    placement: Placement
     tip: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -16,7 +16,7 @@ from flexhinf.robot.file_parts import PartsReader, own_frames
 from flexhinf.robot.parts import SingleLink
 from flexhinf.robot.payload import Frame, Payload
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import RobotTable
+from flexhinf.robot.schema import JointTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
 from flexhinf.untrusted import checked_path, distinct, read_toml, value_text
 
@@ -136,7 +136,7 @@ def _own(
         joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
     links: list[Any] = [parts.link(row) for row in table.joint]
     springs = [parts.elastic(row) for row in table.joint]
-    common = _common(table, parts)
+    common = _common(table, parts) | _limits(table.joint)
     if any(isinstance(link, SingleLink) for link in links):
         if len(joints) > 1 or table.down is not None:
             raise InvalidInput(
@@ -201,7 +201,10 @@ def _with_urdf(
     springs = [parts.elastic(row) for row in kept]
     links = [parts.tolerated(link, name, urdf.name) for link, name in zip(arm.links, names)]
     down = {} if table.down is None else {"down": table.down}
-    robot = assembled(table.name, placed, links, springs, **down, **_common(table, parts))
+    # <limit effort> is a torque: it says nothing about a motor whose input is a voltage.
+    torque_driven = springs[0].drive == "torque"
+    stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
+    robot = assembled(table.name, placed, links, springs, **down, **stated, **_common(table, parts))
     frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
     robot = parts.loaded(robot, frames, arm.tips, payload)
     parts.check_tolerances()
@@ -215,6 +218,19 @@ def _common(table: RobotTable, parts: PartsReader) -> dict[str, Any]:
         penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
     gravity = GRAVITY if table.gravity is None else parts.number(table.gravity, "gravity")
     return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
+
+
+def _limits(
+    rows: Sequence[JointTable],
+    efforts: Sequence[float] | None = None,
+    speeds: Sequence[float] | None = None,
+) -> dict[str, Any]:
+    """Limits of efforts and speeds that the rows state, over those of the URDF."""
+    nothing = [None] * len(rows)
+    return {
+        "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
+        "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
+    }
 
 
 def catalogue() -> dict[str, Path]:

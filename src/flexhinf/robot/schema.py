@@ -141,7 +141,7 @@ class TolerancesTable(_Table):
 
 
 class JointTable(_Table):
-    """One joint with its link, spring and motor. With a URDF only name, spring, motor and tolerances."""
+    """One joint with its link, spring, motor and limits. With a URDF only name, limits, spring, motor, tolerances."""
 
     name: str
     kind: Literal["revolute", "continuous", "prismatic"] | None = None
@@ -149,6 +149,8 @@ class JointTable(_Table):
     xyz: Three | None = None
     rpy: Three | None = None
     limits: Two | None = None
+    speed_limit: Annotated[float, Field(gt=0.0)] | None = None
+    effort_limit: Annotated[float, Field(gt=0.0)] | None = None
     parent: str | None = None
     link: LinkTable | None = None
     spring: SpringTable
@@ -195,5 +197,6 @@ class RobotTable(_Table):
 #: The table behind each key, to name what is allowed there.
 TABLES: dict[str, type[BaseModel]] = {
     "": RobotTable, "joint": JointTable, "link": LinkTable, "spring": SpringTable, "motor": MotorTable,
-    "tolerances": TolerancesTable, "payload": PayloadTable, "inertia": InertiaTable, "penalty": PenaltyTable, "centre_of_mass": VectorTable,
+    "tolerances": TolerancesTable, "payload": PayloadTable, "inertia": InertiaTable, "penalty": PenaltyTable,
+    "centre_of_mass": VectorTable,
 }  # fmt: skip
