@@ -86,5 +86,6 @@ def _total(coefficients: np.ndarray, powers: np.ndarray) -> np.ndarray:
         return coefficients @ powers
     sums = [coefficients[:, k::PARTS] @ powers[k::PARTS] for k in range(min(PARTS, powers.size))]
     while len(sums) > 1:
-        sums = [sum(pair[1:], pair[0]) for pair in (sums[k : k + 2] for k in range(0, len(sums), 2))]
+        odd = sums[len(sums) - len(sums) % 2 :]
+        sums = [*(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)), *odd]
     return sums[0]
