@@ -121,13 +121,15 @@ def check_fast(robot: Robot, period: float) -> None:
     """
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
+    root = np.sqrt(stiffness)
     inverse = np.linalg.inv(_mass_matrix(robot, p)) + np.diag(1.0 / motors)
-    values, vectors = np.linalg.eig(np.diag(stiffness) @ inverse)  # of the twists, links and rotors free
-    fastest = int(np.argmax(values.real))
-    frequency = float(np.sqrt(values.real[fastest]))
+    squares, vectors = np.linalg.eigh(
+        root[:, None] * inverse * root
+    )  # energies of the springs, all else free
+    frequency = float(np.sqrt(squares[-1]))
     if frequency * period <= FASTEST:
         return
-    joint = int(np.argmax(np.abs(vectors[:, fastest]) / np.sqrt(stiffness)))
+    joint = int(np.argmax(np.abs(vectors[:, -1])))
     softer = stiffness[joint] * (AS_RIGID / (frequency * period)) ** 2
     raise InvalidInput(
         f"The spring of joint {robot.joint_names[joint]!r} vibrates at {frequency / (2.0 * np.pi):.4g} Hz, "
