@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -108,8 +108,8 @@ def read_request(
     given = dict(given or {})
     if not is_design_file(source):
         plain = None if elastic is None else str(elastic)
-        specification = Specification(**_without_none(given))
-        return DesignRequest(load_robot(source, plain), specification, str(source), plain)
+        specification, robot = Specification(**_without_none(given)), load_robot(source, plain)
+        return DesignRequest(robot, _without_own_limits(specification, robot), str(source), plain)
     return _merged(read_design(source), elastic, given)
 
 
@@ -127,7 +127,20 @@ def _merged(file: DesignFile, elastic: str | Path | None, given: Mapping[str, An
     notes = [f"{file.path.name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
     specification = Specification(**_without_none({**kept, **given}))
     beside = file.elastic if elastic is None else str(elastic)
-    return DesignRequest(load_robot(file.robot, beside), specification, file.robot, beside, tuple(notes))
+    robot = load_robot(file.robot, beside)
+    specification = _without_own_limits(specification, robot)
+    return DesignRequest(robot, specification, file.robot, beside, tuple(notes))
+
+
+def _without_own_limits(s: Specification, robot: Robot) -> Specification:
+    """The specification without infinite limits where the robot states none: they are the default there."""
+    own = {
+        "peak_effort": robot.effort_limits,
+        "saturation": robot.effort_limits,
+        "peak_speed": robot.speed_limits,
+    }
+    none = [name for name, limits in own.items() if np.isinf(np.array(limits, dtype=float)).all()]
+    return replace(s, **{name: None for name in none if getattr(s, name) == np.inf})
 
 
 def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
