@@ -47,6 +47,7 @@ from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
+from flexhinf.robot.mujoco_plant import check_expressed
 
 __all__ = ["compare", "comparison_stages", "design", "stages"]
 
@@ -79,6 +80,8 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         With what to change.
     """
     s = specification
+    if s.mujoco:
+        check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup = synthesis.setup(robot, s)
