@@ -14,7 +14,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Links
-from flexhinf.robot.extras import checked_extras
+from flexhinf.robot.extras import Engaged, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
@@ -206,6 +206,7 @@ class Robot(Summarised):
                 for name, limits in zip(signal_names("link_position", joints), self.links.limits)
                 if limits is not None
             },
+            engaged=Engaged(len(joints)) if "backlash" in on else None,
         )
 
     def operating_point(
