@@ -269,10 +269,10 @@ def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
 
 def test_a_payload_of_the_command_line_stands_in_the_file_and_wins_over_it(tmp_path: Path) -> None:
     file = tmp_path / "design.toml"
-    file.write_text(request_text(Specification(), "paper", None, tmp_path, "0..2kg"), encoding="utf-8")
+    file.write_text(request_text(Specification(), "paper", None, tmp_path, "0..0.2kg"), encoding="utf-8")
     asked = read_request(file)
-    assert asked.payload == "0..2kg"
-    assert asked.robot["payload_mass"].interval == (0.0, 2.0)
-    assert load_design(file)[0]["payload_mass"].interval == (0.0, 2.0)
-    assert read_request(file, payload="1").robot["payload_mass"].interval == (1.0, 1.0)
-    assert read_request("paper", payload="1").robot.nominal["payload_mass"] == 1.0
+    assert asked.payload == "0..0.2kg"
+    assert asked.robot["payload_mass"].interval == (0.0, 0.2)
+    assert load_design(file)[0]["payload_mass"].interval == (0.0, 0.2)
+    assert read_request(file, payload="0.1").robot["payload_mass"].interval == (0.1, 0.1)
+    assert read_request("paper", payload="0.1").robot.nominal["payload_mass"] == 0.1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -91,11 +92,19 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
-    _evaluate(evaluation, progress)
-    progress("the worst disturbance, and the dissipation budget of the step")
-    worth = attenuation(setup, synthesis, scenario.step_duration)
-    mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
-    rigid = _rigid(evaluation, synthesis, progress) if s.compare_rigid else None
+    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
+        rigid = beside.submit(_runs, evaluation, synthesis)
+        progress(
+            "corners of the tolerances; beside them, the load, a move and robots within their tolerances"
+        )
+        evaluation.corners  # noqa: B018
+        evaluation.frequency_response  # noqa: B018
+        evaluation.margins  # noqa: B018
+        progress("the worst disturbance, and the dissipation budget of the step")
+        worth = attenuation(setup, synthesis, scenario.step_duration)
+        mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
+        progress("the load, the move and robots within their tolerances")
+        rigid = rigid.result()
     lines = tuple(_requirements(evaluation, synthesis, mujoco))
     inside = _starts_inside(setup, synthesis)
     return Design(
@@ -114,19 +123,12 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     )
 
 
-def _evaluate(evaluation: LawEvaluation, progress: Progress) -> None:
-    """Compute what a design shows, with a word before each part."""
-    progress("corners of the tolerances")
-    evaluation.corners  # noqa: B018
-    evaluation.frequency_response  # noqa: B018
-    progress("torques on the links")
+def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
+    """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.load_response  # noqa: B018
-    progress("a move with feedforward")
     evaluation.move  # noqa: B018
-    assert evaluation.scenario is not None
-    if evaluation.scenario.robots:
-        progress(f"the step of {len(evaluation.scenario.robots)} robots within their tolerances")
-        evaluation.step_samples  # noqa: B018
+    evaluation.step_samples  # noqa: B018
+    return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
@@ -196,8 +198,7 @@ def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Resp
     return setup.step(scenario.step_duration, plant=plant)
 
 
-def _rigid(evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress) -> RigidComparison | None:
-    progress("the rigid design on the same robot")
+def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     setup = evaluation.setup
     few = len(synthesis.problem.state_names) <= RIGID_STATES
     assert evaluation.scenario is not None
@@ -240,13 +241,8 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     searched, limits = preset_of(robot, s) in ("damped", "robust"), joint_limits(robot, s)
-    more = [
-        searched and (limits.limits_peak or limits.limits_speed),
-        s.mujoco,
-        sample_count(robot, states, s) > 0,
-        s.compare_rigid,
-    ]
-    return 8 + solved + len(s.via) + sum(more) + searches_disturbance(states, rays_of(states, s))
+    more = (searched and (limits.limits_peak or limits.limits_speed)) + s.mujoco
+    return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 
 # Comparison ---------------------------------------------------------------------------------------------
