@@ -283,6 +283,8 @@ class GeneralisedPlant(Summarised):
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
 
+        The last one is kept: another γ for the same problem asks whether its code has changed, and expands nothing.
+
         Parameters
         ----------
         degree : int
@@ -294,6 +296,22 @@ class GeneralisedPlant(Summarised):
             As `flexhinf.plant.expansion.expand_control_affine`.
         """
         self.check_unchanged()
+        if degree not in self._expansion:
+            expansion = self._expanded(degree)
+            self._expansion.clear()
+            self._expansion[degree] = expansion
+        return self._expansion[degree]
+
+    @cached_property
+    def _expansion(self) -> dict[int, PolynomialPlant]:
+        """The last expansion, by its degree."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: without the last expansion, which may be large."""
+        return {name: value for name, value in vars(self).items() if name != "_expansion"}
+
+    def _expanded(self, degree: int) -> PolynomialPlant:
         n, table = len(self.state_names), self.plant.parameters
         parameters = table.named(table.vector())
         flow = expand_control_affine(
