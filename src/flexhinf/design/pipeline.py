@@ -212,10 +212,11 @@ def _requirements(
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
-    lines = margin_requirements(s, evaluation.margins)
+    lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
         damping, joints = required_damping(s), evaluation.setup.joints
-        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints)
+        damped = evaluation.least_damped_joint
+        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
@@ -370,7 +371,7 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     """The same lines for every law: margins, the jump, the sampled robots, the corners."""
     found = tuned.evaluation
     s, limits = found.setup.specification, found.setup.limits
-    lines = [] if found.linear_failure else margin_requirements(s, found.margins)
+    lines = [] if found.linear_failure else margin_requirements(s, found.margins, found.setup.joints)
     lines += step_requirements(s, limits, found.jump, "the jump, nominal robot")
     if not found.linear_failure and found.corners is not None:
         lines.append(corner_requirement(found.corners))
