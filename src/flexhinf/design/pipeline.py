@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -91,11 +92,17 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
-    _evaluate(evaluation, progress)
-    progress("the worst disturbance, and the dissipation budget of the step")
-    worth = attenuation(setup, synthesis, scenario.step_duration)
-    mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
-    rigid = _rigid(evaluation, synthesis, progress) if s.compare_rigid else None
+    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
+    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
+        rigid = beside.submit(_runs, evaluation, synthesis)
+        progress("corners of the tolerances, while load, move and sampled robots are run")
+        evaluation.corners  # noqa: B018
+        evaluation.frequency_response  # noqa: B018
+        progress("the worst disturbance, and the dissipation budget of the step")
+        worth = attenuation(setup, synthesis, scenario.step_duration)
+        mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
+        progress("load, move and sampled robots")
+        rigid = rigid.result()
     lines = tuple(_requirements(evaluation, synthesis, mujoco))
     inside = _starts_inside(setup, synthesis)
     return Design(
@@ -114,19 +121,12 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     )
 
 
-def _evaluate(evaluation: LawEvaluation, progress: Progress) -> None:
-    """Compute what a design shows, with a word before each part."""
-    progress("corners of the tolerances")
-    evaluation.corners  # noqa: B018
-    evaluation.frequency_response  # noqa: B018
-    progress("torques on the links")
+def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
+    """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.load_response  # noqa: B018
-    progress("a move with feedforward")
     evaluation.move  # noqa: B018
-    assert evaluation.scenario is not None
-    if evaluation.scenario.robots:
-        progress(f"the step of {len(evaluation.scenario.robots)} robots within their tolerances")
-        evaluation.step_samples  # noqa: B018
+    evaluation.step_samples  # noqa: B018
+    return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
@@ -196,8 +196,7 @@ def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Resp
     return setup.step(scenario.step_duration, plant=plant)
 
 
-def _rigid(evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress) -> RigidComparison | None:
-    progress("the rigid design on the same robot")
+def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     setup = evaluation.setup
     few = len(synthesis.problem.state_names) <= RIGID_STATES
     assert evaluation.scenario is not None
@@ -213,10 +212,11 @@ def _requirements(
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
-    lines = margin_requirements(s, evaluation.margins)
+    lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
         damping, joints = required_damping(s), evaluation.setup.joints
-        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints)
+        damped = evaluation.least_damped_joint
+        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
@@ -239,13 +239,8 @@ def stages(robot: Robot, specification: Specification) -> int:
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     searched, limits = preset_of(robot, s) in ("damped", "robust"), joint_limits(robot, s)
-    more = [
-        searched and (limits.limits_peak or limits.limits_speed),
-        s.mujoco,
-        sample_count(robot, states, s) > 0,
-        s.compare_rigid,
-    ]
-    return 8 + solved + len(s.via) + sum(more) + searches_disturbance(states, rays_of(states, s))
+    more = (searched and (limits.limits_peak or limits.limits_speed)) + s.mujoco
+    return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 
 # Comparison ---------------------------------------------------------------------------------------------
@@ -376,7 +371,7 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     """The same lines for every law: margins, the jump, the sampled robots, the corners."""
     found = tuned.evaluation
     s, limits = found.setup.specification, found.setup.limits
-    lines = [] if found.linear_failure else margin_requirements(s, found.margins)
+    lines = [] if found.linear_failure else margin_requirements(s, found.margins, found.setup.joints)
     lines += step_requirements(s, limits, found.jump, "the jump, nominal robot")
     if not found.linear_failure and found.corners is not None:
         lines.append(corner_requirement(found.corners))
