@@ -34,8 +34,8 @@ __all__ = [
 Robot = Annotated[
     str,
     typer.Argument(
-        help="A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design file (design.toml); "
-        "options win over a design file."
+        help="A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a "
+        "design file (design.toml); options win over a design file."
     ),
 ]
 Out = Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")]
