@@ -92,18 +92,16 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
+    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
-        progress(
-            "corners of the tolerances; beside them, the load, a move and robots within their tolerances"
-        )
+        progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.corners  # noqa: B018
         evaluation.frequency_response  # noqa: B018
-        evaluation.margins  # noqa: B018
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
-        progress("the load, the move and robots within their tolerances")
+        progress("load, move and sampled robots")
         rigid = rigid.result()
     lines = tuple(_requirements(evaluation, synthesis, mujoco))
     inside = _starts_inside(setup, synthesis)
