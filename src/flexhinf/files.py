@@ -13,11 +13,13 @@ import errno
 import hashlib
 import io
 import os
+import re
+import stat
 import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal
@@ -32,7 +34,7 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["locked", "publish", "read_arrays", "recorded", "write_arrays", "write_file"]
+__all__ = ["ABANDONED_AFTER_S", "locked", "part_file", "publish", "read_arrays", "recorded", "write_arrays", "write_file"]
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
@@ -50,6 +52,13 @@ NO_LOCKS = {
 
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
+
+#: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
+ABANDONED_AFTER_S = 86400.0
+
+#: How the name of a file ends that is being written; how a symbolic link or a FIFO is not waited for.
+_PART = ".part"
+_NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 _DIGEST = 64  # bytes of a SHA-256 in hexadecimal
 _LARGEST_FILE, _LARGEST = 16 << 30, 32 << 30  # bytes of an archive, and bytes that it may unpack to
@@ -73,27 +82,103 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
         If this is no path, or the place cannot be written.
     """
     path = checked_path(f"The {what}", path)
-    name = ""
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(handle)
-        write(name)
-        with open(name, "rb") as file:
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        publish(name, path)
+        with part_file(path.parent, f".{path.name}.") as name:
+            write(name)
+            with open(name, "rb") as file:
+                os.fsync(file.fileno())
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(name, 0o666 & ~mask)
+            publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
-        _remove(name)
         raise InvalidInput(
             f"The {what} cannot be written.",
             f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
-    except BaseException:
+
+
+@contextmanager
+def part_file(folder: Path, prefix: str) -> Iterator[str]:
+    """The name of a new file to write and then to rename; it is removed where that does not happen.
+
+    The file is locked until the end of the block, so that others can tell it from one whose process was killed. Of
+    those with this prefix nothing is left: they are removed first.
+
+    Raises
+    ------
+    OSError, ValueError
+        The folder cannot be written.
+    """
+    _clear_parts(folder, prefix)
+    handle, name = _locked_part(folder, prefix)
+    try:
+        yield name
+    finally:
         _remove(name)
-        raise
+        if handle >= 0:
+            os.close(handle)
+
+
+def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
+    """A new file, and the handle that keeps it locked; -1 where there are no locks."""
+    while True:
+        handle, name = tempfile.mkstemp(dir=folder, prefix=prefix, suffix=_PART)
+        try:
+            if fcntl is not None:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_file(handle, name):
+                    return handle, name
+                os.close(handle)  # taken for a left-over before it was locked
+                continue
+        except BlockingIOError:  # likewise, this very moment
+            os.close(handle)
+            continue
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                os.close(handle)
+                _remove(name)
+                raise
+        os.close(handle)
+        return -1, name
+
+
+def _clear_parts(folder: Path, prefix: str) -> None:
+    """Remove the files that killed processes had begun: nobody holds their lock, or there are none and they are old."""
+    begun = re.compile(re.escape(prefix) + r"\w{8}" + re.escape(_PART))
+    for path in [path for path in folder.iterdir() if begun.fullmatch(path.name)]:
+        with suppress(OSError):
+            if not stat.S_ISREG(os.lstat(path).st_mode):
+                continue
+            handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | _NO_FOLLOWING)
+            try:
+                if _abandoned(handle) and _is_file(handle, path):
+                    os.unlink(path)
+            finally:
+                os.close(handle)
+
+
+def _abandoned(handle: int) -> bool:
+    """Whether nobody writes this file any more."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+    return time.time() - os.fstat(handle).st_mtime > ABANDONED_AFTER_S
+
+
+def _is_file(handle: int, name: str | os.PathLike[str]) -> bool:
+    """Whether an open file is still the one of this name."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.lstat(name))
+    except FileNotFoundError:
+        return False
 
 
 def write_arrays(path: str | os.PathLike[str], what: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -235,10 +320,10 @@ def _acquired(path: Path) -> int:
         try:
             # never through a symbolic link, which would make a file elsewhere
             handle = os.open(
-                path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666
+                path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | _NO_FOLLOWING, 0o666
             )
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.path.exists(path) and os.path.samestat(os.fstat(handle), os.stat(path)):
+            if _is_file(handle, path):
                 return handle
             os.close(
                 handle

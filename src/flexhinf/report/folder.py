@@ -19,7 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flexhinf.errors import InvalidInput
-from flexhinf.files import locked, publish
+from flexhinf.files import ABANDONED_AFTER_S, locked, publish
 from flexhinf.report.text import to_json
 from flexhinf.untrusted import checked_path, read_bytes
 
@@ -32,9 +32,6 @@ _TEMPORARY = re.compile(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-[0-9a-f-]+\
 
 #: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
 _PATIENCE = 60.0
-
-#: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
-_ABANDONED_AFTER = 86400.0
 
 #: Most bytes of a marker: one of a thousand files has a hundred thousand.
 _LARGEST_MARKER = 10_000_000
@@ -341,6 +338,6 @@ def _clear(target: Path, sure: bool) -> None:
 
 def _old(folder: Path) -> bool:
     try:
-        return time.time() - folder.stat().st_mtime > _ABANDONED_AFTER
+        return time.time() - folder.stat().st_mtime > ABANDONED_AFTER_S
     except OSError:
         return False
