@@ -134,7 +134,7 @@ def _own(
         joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
         links.append(_blamed(file, row.name, lambda row=row: _link(row.link, file, row.name)))
         springs.append(_blamed(file, row.name, lambda row=row: _elastic(row, file)))
-    common = _common(table, file)
+    common = _common(table, file) | _limits(table.joint)
     rigid = [link for link in links if isinstance(link, Link)]
     if len(rigid) < len(links):
         if len(joints) > 1 or table.down is not None:
@@ -225,7 +225,10 @@ def _with_urdf(
     ]
     springs = [_blamed(file, row.name, lambda row=row: _elastic(row, file)) for row in kept]
     down = {} if table.down is None else {"down": table.down}
-    return assembled(table.name, placed, arm.links, springs, **down, **_common(table, file))
+    # <limit effort> is a torque: it says nothing about a motor whose input is a voltage.
+    torque_driven = springs[0].drive == "torque"
+    stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
+    return assembled(table.name, placed, arm.links, springs, **down, **stated, **_common(table, file))
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -235,6 +238,19 @@ def _common(table: RobotTable, file: str) -> dict[str, Any]:
         penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
     gravity = GRAVITY if table.gravity is None else _number(table.gravity, file, "gravity")
     return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
+
+
+def _limits(
+    rows: Sequence[JointTable],
+    efforts: Sequence[float] | None = None,
+    speeds: Sequence[float] | None = None,
+) -> dict[str, Any]:
+    """Limits of efforts and speeds that the rows state, over those of the URDF."""
+    nothing = [None] * len(rows)
+    return {
+        "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
+        "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
+    }
 
 
 def _elastic(row: JointTable, file: str) -> ElasticJoint:

@@ -104,7 +104,7 @@ class MotorTable(_Table):
 
 
 class JointTable(_Table):
-    """One joint with its link, spring and motor. With a URDF only name, spring and motor."""
+    """One joint with its link, spring, motor and limits. With a URDF only name, limits, spring and motor."""
 
     name: str
     kind: Literal["revolute", "continuous", "prismatic"] | None = None
@@ -112,6 +112,8 @@ class JointTable(_Table):
     xyz: Three | None = None
     rpy: Three | None = None
     limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    speed_limit: Annotated[float, Field(gt=0.0)] | None = None
+    effort_limit: Annotated[float, Field(gt=0.0)] | None = None
     parent: str | None = None
     link: LinkTable | None = None
     spring: SpringTable

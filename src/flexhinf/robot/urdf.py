@@ -16,7 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parts import Link
-from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, limits_of, origin_of
+from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, largest_of, limits_of, origin_of
 from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
 __all__ = ["MOST_JOINTS", "RigidArm", "check_selection", "read_urdf"]
@@ -37,11 +37,15 @@ class RigidArm:
         One per joint, with everything that is fixed to it.
     movable : tuple of str
         All joints of the file that could move, the locked ones too.
+    efforts, speeds : tuple of float
+        Largest torque (N·m) or force (N), and velocity (rad/s, m/s), of each joint; infinite where none is stated.
     """
 
     joints: tuple[Joint, ...]
     links: tuple[Link, ...]
     movable: tuple[str, ...]
+    efforts: tuple[float, ...]
+    speeds: tuple[float, ...]
 
 
 def read_urdf(
@@ -90,7 +94,11 @@ def read_urdf(
             f"{path.name}: nothing moves.", f"all of {list(file.movable)} are fixed or locked", "joints=[...]"
         )
     links = [_merged(bodies, joint.name, path.name) for joint, bodies in zip(walk.joints, walk.bodies)]
-    return RigidArm(tuple(walk.joints), tuple(links), file.movable)
+    efforts, speeds = (
+        tuple(largest_of(path.name, j.name, file.joints[j.name], key) for j in walk.joints)
+        for key in ("effort", "velocity")
+    )
+    return RigidArm(tuple(walk.joints), tuple(links), file.movable, efforts, speeds)
 
 
 def _root(path: Path) -> ElementTree.Element:
