@@ -9,18 +9,21 @@ the same place meanwhile.
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import hashlib
 import io
 import os
 import re
 import stat
+import sys
 import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,7 +37,10 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["ABANDONED_AFTER_S", "locked", "part_file", "publish", "read_arrays", "recorded", "write_arrays", "write_file"]
+__all__ = [
+    "ABANDONED_AFTER_S", "exchange", "locked", "part_file", "publish", "read_arrays", "recorded", "write_arrays",
+    "write_file",
+]  # fmt: skip
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
@@ -92,11 +98,21 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             os.chmod(name, 0o666 & ~mask)
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
+        _raise_interruption(error)
         raise InvalidInput(
             f"The {what} cannot be written.",
             f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
+
+
+def _raise_interruption(error: BaseException) -> None:
+    """Raise the Ctrl-C that this error came of: an archive that is left half-way cannot be closed."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause
+        cause = cause.__context__
 
 
 @contextmanager
@@ -243,10 +259,44 @@ def _unreadable(found: str) -> InvalidInput:
 
 def publish(temporary: str | os.PathLike[str], path: Path) -> None:
     """Give a finished file or folder its name; `recorded` tells of it from the very moment that it has it."""
+    _note(temporary, path)
+    os.replace(temporary, path)
+
+
+def exchange(temporary: str | os.PathLike[str], path: Path) -> bool:
+    """Give a finished folder the name of another one, which gets the temporary name, in one act of the kernel.
+
+    Returns
+    -------
+    bool
+        False where this system or file system has no such act; nothing was done then.
+    """
+    swap = _exchange_of_names()
+    _note(temporary, path)
+    return swap is not None and not swap(os.fsencode(temporary), os.fsencode(path))
+
+
+@cache
+def _exchange_of_names() -> Callable[[bytes, bytes], int] | None:
+    """The C library's function, as (one, other) → 0 for success."""
+    try:
+        library: Any = ctypes.CDLL(None)
+        if sys.platform == "darwin":
+            renamed = library.renamex_np
+            renamed.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint)
+            return lambda one, other: renamed(one, other, 2)
+        renamed, here = library.renameat2, -100
+        renamed.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
+        return lambda one, other: renamed(here, one, here, other, 2)
+    except (OSError, TypeError, AttributeError):  # Windows, an old or another C library
+        return None
+
+
+def _note(temporary: str | os.PathLike[str], path: Path) -> None:
+    """For `recorded`."""
     record = _record.get()
     if record is not None:
         record.append((path, _identity(temporary)))
-    os.replace(temporary, path)
 
 
 @contextmanager

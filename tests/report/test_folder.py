@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,20 @@ import pytest
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
+from flexhinf.report import folder as report_folder
 from flexhinf.report.folder import MARKER
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks of the kernel")
 
 FILES = {"index.html": "<p>γ</p>", "figures/a.svg": b"\x00\xff"}
+
+
+@pytest.fixture(params=["in one act", "in two renamings"])
+def exchanged(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """How a report takes the place of an earlier one: some systems cannot exchange two names."""
+    if request.param == "in two renamings":
+        monkeypatch.setattr("flexhinf.report.folder.exchange", lambda *_: False)
+    return request.param
 
 
 def names(folder: Path) -> set[str]:
@@ -104,6 +114,20 @@ def test_a_pipe_or_a_link_in_place_of_marker_or_lock_is_neither_waited_for_nor_f
     assert not (tmp_path / "victim").exists()
 
 
+@posix
+def test_a_pipe_or_a_link_with_the_name_of_a_left_over_is_neither_waited_for_nor_followed(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "thesis.tex").touch()
+    script = "import sys; from flexhinf import report; report.write(sys.argv[1], {'index.html': ''})"
+    for kind in ("new", "old"):
+        os.mkfifo(tmp_path / f".r.flexhinf-{kind}-00ff")
+        (tmp_path / f".r.flexhinf-{kind}-00fe").symlink_to(precious)
+    subprocess.run([sys.executable, "-c", script, str(tmp_path / "r")], check=True, timeout=20.0)
+    assert report.is_report(tmp_path / "r")
+    assert (precious / "thesis.tex").exists()
+
+
 @pytest.mark.parametrize("path", [None, 3, b"r", "", "a\0b"], ids=repr)
 def test_what_is_no_path_is_refused(path: Any) -> None:
     for act in (report.check, lambda place: report.write(place, FILES)):
@@ -112,19 +136,22 @@ def test_what_is_no_path_is_refused(path: Any) -> None:
 
 
 def test_a_file_put_into_a_report_while_it_is_replaced_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchanged: str
 ) -> None:
     target = report.write(tmp_path / "r", FILES)
-    rename = os.rename
+    exchange, rename = report_folder.exchange, os.rename
 
-    def put_before(source: Path, destination: Path) -> None:
-        if source == target:
+    def put_before(act: Any, *names: Path) -> Any:
+        if target in names and not (tmp_path / "put").exists():
+            (tmp_path / "put").touch()
             (target / "late.txt").touch()
-        rename(source, destination)
+        return act(*names)
 
-    monkeypatch.setattr(os, "rename", put_before)
+    monkeypatch.setattr(os, "rename", lambda *names: put_before(rename, *names))
+    monkeypatch.setattr(report_folder, "exchange", lambda *names: put_before(exchange, *names))
     with pytest.raises(InvalidInput, match="not of the report"):
         report.write(target, {"index.html": "new"})
+    (tmp_path / "put").unlink()
     assert names(target) == {*FILES, MARKER, "late.txt"}
     assert list(tmp_path.iterdir()) == [target]
 
@@ -208,6 +235,7 @@ def test_interrupted_it_leaves_the_earlier_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, error: type[BaseException]
 ) -> None:
     """Whichever of the two renames is cut short, the earlier report stands and nothing lies beside it."""
+    monkeypatch.setattr(report_folder, "exchange", lambda *_: False)
     target = report.write(tmp_path / "r", FILES)
     calls: list[object] = []
     rename = os.rename
@@ -223,6 +251,32 @@ def test_interrupted_it_leaves_the_earlier_report(
     with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else InvalidInput):
         report.write(target, {"index.html": "new"})
     assert names(target) == {*FILES, MARKER}
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.skipif(sys.platform not in ("linux", "darwin"), reason="two names cannot be exchanged")
+def test_there_is_a_report_at_every_moment_while_another_takes_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = report.write(tmp_path / "r", {"index.html": "old"})
+    places = ["flexhinf/files.py", "report/folder.py"]
+    missing: list[str] = []
+
+    def look(frame: Any, event: str, argument: Any) -> Any:
+        if not frame.f_code.co_filename.endswith(tuple(places)):
+            return None
+        if not (target / "index.html").exists():
+            missing.append(f"{frame.f_code.co_name}:{frame.f_lineno}")
+        return look
+
+    before = sys.gettrace()
+    sys.settrace(look)
+    try:
+        report.write(target, {"index.html": "new"})
+    finally:
+        sys.settrace(before)
+    assert missing == []
+    assert (target / "index.html").read_text() == "new"
     assert list(tmp_path.iterdir()) == [target]
 
 
@@ -288,6 +342,29 @@ def test_what_another_run_is_writing_is_not_cleared_away(
     assert list(tmp_path.iterdir()) == [tmp_path / "r"]
 
 
+@posix
+def test_what_another_run_is_about_to_publish_is_not_judged(
+    tmp_path: Path, holder: subprocess.Popen[str]
+) -> None:
+    """Between its first and its last renaming the folder may look like a report with foreign files."""
+    target = tmp_path / "r"
+    target.mkdir()
+    (target / MARKER).write_text('{"what": "flexhinf report", "version": 2, "files": {}}')
+    (target / "index.html").touch()
+
+    def finish() -> None:
+        (target / "index.html").unlink()
+        holder.kill()
+
+    timer = threading.Timer(0.1, finish)
+    timer.start()
+    assert report.check(target) == target
+    timer.join()
+    (target / "index.html").touch()
+    with pytest.raises(InvalidInput, match="not of the report"):
+        report.check(target)
+
+
 PUBLISHER = """
 import os, pathlib, sys
 def foreign(*_):
@@ -301,6 +378,13 @@ def counted(rename):
     return counting
 os.rename, os.replace = counted(os.rename), counted(os.replace)
 from flexhinf import report
+from flexhinf.report import folder
+def exchanging(exchange):
+    def counting(source, target):
+        print(sum(path.is_file() for path in pathlib.Path(source).rglob("*")))
+        return exchange(source, target)
+    return counting
+folder.exchange = exchanging(folder.exchange)
 for turn in range(6):
     report.write(sys.argv[1], {f"runs/{k:03d}.txt": f"{sys.argv[2]} {turn}" for k in range(60)})
 """
