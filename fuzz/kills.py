@@ -1,8 +1,8 @@
-"""Processes that are killed while they write: whatever stood there is whole, old or new, and the next run is as the first.
+"""Processes that are killed while they write: what stood there is whole, old or new, and the next run is as the first.
 
 A process that has everything loaded forks one child per attempt. Most children stop themselves by SIGKILL, SIGTERM or
-SIGINT at a drawn line of the code that touches the disk, which a seed repeats exactly; the others, and whole commands of
-the command line, are stopped from outside after a drawn time.
+SIGINT at a drawn line of the code that touches the disk, which a seed repeats exactly; the others, and whole commands
+of the command line, are stopped from outside after a drawn time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,14 @@ COMMANDS = 4
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
 #: Files whose lines are counted: ours that write, and the standard library's that they write with.
-WATCHED = ("flexhinf/files.py", "report/folder.py", "codegen/cache.py", "tempfile.py", "shutil.py", "zipfile.py")
+WATCHED = (
+    "flexhinf/files.py",
+    "report/folder.py",
+    "codegen/cache.py",
+    "tempfile.py",
+    "shutil.py",
+    "zipfile.py",
+)
 
 #: More lines than any of the works goes through, and seconds that a child may take.
 LINES, PATIENCE_S = 3000, 60.0
@@ -128,7 +135,9 @@ def _works() -> list[Work]:
 
 
 def _write_report(place: Path, version: int) -> None:
-    report.write(place, {"index.html": f"{version}", **{f"runs/{k}.txt": f"{version}" * 1000 for k in range(5)}})
+    report.write(
+        place, {"index.html": f"{version}", **{f"runs/{k}.txt": f"{version}" * 1000 for k in range(5)}}
+    )
 
 
 def _read_report(place: Path) -> int:

@@ -157,8 +157,12 @@ def _deleted(folder: Path, rng: np.random.Generator) -> str:
             for path in (victim, *victim.parent.glob(".r.flexhinf-new*")):
                 shutil.rmtree(path, ignore_errors=True)
 
+    def publish() -> None:
+        for version in (2, 3, 4):
+            _publish(target, version)
+
     deleting = _forked([delete])
-    codes = _ends(_forked([lambda: [_publish(target, 2 + turn) for turn in range(3)] and None]))
+    codes = _ends(_forked([publish]))
     _ends(deleting)
     if codes[0] not in (0, TYPED):
         return f"the process ended with {codes[0]}"
@@ -173,7 +177,12 @@ def _foreign(folder: Path, rng: np.random.Generator) -> str:
     """The user's own file in a report, or a file of it that was edited or replaced by something else."""
     target = folder / "r"
     _publish(target, 1)
-    places = (target / "mine.txt", target / "runs" / "mine.txt", target / "runs" / "0.txt", target / "own" / "a")
+    places = (
+        target / "mine.txt",
+        target / "runs" / "mine.txt",
+        target / "runs" / "0.txt",
+        target / "own" / "a",
+    )
     place = places[rng.integers(len(places))]
     place.parent.mkdir(exist_ok=True)
     place.unlink(missing_ok=True)

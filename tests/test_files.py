@@ -27,7 +27,9 @@ def write(path: Path, text: str) -> None:
 
 
 @posix
-def test_what_a_killed_process_began_is_cleared_away_by_the_next_one_that_writes_there(tmp_path: Path) -> None:
+def test_what_a_killed_process_began_is_cleared_away_by_the_next_one_that_writes_there(
+    tmp_path: Path,
+) -> None:
     command = [sys.executable, "-c", KILLED, str(tmp_path / "run.nc")]
     assert subprocess.run(command, check=False).returncode == -9
     theirs = tmp_path / ".run.nc.notes.part"
@@ -54,7 +56,9 @@ def test_a_part_that_is_a_pipe_or_a_link_is_neither_waited_for_nor_followed(tmp_
     assert (tmp_path / "precious").read_text() == "mine"
 
 
-def test_without_locks_only_old_parts_are_cleared_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_locks_only_old_parts_are_cleared_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(files, "fcntl", None)
     old, new = (tmp_path / f".run.nc.{letter * 8}.part" for letter in "on")
     for path in (old, new):

@@ -369,9 +369,7 @@ def _acquired(path: Path) -> int:
         handle = -1
         try:
             # never through a symbolic link, which would make a file elsewhere
-            handle = os.open(
-                path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | _NO_FOLLOWING, 0o666
-            )
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | _NO_FOLLOWING, 0o666)
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_file(handle, path):
                 return handle

@@ -181,7 +181,9 @@ def test_the_repair_withstands_other_plants_and_is_the_smallest(
         assert ours["settling_time_s"] < 1.2 * paper["settling_time_s"]
 
 
-def test_ctrl_c_ends_the_growth_rates_of_both_goals(setup: PaperSetup, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_the_growth_rates_of_both_goals(
+    setup: PaperSetup, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It reaches one thread only; the others would go on for minutes."""
 
     def endless(*arguments: Any) -> None:
