@@ -101,6 +101,7 @@ def growth_rates(
     population: Population,
     noises: Sequence[ProcessNoise | None] = (None,),
     plants: np.ndarray | None = None,
+    going_on: Callable[[], None] | None = None,
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v.
 
@@ -112,6 +113,8 @@ def growth_rates(
         None stands for the loop as it is.
     plants : (N,) array of int, optional
         Only these plants of the population.
+    going_on : callable, optional
+        Called before each R^v, of which one may take a second; what it raises ends the work.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def growth_rates(
         If R^v is asked for and no Kalman filter is in the loop.
     """
     chosen = np.arange(len(population)) if plants is None else plants
-    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen)
+    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen, going_on)
 
 
 def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
@@ -133,11 +136,14 @@ def _growth_rates(
     vectors: np.ndarray,
     noises: Sequence[ProcessNoise | None],
     chosen: np.ndarray,
+    going_on: Callable[[], None] | None = None,
 ) -> tuple[GrowthRates, ...]:
     """The same with the parameter vectors of the whole population; few plants with several R^v at once."""
     found: list[GrowthRates] = []
     equilibria, count, rest = None, len(chosen), list(noises)
     while rest:
+        if going_on is not None:
+            going_on()
         together = 1 if None in rest[:1] else max(1, ROWS // max(count, 1))
         part = list(takewhile(lambda noise: noise is not None, rest[:together])) or rest[:1]
         del rest[: len(part)]
