@@ -1,8 +1,9 @@
 """The one criterion that the laws of a comparison are tuned for and judged by, and the limits that all of them keep.
 
-Criterion: the mean of three ratios to the design's own law, each of the same run for all laws: the largest deviation
+Criterion: the mean of three ratios to the design as it is, each of the same run for all laws: the largest deviation
 of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
-largest error in following the jerk-limited reference. The design has 1; less is better.
+largest error in following the jerk-limited reference. The design has 1; less is better. These runs are those of the
+nominal robot without measurement noise, so that no seed has a part in the criterion: noise counts as a limit.
 
 Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
 that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
@@ -140,9 +141,10 @@ class Criterion:
     def text(self) -> str:
         """One sentence for the report, before any result."""
         return (
-            "Each law is tuned over all its parameters for the smallest mean of three ratios to nl-hinf: largest "
-            "deviation under the load, settling time of the step commanded at once, largest error behind the "
-            f"jerk-limited reference; with {'; '.join(limit.text for limit in self.limits)}."
+            "Every law, nl-hinf among them, is tuned over all its parameters for the smallest mean of three ratios to "
+            "the design as it is: largest deviation under the load, settling time of the step commanded at once, "
+            "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise; "
+            f"with {'; '.join(limit.text for limit in self.limits)}."
         )
 
     def ratios(self, figures: Figures) -> dict[str, float]:
@@ -216,7 +218,7 @@ def criterion_for(
             return Limit(figure, label, unit, given[0], given[1], least)
         if not usable:
             return None
-        origin = f"nl-hinf's own; {given[1]}: {given[0]:.3g}" if given else "nl-hinf's own"
+        origin = f"the design's own; {given[1]}: {given[0]:.3g}" if given else "the design's own"
         return Limit(figure, label, unit, mine, origin, least)
 
     linear = (

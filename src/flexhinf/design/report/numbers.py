@@ -75,7 +75,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     found = {
-        "version": 2,
+        "version": 3,
         "robot": comparison.robot.name,
         "joints": list(comparison.robot.joint_names),
         "unit": comparison.units()["input"],

@@ -178,6 +178,7 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
             for limit in criterion.limits
         ),
         Setting("shared limit", criterion.mode, "", "option --tune"),
+        Setting("measurement noise", "none in the runs of the nominal robot, as stated for the sampled ones", "", "ours"),
         Setting("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
         Setting(
             "load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s long, in equilibrium at the goal"
