@@ -289,7 +289,13 @@ def law(name: str, cost: float, feasible: bool = True, unstable: int = 0) -> Any
 
 def test_the_best_rival_is_the_cheapest_that_keeps_all_limits_and_is_as_robust() -> None:
     own, ours = law(DESIGN, 1.0, unstable=2), [law(NL_HINF, 0.8), law("nl-hinf-4", 0.6)]
-    laws = [own, law("pd", 0.7, unstable=3), law("pid", 0.5, feasible=False), law("lqr", 0.9, unstable=2), *ours]
+    laws = [
+        own,
+        law("pd", 0.7, unstable=3),
+        law("pid", 0.5, feasible=False),
+        law("lqr", 0.9, unstable=2),
+        *ours,
+    ]
     assert best_rival([*laws, law("flatness", 0.95)]).name == "lqr"  # type: ignore[union-attr]
     assert best_rival([own, *ours]) is None
     assert [found.name for found in ranked(laws)] == ["nl-hinf-4", NL_HINF, "lqr"]

@@ -70,9 +70,9 @@ Tune = Annotated[
     typer.Option(
         rich_help_panel=COMPARISON,
         help="What the laws share when they are tuned: peak (largest input of the step commanded at once: at most the "
-        "limit asked for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: at "
-        "most the one asked for, or that of the design), or none. Every law keeps the limits of the margins as well, and "
-        "lets no more measurement noise through to the motor than the design.",
+        "limit asked for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: "
+        "at most the one asked for, or that of the design), or none. Every law keeps the limits of the margins as "
+        "well, and lets no more measurement noise through to the motor than the design.",
     ),
 ]
 SameSensors = Annotated[

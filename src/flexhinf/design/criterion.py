@@ -139,12 +139,16 @@ class Criterion:
 
     @property
     def text(self) -> str:
-        """One sentence for the report, before any result."""
+        """One sentence before any result, with the limits."""
+        return f"{self.measure.rstrip('.')}; with {'; '.join(limit.text for limit in self.limits)}."
+
+    @property
+    def measure(self) -> str:
+        """What is made small."""
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest mean of three ratios to "
             "the design as it is: largest deviation under the load, settling time of the step commanded at once, "
-            "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise; "
-            f"with {'; '.join(limit.text for limit in self.limits)}."
+            "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise."
         )
 
     def ratios(self, figures: Figures) -> dict[str, float]:

@@ -33,9 +33,8 @@ __all__ = [
     "yardstick",
 ]
 
-#: Candidates per parameter, of the coarse search and of the simplexes of each round: (largest number of states, coarse,
-#: first round, second round).
-BUDGET = ((15, 6, 12, 6), (10_000, 1, 3, 1))
+#: Candidates per parameter: (largest number of states, samples and simplex of the first round, simplex of the second).
+BUDGET = ((15, 14, 2, 5), (10_000, 3, 1, 1))
 
 #: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
 LOOKED_AT = 8
@@ -116,7 +115,7 @@ class TunedLaw:
 
 def is_ours(name: str) -> bool:
     """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
-    return name == DESIGN or name == NL_HINF or name.startswith(f"{NL_HINF}-")
+    return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
 
 
 def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
@@ -271,10 +270,10 @@ class Tuner:
             return TunedLaw(kind, self.own, figures, self.criterion.cost(figures), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        coarse, simplexes, _ = self._budget
+        samples, simplex, _ = self._budget
         return min(
             (
-                self._tuned(kind, sensors, self._search(kind, sensors, None, coarse, simplexes))
+                self._tuned(kind, sensors, self._search(kind, sensors, None, samples, simplex))
                 for sensors in choices or (tuple(s.measured),)
             ),
             key=lambda law: (not law.feasible, law.cost),
@@ -353,8 +352,8 @@ class Tuner:
         kind: LawKind,
         sensors: tuple[str, ...],
         before: Tuning | None,
-        coarse: int,
-        simplexes: int,
+        samples: int,
+        simplex: int,
         others: Sequence[TunedLaw] = (),
     ) -> Tuning:
         """Over all parameters, from the design's or from the best so far; R^v only where there is an estimator."""
@@ -368,8 +367,8 @@ class Tuner:
             lambda values: self._judged(kind, sensors, values, self._searched_degree),
             start if before is None else dict(before.best.parameters),
             bounds,
-            coarse * len(start),
-            simplexes * len(start),
+            samples * len(start),
+            simplex * len(start),
             others=[values for law in others if (values := self._contained(start, law)) is not None],
         )
         if before is None:

@@ -45,8 +45,8 @@ KEYS = (
 #: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
 RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
 
-#: Differences of the criterion smaller than this fraction are none.
-EQUAL = 0.02
+#: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
+EQUAL = 0.05
 
 #: A deviation that remains under the load is named where it is so many times that of the design's own law.
 OFFSET = 10.0
@@ -69,7 +69,7 @@ def comparison_page(
     sections = [
         Section(
             "Laws by the criterion",
-            (*notes, Paragraph(_ranking_text(comparison)), _ranking(comparison)),
+            (_limits(comparison), Paragraph(_ranking_text(comparison)), _ranking(comparison), *notes),
             "criterion",
         ),
         _trade_off(comparison),
@@ -107,12 +107,13 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     design = comparison.own.tuned
     assert design is not None
     return min(
-        [*(law for law in ranked(tuned_laws(comparison)) if is_ours(law.name)), design], key=lambda law: law.cost
+        [*(law for law in ranked(tuned_laws(comparison)) if is_ours(law.name)), design],
+        key=lambda law: law.cost,
     )
 
 
 def comparison_verdict(comparison: Comparison) -> str:
-    """The best rival against nonlinear H∞, both tuned for the criterion; where ours loses, the first sentence says so."""
+    """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
     rival, ours = rival_of(comparison), ours_of(comparison)
     others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
     if not others:
@@ -126,7 +127,7 @@ def comparison_verdict(comparison: Comparison) -> str:
         _outcome(rival, ours),
         _second(comparison, rival, ours),
         _ratios_text(comparison, rival, ours),
-        "" if ours.name == DESIGN else f"The design as it is, not tuned for the criterion, has {_design_cost(comparison)}.",
+        _design_text(comparison, ours),
     )
     return " ".join(sentence for sentence in sentences if sentence)
 
@@ -136,9 +137,12 @@ def _called(law: TunedLaw) -> str:
     return "the design" if law.name == DESIGN else law.name
 
 
-def _design_cost(comparison: Comparison) -> str:
-    assert comparison.own.tuned is not None
-    return number(comparison.own.tuned.cost, 3)
+def _design_text(comparison: Comparison, ours: TunedLaw) -> str:
+    """Where the design itself stands, unless it is already the one that is compared."""
+    design = comparison.own.tuned
+    if design is None or ours is design:
+        return ""
+    return f"The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
 
 
 def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
@@ -164,8 +168,8 @@ def _ratios_text(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str
         return text
     unit = unit_of(figure, comparison)
     return (
-        f"{text} Under a constant load it keeps a deviation of {cell(figure, remains, comparison)} {unit}, {_called(ours)} "
-        f"of {cell(figure, kept, comparison)} {unit}: the criterion does not count that."
+        f"{text} Under a constant load it keeps a deviation of {cell(figure, remains, comparison)} {unit}, "
+        f"{_called(ours)} of {cell(figure, kept, comparison)} {unit}: the criterion does not count that."
     )
 
 
@@ -204,8 +208,9 @@ def _intro(comparison: Comparison) -> str:
         f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
         f"{way}. {count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {NL_HINF} is the same problem tuned "
-        f"as the other laws are. Criterion: {comparison.criterion.text}"
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {NL_HINF} is the same problem "
+        f"tuned as the other laws are. Criterion: {comparison.criterion.measure} All keep the same limits, which stand "
+        "below."
     ).replace(NL_HINF, _whole(NL_HINF))
 
 
@@ -259,6 +264,15 @@ def _ranking_text(comparison: Comparison) -> str:
     )
 
 
+def _limits(comparison: Comparison) -> Table:
+    """What every law keeps, and who says so."""
+    rows = [
+        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+        for x in comparison.criterion.limits
+    ]
+    return Table(("limit for every law", "value", "stated by"), rows, id="table-limits")
+
+
 def _ranking(comparison: Comparison) -> Table:
     """Laws that keep every limit first, by the criterion."""
     laws = tuned_laws(comparison)
@@ -269,7 +283,10 @@ def _ranking(comparison: Comparison) -> Table:
         rows.append(
             (
                 _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
-                *(value if np.isfinite(value) else None for value in (law.cost, *(ratios[name] for name in RATIOS))),
+                *(
+                    value if np.isfinite(value) else None
+                    for value in (law.cost, *(ratios[name] for name in RATIOS))
+                ),
                 "–" if corners is None else corners.unstable,
                 ", ".join(law.sensors).replace("_", " ") or "true state",
                 "yes" if law.feasible else law.reason,
@@ -321,7 +338,8 @@ def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
 def _laws(comparison: Comparison) -> list[Any]:
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
-        "two rounds with as many candidates per parameter, with the sensors that its proponents would choose. All run in error coordinates about the goal or the move, "
+        "two rounds with as many candidates per parameter, with the sensors that its proponents would choose. All run "
+        "in error coordinates about the goal or the move, "
         "(x_d, u_d) from the elastic inverse dynamics, with integrals at zero when the command comes."
     )
     columns = (

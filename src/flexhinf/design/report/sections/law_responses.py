@@ -61,10 +61,10 @@ def responses_figure(comparison: Comparison) -> Figure:
     return figure_block(
         "laws", figure,
         (
-            "Errors of the true link position in the nonlinear loop, estimator and noise included. Left: the step, "
-            "commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link position "
-            f"minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down a column; lines that leave a "
-            "panel go on.",
+            "Errors of the true link position in the nonlinear loop with estimator, without measurement noise. Left: "
+            "the step, commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link "
+            f"position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down a "
+            "column; lines that leave a panel go on.",
             f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
         ),
         "Laws in the same runs",
