@@ -7,7 +7,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Program, Slice, c_library, compile_program, compiler, machine
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, compiler, machine
 
 X = casadi.SX.sym("x")
 
@@ -42,8 +42,8 @@ def test_an_operation_without_machine_code_is_interpreted(lanes, notices):
 
 
 def test_a_c_library_without_the_function(monkeypatch, notices):
-    monkeypatch.setattr(c_library, "_libraries", lambda: ())
-    c_library._address.cache_clear()
+    monkeypatch.setattr(machine, "_libraries", lambda: ())
+    machine._address.cache_clear()
     assert value(compile_program(single(casadi.tan(X))), 0.0) == 0.0
     assert ["'tan' was not found" in notice for notice in notices()] == [True]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice, When
-from flexhinf.codegen.fingerprint import emitter_digest, fingerprint
+from flexhinf.codegen.compiler import emitter_digest, fingerprint
 
 X = casadi.SX.sym("x", 2)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.rotation import rotate_pairs
+from flexhinf.polynomial.coordinates import rotate_pairs
 from flexhinf.polynomial.transform import change_variables
 
 

@@ -1,5 +1,7 @@
 """References and poses that a robot cannot follow or hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,30 @@ def test_a_pose_beyond_one_turn_asks_whether_degrees_were_meant(pose):
     assert "were degrees meant?" in text
     assert "90deg" in text or "-180deg" in text
     paper_arm().problem(pose=[2.0 * np.pi])
+
+
+def test_limits_are_one_per_joint_and_checked():
+    robot = load_robot("planar-two-link")
+    assert robot.effort_limits == robot.speed_limits == (np.inf, np.inf)
+    limited = replace(robot, effort_limits=[300.0, None], speed_limits=(2.0, 1.5))
+    assert limited.effort_limits == (300.0, np.inf)
+    assert limited.with_values({"gravity": 3.7}).speed_limits == (2.0, 1.5)
+    for field in ("effort_limits", "speed_limits"):
+        for wrong in ([1.0], [1.0, -2.0], [1.0, np.nan], 3.0, "87,12"):
+            assert "joints" in refused(lambda field=field, wrong=wrong: replace(robot, **{field: wrong}))
+
+
+def test_what_a_robot_states_is_kept_by_default():
+    robot = replace(load_robot("planar-two-link"), effort_limits=(1.0, 1e3), speed_limits=(2.0, 1.5))
+    first, second = robot.joint_names
+    text = refused(lambda: check_holding(robot, [1.5, 0.0]))
+    assert repr(first) in text
+    assert "at most 1 V" in text
+    check_holding(robot, [1.5, 0.0], 1e4)
+    slow = {first: 0.1, second: Sine(0.5, 0.45)}  # 1.41 rad/s
+    assert check_reference(robot, slow, 2.0) == 0.0
+    fast = {first: 0.1, second: Sine(0.5, 0.5)}  # 1.57 rad/s
+    text = refused(lambda: check_reference(robot, fast, 2.0))
+    assert repr(second) in text
+    assert "1.5 rad/s" in text
+    assert check_reference(robot, fast, 2.0, speed={second: 1.6, first: 1.0}) == 0.0

@@ -24,6 +24,8 @@ name = "slide"
 kind = "prismatic"
 axis = [1, 0, 0]
 limits = [-0.5, 0.5]
+speed_limit = 0.4
+effort_limit = 120
 [joint.link]
 mass = 2.0
 centre_of_mass = [0.1, 0.0, 0.0]
@@ -109,6 +111,7 @@ def test_everything_a_file_says_arrives(write):
     assert robot.plant().unit("drive_torque_slide") == "N"
     assert robot.problem().penalty.weights(robot.problem().state_names)[:2].tolist() == [1.0, 2.0]
     assert robot.links.limits == ((-0.5, 0.5), None)
+    assert (robot.speed_limits, robot.effort_limits) == ((0.4, np.inf), (120.0, np.inf))
 
 
 def replaced(old, new):

@@ -313,3 +313,40 @@ def test_joints_that_are_not_named_are_refused(urdf, elastic, options):
 def test_limits_of_zero_are_none(tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM.replace('lower="-2" upper="1.5"', 'lower="0" upper="0"'))
     assert read_urdf(tmp_path / "arm.urdf", locked={"follow": 0.0}).joints[0].limits is None
+
+
+def test_efforts_and_speeds_come_from_the_urdf_and_the_file_wins(urdf, elastic):
+    robot = load_robot(urdf, elastic("shoulder", "elbow", "lift"), locked={"grip": 0.0, "follow": 0.0})
+    places = [robot.joint_names.index(name) for name in ("shoulder", "lift")]
+    assert [robot.effort_limits[k] for k in places] == [9.0, 9.0]
+    assert [robot.speed_limits[k] for k in places] == [1.0, 1.0]
+    assert robot.effort_limits[1] == np.inf  # <limit> is not there
+    file = elastic("shoulder", "elbow", "lift")
+    text = file.read_text().replace('name = "lift"', 'name = "lift"\neffort_limit = 70.0')
+    file.write_text(text)
+    robot = load_robot(urdf, file, locked={"grip": 0.0, "follow": 0.0})
+    assert robot.effort_limits[2] == 70.0
+    text = text.replace(
+        "motor_inertia = ",
+        "resistance = 1.0\ntorque_constant = 1.0\nback_emf_constant = 1.0\nmotor_inertia = ",
+    )
+    file.write_text(text)
+    volts = load_robot(urdf, file, locked={"grip": 0.0, "follow": 0.0})
+    assert volts.drive == "voltage"
+    assert volts.effort_limits == (np.inf, np.inf, 70.0)
+    assert volts.speed_limits[0] == 1.0
+
+
+@pytest.mark.parametrize("key", ["effort", "velocity"])
+def test_limits_of_zero_and_below(tmp_path, elastic, key):
+    file, names = tmp_path / "arm.urdf", ("shoulder", "elbow", "lift")
+    stated = {"effort": "9", "velocity": "1"}[key]
+    for value, words in (("0", ""), ("-4", f"{key} limit of the joint 'shoulder' is negative")):
+        file.write_text(ARM.replace(f'{key}="{stated}"', f'{key}="{value}"', 1))
+        options = {"locked": {"grip": 0.0, "follow": 0.0}}
+        if words:
+            with pytest.raises(InvalidInput, match=words):
+                load_robot(file, elastic(*names), **options)
+            continue
+        robot = load_robot(file, elastic(*names), **options)
+        assert (robot.effort_limits if key == "effort" else robot.speed_limits)[0] == np.inf

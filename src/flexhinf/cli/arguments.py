@@ -19,7 +19,16 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
 
-__all__ = ["PEAKS", "Elastic", "Out", "Robot", "reproduce_command", "request_of", "with_specification"]
+__all__ = [
+    "PEAKS",
+    "Elastic",
+    "Out",
+    "Payload",
+    "Robot",
+    "reproduce_command",
+    "request_of",
+    "with_specification",
+]
 
 Robot = Annotated[
     str,
@@ -31,6 +40,15 @@ Robot = Annotated[
 Out = Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")]
 Elastic = Annotated[
     str, typer.Option(help="With a URDF: the robot file with spring and motor of each joint.")
+]
+
+Payload = Annotated[
+    str,
+    typer.Option(
+        help="What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, "
+        ":x,y,z its centre of mass there (m). Default: the file's own.",
+        metavar="<kg@link>",
+    ),
 ]
 
 #: Options for the largest input, and the drive that each is for.
@@ -109,7 +127,7 @@ class CommandRequest:
     warnings: list[str]
 
 
-def request_of(context: typer.Context, source: str, elastic: str) -> CommandRequest:
+def request_of(context: typer.Context, source: str, elastic: str, payload: str) -> CommandRequest:
     """Robot and specification of a command; prints notes.
 
     Raises
@@ -123,7 +141,7 @@ def request_of(context: typer.Context, source: str, elastic: str) -> CommandRequ
     fields = _fields(context)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
-        request = read_request(source, elastic or None, fields)
+        request = read_request(source, elastic or None, fields, payload or None)
     _check_drive(context, request.robot)
     found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*found, *request.notes):

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
 import json
 import logging
 import os
 import sys
 import threading
-from functools import cache
-from typing import Any
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from flexhinf.codegen.interpreter import interpret
-from flexhinf.codegen.kernel import Kernel
-from flexhinf.codegen.program import ENTRY, Program
-from flexhinf.codegen.unsupported import Unsupported
+from flexhinf.codegen.kernel import Kernel, Status
+from flexhinf.codegen.program import ENTRY, Program, Unsupported
+from flexhinf.codegen.steps import Call, Map, Repeat, Step, When
+
+if TYPE_CHECKING:
+    from flexhinf.codegen.machine import Code
 
 _LOGGER = logging.getLogger("flexhinf.codegen")
 
@@ -86,8 +94,7 @@ def _compile(program: Program, lanes: int) -> Kernel:
 
     from flexhinf.codegen import machine
     from flexhinf.codegen.cache import cached
-    from flexhinf.codegen.fingerprint import emitter_digest, fingerprint
-    from flexhinf.codegen.native import NativeKernel
+    from flexhinf.codegen.compiler import NativeKernel, emitter_digest, fingerprint
 
     host = machine.host()
 
@@ -110,3 +117,98 @@ def _compile(program: Program, lanes: int) -> Kernel:
 @cache
 def _notice(reason: str) -> None:
     _LOGGER.warning("%s; it runs on CasADi's evaluator instead, which is slower.", reason)
+
+
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+
+
+class NativeKernel(Kernel):
+    """Machine code of a program.
+
+    Parameters
+    ----------
+    program : Program
+    lanes : int
+    code : Code
+        Made from this program for these lanes.
+    """
+
+    compiled = True
+
+    def __init__(self, program: Program, lanes: int, code: Code) -> None:
+        super().__init__(program, lanes)
+        self.code = code
+        self.entry = _ENTRY(code.address)
+
+    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int]) -> BoundCode:
+        arrays = dict(arrays)
+        for buffer in self.program.buffers:
+            if buffer.role == "work":
+                arrays[buffer.name] = np.zeros((buffer.size or 0) * self.lanes)
+        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
+        words = [*addresses, *(counts[name] for name in self.program.counts)]
+        context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
+        bound = BoundCode(self.entry, ctypes.c_void_p(context.ctypes.data))
+        bound.keep = (self, arrays, context)
+        bound.outcome = context[len(words) :]
+        return bound
+
+
+class BoundCode(partial):
+    """The entry with its one argument: calling it runs no Python code at all.
+
+    Attributes
+    ----------
+    keep : tuple
+        The kernel, the arrays and the context, alive as long as this object.
+    outcome : (2·lanes,) array of int
+        Codes and steps of the last call.
+    """
+
+    keep: tuple
+    outcome: np.ndarray
+
+    @property
+    def status(self) -> Status:
+        """Status of the last call."""
+        codes, steps = self.outcome.reshape(2, -1)
+        if len(codes) == 1:
+            return Status(int(codes[0]), int(steps[0]))
+        return Status(codes.copy(), steps.copy())
+
+
+def fingerprint(program: Program) -> str:
+    """Buffers, counts, steps, and every traced function in CasADi's own serial form.
+
+    Two programs with the same fingerprint are the same to the last constant: a function's serial form holds its
+    instructions, not what they were written as.
+    """
+    functions: dict[int, str] = {}
+
+    def line(step: Step) -> str:
+        if isinstance(step, Repeat):
+            return f"Repeat({step.count!r}: {'; '.join(map(line, step.body))})"
+        if isinstance(step, When):
+            return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
+        if not isinstance(step, Call | Map):
+            return repr(step)
+        key = step.function.__hash__()
+        if key not in functions:
+            functions[key] = step.function.serialize()
+        times = step.times if isinstance(step, Map) else None
+        number = list(functions).index(key)
+        return f"{type(step).__name__}({number}, {step.inputs!r}, {step.outputs!r}, {times})"
+
+    steps = [line(step) for step in program.body]
+    lines = [repr(program.buffers), repr(program.counts), *steps]
+    lines += [f"{len(text)} {text}" for text in functions.values()]
+    return "\n".join(lines)
+
+
+@cache
+def emitter_digest() -> str:
+    """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
+    digest = hashlib.sha256()
+    for path in sorted((Path(__file__).parent / "emit").glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

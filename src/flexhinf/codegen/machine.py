@@ -1,14 +1,17 @@
-"""LLVM text to machine code in this process, by llvmlite. Loading this module loads llvmlite."""
+"""LLVM text to machine code in this process, linked with the C mathematical library. Loading this loads llvmlite."""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
 from dataclasses import dataclass
 from functools import cache
 
 import llvmlite
 import llvmlite.binding as llvm
 
-from flexhinf.codegen import c_library
+from flexhinf.codegen.program import Unsupported
 
 _LARGE = 20_000  # operations
 
@@ -75,7 +78,7 @@ class Code:
 
     def __init__(self, image: bytes, entry: str, library: dict[str, str]) -> None:
         builder = llvm.JITLibraryBuilder().add_object_img(image).add_current_process().export_symbol(entry)
-        for name, address in c_library.addresses(library).items():
+        for name, address in addresses(library).items():
             builder.import_symbol(name, address)
         # A linker of its own: what one linker has once linked leaves 10 KB in it for ever.
         self._linker = _linker()
@@ -135,3 +138,48 @@ def _linker() -> llvm.LLJIT:
     # JITLink keeps the sections of an object together. The older linker takes memory wherever there is some; in a
     # process with large arrays code and constants can end up more than 2 GB apart, and it then aborts the process.
     return llvm.create_lljit_compiler(_target(0), use_jit_link=True)
+
+
+_NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}
+
+
+def addresses(library: dict[str, str]) -> dict[str, int]:
+    """Where each function lies.
+
+    Parameters
+    ----------
+    library : dict of str to str
+        Name used in the machine code to name in the C library.
+
+    Returns
+    -------
+    dict of str to int
+
+    Raises
+    ------
+    Unsupported
+        A function that this C library does not have.
+    """
+    return {emitted: _address(name) for emitted, name in library.items()}
+
+
+@cache
+def _address(name: str) -> int:
+    for library in _libraries():
+        function = getattr(library, name, None)
+        if function is not None:
+            address = ctypes.cast(function, ctypes.c_void_p).value
+            if address:
+                return address
+    raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")
+
+
+@cache
+def _libraries() -> tuple[ctypes.CDLL, ...]:
+    found = [] if os.name == "nt" else [ctypes.CDLL(None)]
+    for name in _NAMES.get(sys.platform, ("libm.so.6", "libm.so")):
+        try:
+            found.append(ctypes.CDLL(name))
+        except OSError:
+            continue
+    return tuple(found)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from flexhinf.codegen.memory import Buffer, Slice, check_identifier
 from flexhinf.codegen.steps import Repeat, Simple, Step, When, slices
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
 
 __all__ = ["ENTRY", "PREFIX", "Program"]
 
@@ -133,3 +133,10 @@ class Program:
                 f"{piece} ends at {piece.offset + piece.size}, the buffer has {size} elements",
                 "a smaller offset or size, or a larger buffer",
             )
+
+
+class Unsupported(FlexhinfError):
+    """A traced function needs something for which no machine code can be made."""
+
+    def __init__(self, what: str, found: str) -> None:
+        super().__init__(what, found, "flexhinf.codegen.interpret runs the program on CasADi's evaluator")

@@ -1,11 +1,16 @@
 """Estimators: the states a law needs, from the signals a robot has."""
 
-from flexhinf.estimation.constant_gain import ConstantGainBelief, ConstantGainFilter
+from flexhinf.estimation.constant_gain import (
+    ConstantGainBelief,
+    ConstantGainFilter,
+    linear_model,
+    stationary_covariance,
+    stationary_gain,
+)
 from flexhinf.estimation.extended import ExtendedKalmanFilter
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
 from flexhinf.estimation.sigma_points import SigmaPoints
-from flexhinf.estimation.stationary import linear_model, stationary_covariance, stationary_gain
 from flexhinf.estimation.unscented import UnscentedKalmanFilter
 
 __all__ = [

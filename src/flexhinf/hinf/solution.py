@@ -1,14 +1,19 @@
-"""What a synthesis returns: the value function, its law, its worst disturbance, and its own residual."""
+"""What a synthesis returns: the value function, its law, its worst disturbance, and its own residual.
+
+The law is what a closed loop runs, u = −R2⁻¹ g2(x)ᵀ V_xᵀ on any element. With a constant g2 that is a polynomial, a
+table of monomials; with g2(x) it is the product of the exact g2 and the polynomial V_x, as `sampled_region` checks it.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from flexhinf.hinf.feedback import EXACT_INPUT_MATRIX, GradientLaw, input_matrix_of
 from flexhinf.hinf.margin import CheckedMargin, Penalty, checked_margin
 from flexhinf.hinf.recursion import DegreeRecord
 from flexhinf.hinf.report import solution_report
@@ -16,12 +21,15 @@ from flexhinf.hinf.sampled import SampledCheck, sample_region
 from flexhinf.hinf.storage import read_solution, write_solution
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import names_text, number_text
+from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import add_part, product
 from flexhinf.polynomial.law import PolynomialLaw
+from flexhinf.scalars import digest, trace
 
-__all__ = ["HJISolution", "load_solution"]
+__all__ = ["EXACT_INPUT_MATRIX", "GradientLaw", "HJISolution", "input_matrix_of", "load_solution"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,3 +209,49 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
         Not there, not such a file, damaged, or of a newer version.
     """
     return HJISolution(**read_solution(path, problem))
+
+
+#: Problems that evaluate g2 itself on any element; of others the expansion does.
+EXACT_INPUT_MATRIX = (GeneralisedPlant, PolynomialPlant)
+
+
+@dataclass(frozen=True, eq=False)
+class GradientLaw:
+    """−R2⁻¹ g2(x)ᵀ V_xᵀ with the coefficients of V_x as data.
+
+    Attributes
+    ----------
+    slopes : PolynomialLaw
+        V_x, one row per state.
+    input_matrix : callable
+        g2 at one deviation (n,) on any element, (n, m).
+    price : ndarray, shape (m, m)
+        R2⁻¹.
+    """
+
+    slopes: PolynomialLaw
+    input_matrix: Callable[[Any], Any]
+    price: np.ndarray
+
+    @cached_property
+    def key(self) -> str:
+        """What distinguishes its code: the monomials, and R2⁻¹ g2ᵀ as it is computed."""
+        priced = trace(
+            lambda x: self.price @ np.asarray(self.input_matrix(x)).T, self.slopes.n, name="priced"
+        )
+        return f"gradient {self.slopes.n} {self.slopes.degrees} {digest(priced)}"
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Of V_x, (n, Nmon)."""
+        return self.slopes.coefficients
+
+    def evaluate(self, x: Any, coefficients: Any) -> Any:
+        """The law at one deviation (n,) on any element, (m,)."""
+        slope = self.slopes.evaluate(x, coefficients)
+        return -(self.price @ (np.asarray(self.input_matrix(x)).T @ slope))
+
+
+def input_matrix_of(problem: Problem | None, expansion: PolynomialPlant) -> Callable[[Any], Any]:
+    """g2 on any element: the exact one where the problem offers it, else its expansion."""
+    return (problem if isinstance(problem, EXACT_INPUT_MATRIX) else expansion).input_matrix

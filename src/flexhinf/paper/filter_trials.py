@@ -16,7 +16,7 @@ import numpy as np
 from flexhinf.codegen import Buffer, Call, Kernel, Program, Repeat, Slice, compile_program
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.noise import standard_normal
+from flexhinf.loop.signals.sampling import standard_normal
 from flexhinf.paper.loop_setup import in_two_threads
 from flexhinf.plant import Plant
 from flexhinf.scalars import cholesky, solve_lower, trace

@@ -2,24 +2,27 @@
 
 In eigenvector coordinates, x = T z, the equation is a division by λ_{i1} + … + λ_{ik}. Its error grows like
 cond(T)^k; one step of refinement repairs that while cond(T)^k ε ≪ 1, and nothing does past it. In complex
-Schur coordinates the equation is triangular and solved by substitution (`triangular.py`): backward stable
+Schur coordinates the equation is triangular and solved by substitution (`substitute`): backward stable
 for any A, defective ones included, at a few times the cost. The residual of what is returned is always
 measured.
+
+In the triangular equation V_z(z) T z = r(z), z_j ∂V/∂z_i with j > i moves an index i of a tuple up to j, so the sum
+of the indices orders the equations: all tuples of one sum depend only on those of smaller sums and are solved together.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
 from flexhinf.polynomial.threads import matrix_product
-from flexhinf.polynomial.triangular import diagonal_sums, substitute
 
-__all__ = ["HOPELESS", "HomologicalEquation", "HomologicalSolution"]
+__all__ = ["HOPELESS", "HomologicalEquation", "HomologicalSolution", "diagonal_sums", "substitute"]
 
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
@@ -130,3 +133,59 @@ class HomologicalEquation:
     def _substitute(self, known: np.ndarray, k: int) -> np.ndarray:
         rotated = self.schur_basis.enter(known, k)
         return self.schur_basis.leave(substitute(self.schur_basis.flow, -rotated, k), k)
+
+
+_CHUNK = 100_000
+
+
+def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
+    """Tensor entries of V with V_z T z = r.
+
+    Parameters
+    ----------
+    triangular : ndarray, shape (n, n)
+        T, upper triangular; no sum of k diagonal entries vanishes.
+    known : ndarray, shape (count(n, k),)
+        Tensor entries of r.
+
+    Returns
+    -------
+    ndarray, shape (count(n, k),)
+
+    Notes
+    -----
+    In tensor entries, k times the symmetrised equation reads
+    Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
+    """
+    n = len(triangular)
+    tuples, table, removal = basis.indices(n, k), basis.insertion(n, k), basis.removal(n, k)
+    order, cuts = _levels(n, k)
+    above = np.ascontiguousarray(np.triu(triangular, 1).T)
+    pivots = diagonal_sums(triangular, k)
+    solution = np.zeros(len(tuples), np.result_type(triangular, known))
+    for low, high in pairwise(cuts):
+        for begin in range(low, high, _CHUNK):
+            level = order[begin : min(begin + _CHUNK, high)]
+            moved = known[level].astype(solution.dtype)
+            for position in range(k):
+                replaced = solution[table[removal[level, position]]]
+                moved -= np.einsum("aj,aj->a", replaced, above[tuples[level, position]])
+            solution[level] = moved / pivots[level]
+    return solution
+
+
+def diagonal_sums(matrix: np.ndarray, k: int) -> np.ndarray:
+    """Sum of the `k` diagonal entries each tuple points at, shape (count(n, k),)."""
+    diagonal, tuples = np.diag(matrix), basis.indices(len(matrix), k)
+    total = np.zeros(len(tuples), matrix.dtype)
+    for position in range(k):
+        total += diagonal[tuples[:, position]]
+    return total
+
+
+@lru_cache(32)
+def _levels(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tuples ordered by the sum of their indices, and where each sum begins."""
+    sums = basis.indices(n, k).sum(axis=1, dtype=np.int32)
+    order = np.argsort(sums, kind="stable").astype(np.int32)
+    return order, np.searchsorted(sums[order], np.arange(k * (n - 1) + 2))

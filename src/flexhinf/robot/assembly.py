@@ -30,6 +30,8 @@ def assembled(
     penalty: Penalty | None = None,
     home: Sequence[float] | None = None,
     description: str = "",
+    effort_limits: Sequence[float | None] | None = None,
+    speed_limits: Sequence[float | None] | None = None,
 ) -> Robot:
     """A robot of one link and one elastic joint per joint.
 
@@ -42,7 +44,7 @@ def assembled(
         m/s².
     down : (3,)
         Direction of free fall in the world's frame.
-    penalty, home, description
+    penalty, home, description, effort_limits, speed_limits
         As for `Robot`.
 
     Raises
@@ -70,7 +72,8 @@ def assembled(
             parameters.append(_parameter(label, number, quantity, joint.slides))
     direction: Any = tuple(down)
     drive = _common_drive(name, [joint.name for joint in joints], elastic)
-    return Robot(name, tuple(parameters), penalty, Arm(tree, direction), drive, home, description)
+    limits = effort_limits, speed_limits
+    return Robot(name, tuple(parameters), penalty, Arm(tree, direction), drive, home, description, *limits)
 
 
 def single_link_robot(
@@ -83,6 +86,8 @@ def single_link_robot(
     penalty: Penalty | None = None,
     home: Sequence[float] | None = None,
     description: str = "",
+    effort_limits: Sequence[float | None] | None = None,
+    speed_limits: Sequence[float | None] | None = None,
 ) -> Robot:
     """A robot of a single link about a horizontal axis, in closed form; position zero hangs.
 
@@ -101,7 +106,8 @@ def single_link_robot(
     numbers |= elastic.stated
     parameters = tuple(_parameter(quantity, number, quantity) for quantity, number in numbers.items())
     links = Pendulum(joint.name, joint.limits)
-    return Robot(name, parameters, penalty, links, elastic.drive, home, description)
+    limits = effort_limits, speed_limits
+    return Robot(name, parameters, penalty, links, elastic.drive, home, description, *limits)
 
 
 def _common_drive(robot: str, joints: Sequence[str], elastic: Sequence[ElasticJoint]) -> str:

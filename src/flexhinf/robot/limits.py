@@ -12,15 +12,15 @@ from flexhinf.plant.motion import motion_of
 from flexhinf.robot.drive import DRIVES
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["check_holding", "check_reference"]
 
 
 def check_reference(
-    robot: Robot, signals: Any, duration: float, effort: Any = None, period: float = 1e-3
+    robot: Robot, signals: Any, duration: float, effort: Any = None, period: float = 1e-3, speed: Any = None
 ) -> float:
-    """Refuse a reference that leaves the limits of a joint, or needs more input than there is.
+    """Refuse a reference that leaves the range of a joint, moves it too fast, or needs more input than there is.
 
     Parameters
     ----------
@@ -31,9 +31,11 @@ def check_reference(
         s; checked every `period` seconds, both ends included.
     effort : number, (n,) or mapping by joint, optional
         Largest absolute input of each motor, V, or N·m (N): the feedforward along the reference must stay
-        below it. Needs signals with four derivatives.
+        below it. Needs signals with four derivatives; ``robot.effort_limits`` are those that the robot states.
     period : float
         s.
+    speed : number, (n,) or mapping by joint, optional
+        Largest absolute velocity of each link, rad/s or m/s; by default what the robot states.
 
     Returns
     -------
@@ -53,11 +55,15 @@ def check_reference(
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
         signals = {full.get(name, name): signal for name, signal in signals.items()}
-    motion = motion_of(signals, times, 0 if effort is None else 4, names)
+    fastest = np.array(robot.speed_limits) if speed is None else _per_joint(robot, "speed", speed)
+    order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
+    motion = motion_of(signals, times, order, names)
     _within_positions(robot, motion[0], times)
+    if order:
+        _within_speeds(robot, motion[1], fastest, times)
     if effort is None:
         return 0.0
-    limit = _efforts(robot, effort)
+    limit = _per_joint(robot, "effort", effort)
     _, inputs = robot.inverse_dynamics(*motion)
     share = np.abs(inputs) / limit
     row, joint = divmod(int(np.argmax(share)), share.shape[1])
@@ -71,7 +77,7 @@ def check_reference(
     return float(share[row, joint])
 
 
-def check_holding(robot: Robot, pose: Any, limit: Any) -> tuple[np.ndarray, np.ndarray]:
+def check_holding(robot: Robot, pose: Any, limit: Any = None) -> tuple[np.ndarray, np.ndarray]:
     """Refuse a pose that the motors cannot hold.
 
     Parameters
@@ -79,8 +85,8 @@ def check_holding(robot: Robot, pose: Any, limit: Any) -> tuple[np.ndarray, np.n
     robot : Robot
     pose : sequence, mapping by joint name, or number for one joint
         As for `Robot.operating_point`.
-    limit : number, (n,) or mapping by joint
-        Largest absolute input, V, or N·m (N).
+    limit : number, (n,) or mapping by joint, optional
+        Largest absolute input of each motor, V, or N·m (N); by default what the robot states.
 
     Returns
     -------
@@ -93,7 +99,7 @@ def check_holding(robot: Robot, pose: Any, limit: Any) -> tuple[np.ndarray, np.n
         Naming the joint, the input that holds it and the limit; or for a pose outside the joints' limits.
     """
     x, u = robot.operating_point(pose)
-    limits = _efforts(robot, limit)
+    limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
         unit = _unit(robot, worst)
@@ -123,13 +129,27 @@ def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) ->
     )
 
 
-def _efforts(robot: Robot, effort: Any) -> np.ndarray:
-    """One positive limit per joint (n,)."""
+def _within_speeds(robot: Robot, rates: np.ndarray, limits: np.ndarray, times: np.ndarray) -> None:
+    """The joint that is furthest beyond its limit, when it is."""
+    share = np.abs(rates) / limits
+    row, joint = divmod(int(np.argmax(share)), share.shape[1])
+    if share[row, joint] > 1.0:
+        unit = "m/s" if robot.links.slides[joint] else "rad/s"
+        raise InvalidInput(
+            f"The reference moves joint {robot.joint_names[joint]!r} faster than it may.",
+            f"expected at most {limits[joint]:g} {unit}, got {rates[row, joint]:.4g} {unit} at t = {times[row]:g} s",
+            "a slower reference (JerkLimited with a lower velocity, a longer Quintic)",
+        )
+
+
+def _per_joint(robot: Robot, what: str, stated: Any) -> np.ndarray:
+    """One positive limit of the effort or the speed per joint (n,); may be infinite."""
     joints = robot.joint_names
-    given = effort
-    if isinstance(effort, Mapping):
-        inputs = dict(zip(signal_names(DRIVES[robot.drive], joints), joints))
-        named = {inputs.get(name, name): value for name, value in effort.items()}
+    given = stated
+    if isinstance(stated, Mapping):
+        signal = DRIVES[robot.drive] if what == "effort" else "link_velocity"
+        signals = dict(zip(signal_names(signal, joints), joints))
+        named = {signals.get(name, name): value for name, value in stated.items()}
         given = [named.pop(joint, np.nan) for joint in joints]
         given = [np.nan] if named else given
     try:
@@ -138,9 +158,9 @@ def _efforts(robot: Robot, effort: Any) -> np.ndarray:
         limits = np.array([np.nan])
     if not np.all(limits > 0.0):
         raise InvalidInput(
-            "The limit of the effort does not fit the motors.",
-            f"expected one positive number, or one for each of {list(joints)}, got {effort!r}",
-            "effort=60.0",
+            f"The limit of the {what} does not fit the {'motors' if what == 'effort' else 'joints'}.",
+            f"expected one positive number, or one for each of {list(joints)}, got {value_text(stated)}",
+            f"{what}=60.0",
         )
     return limits
 

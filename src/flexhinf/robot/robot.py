@@ -22,7 +22,7 @@ from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.quantities import check_parameters
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
 from flexhinf.robot.single_link import Pendulum
-from flexhinf.untrusted import checked_name, checked_text, real_number
+from flexhinf.untrusted import checked_name, checked_text, real_array, real_number, value_text
 
 __all__ = ["Robot"]
 
@@ -45,11 +45,15 @@ class Robot(Summarised):
     home : (n,), optional
         Link positions that are meant when no pose is given, rad or m; zero by default.
     description : str
+    effort_limits : (m,), optional
+        Largest absolute input of each motor, in the unit of `drive`; None or infinite for a motor without a limit.
+    speed_limits : (n,), optional
+        Largest absolute velocity of each link, rad/s or m/s; as above. (Ranges of the positions belong to `links`.)
 
     Raises
     ------
     InvalidInput
-        If the parameters are not those of the model, or the home pose is outside the limits.
+        If the parameters are not those of the model, the home pose is outside the limits, or a limit is not positive.
     """
 
     name: str
@@ -59,6 +63,8 @@ class Robot(Summarised):
     drive: str = "voltage"
     home: Sequence[float] | None = None
     description: str = ""
+    effort_limits: Sequence[float | None] | None = None
+    speed_limits: Sequence[float | None] | None = None
 
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)
@@ -76,6 +82,9 @@ class Robot(Summarised):
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
+        for kind in ("effort_limits", "speed_limits"):
+            limits = _checked_limits(self.name, kind, getattr(self, kind), self.joint_names)
+            object.__setattr__(self, kind, limits)
 
     # Numbers --------------------------------------------------------------------------------------
     @property
@@ -363,3 +372,20 @@ class Robot(Summarised):
                     "−1, 0 or 1",
                 )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
+
+
+def _checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
+    """One positive number for each joint, infinite where no limit is stated."""
+    if stated is None:
+        return (np.inf,) * len(joints)
+    found = stated
+    if isinstance(stated, Sequence) and not isinstance(stated, str):
+        found = [np.inf if limit is None else limit for limit in stated]
+    limits = real_array(found)
+    if limits.shape != (len(joints),) or not np.all(limits > 0.0):
+        raise InvalidInput(
+            f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
+            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+            f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
+        )
+    return tuple(limits.tolist())

@@ -13,7 +13,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement
 from flexhinf.untrusted import HUGE, value_text
 
-__all__ = ["axis_of", "body_of", "check_element", "limits_of", "origin_of"]
+__all__ = ["axis_of", "body_of", "check_element", "largest_of", "limits_of", "origin_of"]
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
@@ -138,6 +138,20 @@ def limits_of(file: str, name: str, joint: Element) -> tuple[float, float] | Non
             "exchange them; or a fixed joint",
         )
     return lower, upper
+
+
+def largest_of(file: str, name: str, joint: Element, key: str) -> float:
+    """The limit that <limit effort velocity> states, N·m, N, rad/s or m/s; infinite without one, and for 0, which
+    exporters write then."""
+    limit = joint.find("limit")
+    stated = 0.0 if limit is None else _number(file, name, limit, key)
+    if stated < 0.0:
+        raise InvalidInput(
+            f"{file}: the {key} limit of the joint {name!r} is negative.",
+            f"expected {key} >= 0 (0 for none) in <limit>, got {stated:g}",
+            f"{key}='{-stated:g}'",
+        )
+    return stated or np.inf
 
 
 # Bodies -------------------------------------------------------------------------------------------

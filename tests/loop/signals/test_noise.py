@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flexhinf.loop.signals.noise import philox, standard_normal
+from flexhinf.loop.signals.sampling import philox, standard_normal
 
 #: Random123's kat_vectors, philox4x32-10: counter, key, result.
 KNOWN = [

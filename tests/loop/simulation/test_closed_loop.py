@@ -8,7 +8,7 @@ from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Quintic, Sine, Step
-from flexhinf.loop.signals.noise import standard_normal
+from flexhinf.loop.signals.sampling import standard_normal
 from flexhinf.loop.simulation.program import loop_program
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm

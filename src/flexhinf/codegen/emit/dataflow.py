@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import casadi
 
-from flexhinf.codegen.unsupported import Unsupported
+from flexhinf.codegen.program import Unsupported
 
 # Fused operations, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c

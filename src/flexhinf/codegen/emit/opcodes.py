@@ -12,8 +12,7 @@ from collections.abc import Callable
 import casadi
 
 from flexhinf.codegen.emit.dataflow import MULTIPLY_ADD, MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT
-from flexhinf.codegen.emit.library import library_call
-from flexhinf.codegen.emit.text import Writer
+from flexhinf.codegen.emit.text import Writer, library_call
 from flexhinf.codegen.emit.trigonometry import cosine, sine
 
 Rule = Callable[..., str]

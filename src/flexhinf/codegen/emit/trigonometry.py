@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 
-from flexhinf.codegen.emit.library import library_call
-from flexhinf.codegen.emit.text import PURE, Writer
+from flexhinf.codegen.emit.text import PURE, Writer, library_call
 from flexhinf.codegen.program import PREFIX
 
 REACH = 2.0**30

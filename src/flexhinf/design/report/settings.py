@@ -56,8 +56,8 @@ def _groups(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
 def _robot(robot: Robot) -> list[Setting]:
     rows = [Setting("joints", list(robot.joint_names), "", robot.name)]
     for p in robot.parameters:
-        tolerance = f" ± {p.tolerance:g} %" if p.tolerance else ""
-        rows.append(Setting(p.name.replace("_", " "), f"{p.value:g}{tolerance}", p.unit, p.source))
+        spread = f" ({p.spread})" if p.range is not None else f" {p.spread}"
+        rows.append(Setting(p.name.replace("_", " "), f"{p.value:g}{spread}".rstrip(), p.unit, p.source))
     return rows
 
 

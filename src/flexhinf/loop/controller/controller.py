@@ -26,6 +26,7 @@ from flexhinf.loop.controller.options import (
     check_kinds,
     check_names,
     checked_period,
+    command_limits,
 )
 from flexhinf.loop.controller.running import Running
 from flexhinf.loop.controller.schedule import Schedule
@@ -71,6 +72,15 @@ class Controller(Running):
         and `flexhinf.loop.controller.transfer`.
     fade : float, optional
         Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
+    command_range : None, float, (k,) array or tuple (lower, upper), optional
+        The command is moved to the nearest position in this range. A number or an array means ±.
+    command_rate : float or (k,) array, optional
+        The command moves by at most so much per second, from where the joints are at the first sample. The integrals
+        count the error to the command so limited, so that they do not wind up while the joints are on their way, or
+        cannot get there. Both limits are for standing commands; with `moving`, plan within them.
+    input_rate : float or (m,) array, optional
+        The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
+        as with `saturation`.
 
     Raises
     ------
@@ -88,16 +98,20 @@ class Controller(Running):
         moving: bool = False,
         start: str = "zero",
         fade: float | None = None,
+        command_range: Any = None,
+        command_rate: Any = None,
+        input_rate: Any = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.period = checked_period(period)
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
-        self.mode = Mode(moving, start, len(self.laws))
+        self.limits = Limits.of(saturation, len(solution.input_names), input_rate)
+        self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
+        self.mode = Mode(moving, start, len(self.laws), self.command_limits.active, self.limits.rated)
         self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         self.states, self.tracked = solution.plant_states, solution.tracked
         check_names(solution, estimator, self.period, self.states, self.tracked)
-        self.limits = Limits.of(saturation, len(solution.input_names))
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
@@ -105,18 +119,23 @@ class Controller(Running):
 
     def fresh(self) -> Controller:
         """The same controller with a memory of its own, as at the start."""
-        limits = (self.limits.lower, self.limits.upper)
-        return Controller(self.law, self.estimator, self.period, limits, **self._options)
+        return Controller(self.law, self.estimator, self.period, **self._options)
 
     @property
     def _options(self) -> dict[str, Any]:
         """The other arguments by name."""
-        return {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
+        options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
+        limits: dict[str, Any] = {"saturation": self.limits.pair}
+        if self.mode.limits_input_rate:
+            limits["input_rate"] = self.limits.rate
+        if self.mode.limits_command:
+            limits |= {"command_range": self.command_limits.pair, "command_rate": self.command_limits.rate}
+        return options | limits
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
 
-        Law, estimator with its model and settings, period, saturation and options are saved; what was remembered of
+        Law, estimator with its model and settings, period, limits and options are saved; what was remembered of
         samples is not. A loaded controller's steps are the same, bit by bit.
 
         Raises
@@ -124,7 +143,7 @@ class Controller(Running):
         InvalidInput
             If the law or the estimator cannot be saved (it is named), or the place cannot be written.
         """
-        write_controller(path, self.law, self.estimator, self.period, self.limits, self._options)
+        write_controller(path, self.law, self.estimator, self.period, self._options)
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
@@ -141,6 +160,13 @@ class Controller(Running):
         if np.any(np.isfinite([self.limits.lower, self.limits.upper])):
             pairs = zip(self.limits.lower.tolist(), self.limits.upper.tolist())
             facts["saturation"] = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in pairs)
+        if self.mode.limits_input_rate:
+            facts["input rate"] = ", ".join(f"at most {rate:.4g} per s" for rate in self.limits.rate)
+        if self.mode.limits_command:
+            pairs = zip(*self.command_limits.pair, self.command_limits.rate)
+            facts["command"] = ", ".join(
+                f"{low:.4g} to {high:.4g}, at most {rate:.4g} per s" for low, high, rate in pairs
+            )
         if self.mode.moving:
             facts["reference"] = "moving"
         return facts
@@ -174,7 +200,8 @@ class Controller(Running):
     def data_vector(self) -> np.ndarray:
         """The numbers themselves, flat."""
         codes = [LawCode(law, self.composed) for law in self.laws]
-        values = data_values(codes, self.estimator, self.mode, len(self.tracked), self.limits)
+        limits = self.limits, self.command_limits
+        values = data_values(codes, self.estimator, self.mode, len(self.tracked), *limits)
         values["period"] = self.period
         if self.mode.takes_over:
             values["decay"] = np.exp(-self.period / self.fade)
@@ -208,7 +235,7 @@ class Controller(Running):
         k = len(self.tracked)
         values: dict[str, Any] = {"u": self.input_before(input), "started": 0.0}
         values |= {"bias": 0.0, "active": np.eye(self.mode.laws)[0]}
-        values |= {name: np.zeros(k) for name in ("integral", "position")}
+        values |= {name: np.zeros(k) for name in ("integral", "position", "command")}
         values["reference"] = self.operating_reference
         if self.estimator is not None:
             initial = self.estimator.initial
@@ -296,10 +323,9 @@ class Controller(Running):
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
         """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
-        limits = (self.limits.lower, self.limits.upper)
         arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
         return {
-            "arguments": {**arguments, "saturation": limits, **self._options},
+            "arguments": {**arguments, **self._options},
             "remembered": self._remembered.state(),
         }
 

@@ -101,6 +101,8 @@ def memory_layout(
         parts["bias"] = (inputs,)
     if mode.laws > 1:
         parts["active"] = (mode.laws,)
+    if mode.limits_command:
+        parts["command"] = (k,)
     return Layout(parts)
 
 
@@ -119,11 +121,20 @@ def data_layout(code: LawCode, estimator: Estimator | None, mode: Mode, tracked:
         parts |= {"inverse_slope": (*several, k, m), "decay": (1,)}
     if mode.laws > 1:
         parts["closer"] = (1,)
+    if mode.limits_input_rate:
+        parts["input_rate"] = (m,)
+    if mode.limits_command:
+        parts |= {"command_lower": (k,), "command_upper": (k,), "command_rate": (k,)}
     return Layout(parts)
 
 
 def data_values(
-    codes: list[LawCode], estimator: Estimator | None, mode: Mode, tracked: int, limits: Limits
+    codes: list[LawCode],
+    estimator: Estimator | None,
+    mode: Mode,
+    tracked: int,
+    limits: Limits,
+    command: Limits,
 ) -> dict[str, Any]:
     """The numbers of laws, limits and estimator by name."""
 
@@ -135,7 +146,8 @@ def data_values(
         "law": np.concatenate([code.data for code in codes]),
         "operating_point": rows([code.law.operating_point for code in codes]),
         "operating_input": rows([code.law.operating_input for code in codes]),
-        "lower": limits.lower, "upper": limits.upper,
+        "lower": limits.lower, "upper": limits.upper, "input_rate": limits.rate,
+        "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate,
         "integral_gain": rows(gains),
     }  # fmt: skip
     if mode.takes_over:

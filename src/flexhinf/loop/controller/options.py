@@ -1,4 +1,4 @@
-"""What a controller is given beside its law: mode, saturation and period, checked before any work is lost."""
+"""What a controller is given beside its law: mode, limits and period, checked before any work is lost."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
-from flexhinf.untrusted import real_array, real_number
+from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = ["Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "positive"]
+__all__ = [
+    "Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "command_limits", "positive",
+]  # fmt: skip
 
 
 class Source(NamedTuple):
@@ -51,6 +53,8 @@ class Mode:
         The integrals at the first sample: zero, or such that the input continues from the one before.
     laws : int
         Number of laws, of which one is active at a time.
+    limits_command, limits_input_rate : bool
+        Whether the command has limits, and the rate of the input has; the input itself always may.
 
     Raises
     ------
@@ -61,6 +65,8 @@ class Mode:
     moving: bool = False
     start: str = "zero"
     laws: int = 1
+    limits_command: bool = False
+    limits_input_rate: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
@@ -128,43 +134,106 @@ def positive(value: Any, what: str, example: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Lower and upper limits of the input, (m,) each, infinite where there is none."""
+    """Lower and upper limits of some signals, and of their rates, (m,) each, infinite where there is none."""
 
     lower: np.ndarray
     upper: np.ndarray
+    rate: np.ndarray
+
+    @property
+    def pair(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper limits."""
+        return self.lower, self.upper
+
+    @property
+    def rated(self) -> bool:
+        """Whether any rate is limited."""
+        return bool(np.isfinite(self.rate).any())
+
+    @property
+    def active(self) -> bool:
+        """Whether there is any limit."""
+        return self.rated or bool(np.isfinite(self.pair).any())
 
     @staticmethod
-    def of(saturation: Any, inputs: int) -> Limits:
+    def of(
+        saturation: Any, inputs: int, rate: Any = None, names: tuple[str, str] = ("saturation", "input_rate")
+    ) -> Limits:
         """From None, a number (±), an array with one number (±) per input, or a tuple (lower, upper) of them.
+
+        Parameters
+        ----------
+        saturation, rate
+            The range, and the largest absolute rate per second: None, a number or (m,).
+        inputs : int
+            m.
+        names : (str, str)
+            What both are called.
 
         Raises
         ------
         InvalidInput
-            If shapes do not fit, or lower < upper does not hold.
+            If shapes do not fit, lower < upper does not hold, or a rate is not positive.
         """
+        name, rate_name = names
+        rates = np.full(inputs, np.inf) if rate is None else _edge(rate, inputs, rate_name, "2.0 per second")
+        if not np.all(rates > 0.0):
+            raise InvalidInput(
+                f"The {LIMITS[rate_name]} is not positive.",
+                f"expected numbers > 0 per second, got {value_text(rate)}",
+                f"{rate_name}=2.0, or one per signal",
+            )
         if saturation is None:
-            return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf))
+            return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
+        advice = f"48.0 for ±48, or {name}=(lower, upper)"
         pair = isinstance(saturation, tuple) and len(saturation) == 2
-        lower, upper = (_edge(part, inputs) for part in (saturation if pair else (saturation, saturation)))
+        parts = saturation if pair else (saturation, saturation)
+        lower, upper = (_edge(part, inputs, name, advice) for part in parts)
         lower = lower if pair else -upper
         if not np.all(lower < upper):
             raise InvalidInput(
-                "The saturation leaves no room for the input.",
+                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}.",
                 f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
-                "saturation=48.0 for ±48, or saturation=(lower, upper)",
+                f"{name}={advice}",
             )
-        return Limits(lower, upper)
+        return Limits(lower, upper, rates)
 
 
-def _edge(value: Any, inputs: int) -> np.ndarray:
+#: What the limits of a controller are called, by the names of its arguments.
+LIMITS = {
+    "saturation": "saturation", "input_rate": "rate of the input", "command_range": "range of the command",
+    "command_rate": "rate of the command",
+}  # fmt: skip
+
+
+def _edge(value: Any, inputs: int, name: str, advice: str) -> np.ndarray:
     try:
         return np.array(np.broadcast_to(real_array(value), (inputs,)))
     except (TypeError, ValueError) as error:
         raise InvalidInput(
-            "The saturation does not fit the inputs.",
+            f"The {LIMITS[name]} does not fit the {'command' if name.startswith('command') else 'inputs'}.",
             f"expected one number or {inputs}, got {value!r}",
-            "saturation=48.0 for ±48, or saturation=(lower, upper)",
+            f"{name}={advice}",
         ) from error
+
+
+def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str], moving: bool) -> Limits:
+    """Limits of a standing command, from the arguments of a controller.
+
+    Raises
+    ------
+    InvalidInput
+        If they do not fit, or stand beside a moving reference, whose velocity and input would no longer fit its
+        position; or where nothing is commanded.
+    """
+    if (command_range is None and command_rate is None) or (tracked and not moving):
+        return Limits.of(command_range, len(tracked), command_rate, ("command_range", "command_rate"))
+    raise InvalidInput(
+        "A limit of the command is given where positions are not commanded alone.",
+        "expected a law with integrals and moving=False, got "
+        + ("moving=True" if moving else "a law that tracks nothing"),
+        "check_reference(robot, reference, duration) before the move; a plan (JerkLimited) has a largest velocity",
+    )
 
 
 def check_kinds(law: Any, estimator: Any) -> None:

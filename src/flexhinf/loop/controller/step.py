@@ -69,6 +69,13 @@ def controller_step(
         estimate = belief.mean
         if y is None:
             y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
+    requested, held = r, memory.reference
+    if mode.limits_command:
+        held = memory.command
+        r = run.call(
+            partial(_limited, tracked), y, estimate, r, held, memory.started, data.period, data.command_lower,
+            data.command_upper, data.command_rate,
+        )  # fmt: skip
     active: Any = None
     taken: Any = None
     point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
@@ -83,20 +90,21 @@ def controller_step(
     rest = r[len(estimate) :] if mode.moving else rest
     text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
     position, growth, integral, deviation = run.call(
-        partial(text, tracked), y, estimate, memory.position, memory.reference, memory.integral,
+        partial(text, tracked), y, estimate, memory.position, held, memory.integral,
         memory.started, data.period, point, *moving,
     )  # fmt: skip
     about = run.call(partial(_split, len(estimate)), r) if mode.moving and law.placed else None
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
-    after = {"position": position, "reference": r, "active": active}
+    after = {"position": position, "reference": requested, "command": r, "active": active}
     if mode.takes_over:
         wanted = run.call(_difference, memory.u, rest)
         feedback, growth, integral, after["bias"] = continued(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
+    rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()
     after["u"], after["integral"], after["started"] = run.call(
-        _input, feedback, growth, integral, memory.integral, rest, data.lower, data.upper, gain
+        _input, feedback, growth, integral, memory.integral, rest, data.lower, data.upper, gain, *rates
     )
     u = after["u"]
     if estimator is not None:
@@ -164,12 +172,43 @@ def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
     return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
 
 
+def _limited(
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    r: Any,
+    last: Any,
+    started: Any,
+    period: Any,
+    lower: Any,
+    upper: Any,
+    rate: Any,
+) -> Any:
+    """The command (k,) within its range, and as near to the last one, at first the positions, as its rate says."""
+    last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
+    return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
+
+
 def _input(
-    feedback: Any, growth: Any, integral: Any, before: Any, rest: Any, lower: Any, upper: Any, gain: Any
+    feedback: Any,
+    growth: Any,
+    integral: Any,
+    before: Any,
+    rest: Any,
+    lower: Any,
+    upper: Any,
+    gain: Any,
+    *rates: Any,
 ) -> tuple[Any, Any, Any]:
-    """The input within its limits, the integrals after anti-windup, and that a step was made."""
+    """The input within its limits, the integrals after anti-windup, and that a step was made.
+
+    `rates` are the last input, the period and the largest rate, where that is limited.
+    """
     wanted = rest + feedback
     u = clip(wanted, lower, upper)
+    if rates:
+        last, period, rate = rates
+        u = clip(u, last - period * rate, last + period * rate)
     # Anti-windup: an integral that would push a saturated input further stands still.
     pushes = growth * ((wanted - u) @ gain)
     choices = zip(pushes, before, integral)

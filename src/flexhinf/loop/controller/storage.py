@@ -22,7 +22,6 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.controller.schedule import Schedule
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
@@ -147,7 +146,6 @@ def write_controller(
     law: Law,
     estimator: Estimator | None,
     period: float,
-    limits: Limits,
     options: dict[str, Any],
 ) -> None:
     """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`.
@@ -158,12 +156,19 @@ def write_controller(
         If a law or the estimator cannot be saved (named), or the place cannot be written.
     """
     several = isinstance(law, Schedule)
-    arrays: dict[str, np.ndarray] = {"lower": limits.lower, "upper": limits.upper}
+    (lower, upper), plain = options["saturation"], ("moving", "start", "fade")
+    arrays: dict[str, np.ndarray] = {"lower": lower, "upper": upper}
+    if "input_rate" in options:
+        arrays["input_rate"] = options["input_rate"]
+    if "command_range" in options:
+        lower, upper = options["command_range"]
+        rate = options["command_rate"]
+        arrays |= {"command_lower": lower, "command_upper": upper, "command_rate": rate}
     header = {
         "format": FORMAT,
         "version": VERSION,
         "period": period,
-        "options": options,
+        "options": {name: options[name] for name in plain},
         "hysteresis": law.hysteresis if several else None,
         "laws": [
             _store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(law.laws if several else (law,))
@@ -208,8 +213,13 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
-    saturation = (arrays["lower"], arrays["upper"])
-    whole = {"solution": law, "estimator": estimator, "period": header["period"], "saturation": saturation}
+    whole: dict[str, Any] = {"solution": law, "estimator": estimator, "period": header["period"]}
+    whole["saturation"] = (arrays["lower"], arrays["upper"])
+    if "input_rate" in arrays:
+        whole["input_rate"] = arrays["input_rate"]
+    if "command_rate" in arrays:
+        whole["command_range"] = (arrays["command_lower"], arrays["command_upper"])
+        whole["command_rate"] = arrays["command_rate"]
     return {**whole, **header["options"]}
 
 
