@@ -46,7 +46,7 @@ KEYS = (
 RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
-EQUAL = 0.05
+EQUAL = 0.1
 
 #: A deviation that remains under the load is named where it is so many times that of the design's own law.
 OFFSET = 10.0
