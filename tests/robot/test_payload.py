@@ -28,6 +28,7 @@ motor_inertia = 1.5
 
 [[joint]]
 name = "turn"
+axis = [0, 1, 0]
 xyz = [0.2, 0.0, 0.0]
 [joint.link]
 mass = 1.0

@@ -36,6 +36,7 @@ from flexhinf.analysis.process_noise import (
 from flexhinf.analysis.tolerance_corners import (
     GrowthRates,
     ToleranceCorners,
+    corner_plants,
     destabilising_scale,
     growth_rates,
     tolerance_corners,
@@ -46,7 +47,7 @@ __all__ = [
     "ALL_STATES", "FORMS", "LINK_VELOCITIES", "MOTOR_VELOCITIES", "VELOCITIES", "Attained", "BudgetTerm",
     "DiscreteSystem", "DissipationBudget", "DissipationCorners", "DisturbanceSearch", "EquilibriumLoop",
     "FrequencyResponse", "GrowthRates", "LawRows", "LinearCorners", "LinearLoop", "Margins", "Modes", "Population",
-    "ProcessNoise", "ToleranceCorners", "budget_terms", "corner_population", "corners", "destabilising_scale",
-    "dissipation_budget", "dissipation_corners", "frequency_response", "growth_rates", "margins", "standard_noises",
-    "tolerance_corners", "worst_disturbance",
+    "ProcessNoise", "ToleranceCorners", "budget_terms", "corner_plants", "corner_population", "corners",
+    "destabilising_scale", "dissipation_budget", "dissipation_corners", "frequency_response", "growth_rates",
+    "margins", "standard_noises", "tolerance_corners", "worst_disturbance",
 ]  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.messages import note
-from flexhinf.design.specification import BEHAVIOUR, FIELDS, FieldInfo
+from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT, FieldInfo
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -165,7 +166,8 @@ def _fields(context: typer.Context) -> dict[str, Any]:
 
 
 def _value(field: FieldInfo, value: Any) -> Any:
-    """The value of an option; None for an empty text and for a zero that stands for nothing."""
+    """The value of an option; None for an empty text and for a zero that stands for the default, infinity for one that
+    stands for no limit."""
     if isinstance(value, bool):
         return value
     if isinstance(value, list):
@@ -174,6 +176,8 @@ def _value(field: FieldInfo, value: Any) -> Any:
         zero = bool(field.about.zero) and float(value) == 0.0
     except ValueError:
         zero = False
+    if zero and field.about.zero == NO_LIMIT:
+        return math.inf
     return None if zero or not value.strip() else value
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +118,7 @@ def read_request(
         plain = None if elastic is None else str(elastic)
         specification = Specification(**_without_none(given))
         robot = load_robot(source, plain, payload=payload)
+        specification = _without_own_limits(specification, robot)
         return DesignRequest(robot, specification, str(source), plain, payload=payload)
     return _merged(read_design(source), elastic, given, payload)
 
@@ -140,7 +141,19 @@ def _merged(
     beside = file.elastic if elastic is None else str(elastic)
     carried = file.payload if payload is None else payload
     robot = load_robot(file.robot, beside, payload=carried)
+    specification = _without_own_limits(specification, robot)
     return DesignRequest(robot, specification, file.robot, beside, tuple(notes), carried)
+
+
+def _without_own_limits(s: Specification, robot: Robot) -> Specification:
+    """The specification without infinite limits where the robot states none: they are the default there."""
+    own = {
+        "peak_effort": robot.effort_limits,
+        "saturation": robot.effort_limits,
+        "peak_speed": robot.speed_limits,
+    }
+    none = [name for name, limits in own.items() if np.isinf(np.array(limits, dtype=float)).all()]
+    return replace(s, **{name: None for name in none if getattr(s, name) == np.inf})
 
 
 def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:

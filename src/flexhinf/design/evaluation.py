@@ -95,10 +95,9 @@ class LawEvaluation:
     @cached_property
     def unlimited_step(self) -> Response:
         """The same without limits of the inputs: what the law demands."""
-        s = self.setup.specification
-        if s.saturation is None:
+        if self.setup.limits.saturated is None:
             return self.step
-        free = replace(self.setup, specification=replace(s, saturation=None))
+        free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property

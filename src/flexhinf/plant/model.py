@@ -44,6 +44,9 @@ class Model(Summarised):
         Names that stand for several signals, for example one per joint; understood by `with_objective`.
     limits : mapping of str to (float, float), optional
         Range of a state: a command beyond it is refused by `Loop.run`.
+    engaged : callable, optional
+        ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
+        backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Model(Summarised):
     units: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    engaged: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):
@@ -297,20 +301,26 @@ class Model(Summarised):
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s.
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s.
 
         Raises
         ------
         InvalidInput
             If the plant has no finite Jacobian there.
         """
+        points = [np.zeros(self.n) if x is None else real_array(x)]
+        if self.engaged is not None:
+            points.append(self.engaged(points[0], self.parameters.named(self.parameters.vector())))
+        return max(self._fastest_at(point, u) for point in points)
+
+    def _fastest_at(self, x: np.ndarray, u: Any) -> float:
         a = self.linearise(x, u)[0]
         if not np.all(np.isfinite(a)):
             row, column = np.argwhere(~np.isfinite(a))[0]
             raise InvalidInput(
                 "The plant has no linearisation at this point.",
                 f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
-                f"{a[row, column]} at x = {[0.0] * self.n if x is None else np.asarray(x).tolist()}",
+                f"{a[row, column]} at x = {x.tolist()}",
                 "a point where the model is smooth",
             )
         return float(np.abs(np.linalg.eigvals(a)).max())

@@ -15,6 +15,7 @@ from flexhinf.robot.file_errors import file_error
 from flexhinf.robot.file_parts import PartsReader, own_frames
 from flexhinf.robot.parts import SingleLink
 from flexhinf.robot.payload import Frame, Payload
+from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
@@ -130,6 +131,7 @@ def _own(
     parts = PartsReader(table, file)
     joints = []
     for row in table.joint:
+        check_angles(f"{file}: joint {row.name!r}", tuple(row.rpy or ()))
         placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
         limits: Any = None if row.limits is None else tuple(row.limits)
         axis = row.axis or (0.0, 0.0, 1.0)
@@ -150,7 +152,7 @@ def _own(
         robot = assembled(table.name, joints, links, springs, **down, **common)
     robot = parts.loaded(robot, *own_frames(joints, links), payload)
     parts.check_tolerances()
-    return robot
+    return check_plausible(robot, file)
 
 
 # With a URDF --------------------------------------------------------------------------------------
@@ -208,7 +210,7 @@ def _with_urdf(
     frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
     robot = parts.loaded(robot, frames, arm.tips, payload)
     parts.check_tolerances()
-    return robot
+    return check_plausible(robot, file)
 
 
 # Parts --------------------------------------------------------------------------------------------

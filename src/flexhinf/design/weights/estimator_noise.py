@@ -25,8 +25,8 @@ from flexhinf.analysis import (
     EquilibriumLoop,
     FrequencyResponse,
     LinearLoop,
+    corner_plants,
     frequency_response,
-    tolerance_corners,
 )
 from flexhinf.analysis.margins import LARGEST_FACTOR
 from flexhinf.design.estimators import EstimatorNoise
@@ -254,7 +254,7 @@ class _Search:
     def corners(self) -> np.ndarray:
         """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
-        found = tolerance_corners(self.loop, robot.corner, robot.uncertain, ()).population
+        found, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
         return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 
