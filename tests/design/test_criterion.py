@@ -101,8 +101,8 @@ def test_a_loop_without_a_gain_limit_is_not_held_against_a_law() -> None:
 
 def test_only_what_is_far_beyond_a_linear_limit_is_not_run() -> None:
     criterion = made()
-    assert not criterion.is_far(replace(OWN, peak_sensitivity=3.9))
-    assert criterion.is_far(replace(OWN, peak_sensitivity=4.1))
+    assert not criterion.is_far(replace(OWN, peak_sensitivity=2.4))
+    assert criterion.is_far(replace(OWN, peak_sensitivity=2.6))
     assert not criterion.is_far(replace(OWN, peak_input=1e9))
     assert made("bandwidth").is_far(replace(OWN, bandwidth=6.1))
     linear = Figures(9.0, 1.1, 0.2, 0.02, 3.0)

@@ -1,10 +1,11 @@
 """A law tuned over all its parameters for one cost, within stated limits.
 
-The parameters are positive and searched on a logarithmic scale: first by covariance matrix adaptation [hansen2016],
-which samples round a mean and lets the ranking of the samples move it and shape the next ones, because settling times
-jump and leave several local minima; then by the simplex of [nelder1965] from the best candidate. A limit that is
-exceeded adds to the cost by its relative excess, so the search can slide along it; what is returned is the cheapest
-candidate that exceeds none. The search is short: it finds a good law, not the best there is.
+The parameters are positive and searched on a logarithmic scale: by a Latin hypercube about the start; from the best of
+it by covariance matrix adaptation [hansen2016], which samples round a mean and lets the ranking of the samples move it
+and shape the next ones, because settling times jump and leave several local minima; and by the simplex of [nelder1965]
+from the best candidate. A limit that is exceeded adds to the cost by its relative excess, so the search can slide along
+it; what is returned is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best
+there is.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ __all__ = ["Candidate", "Judgement", "Tuning", "excess", "tune"]
 #: Standard deviation of the first samples, as a part of the way between the bounds, which counts up to so much, both in
 #: logarithms.
 SPREAD, WIDEST = 0.12, 6.0
+
+#: One of so many samples belongs to a Latin hypercube about the start, from the best of which the adaptation begins.
+COARSE = 4
 
 #: Cost of an excess by a factor e: large against costs, which are near one, so that no limit is traded for cost.
 PENALTY = 10.0
@@ -135,7 +139,7 @@ def tune(
     bounds : mapping of str to (lower, upper)
         Of each parameter, with the start between them.
     samples, refinements : int
-        Candidates of the covariance matrix adaptation, and of the simplex, at most.
+        Candidates of hypercube and covariance matrix adaptation together, and of the simplex, at most.
     seed : int
         Of the samples.
     others : sequence of mapping of str to float
@@ -166,11 +170,12 @@ def tune(
         return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
 
     given = [np.clip(np.log([values[name] for name in names]), low, high) for values in others]
-    points = [begin, *given]
+    spread = samples // COARSE
+    points = [begin, *given, *_spread(begin, low, high, spread, seed)]
     costs = [cost(point) for point in points]
     if names:
         first = points[int(np.argmin(costs))]
-        mean, least = _adapted(cost, first, low, high, samples, np.random.default_rng(seed))
+        mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
         if refinements:
             _simplex(cost, first if min(costs) <= least else mean, low, high, refinements)
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
@@ -194,6 +199,17 @@ def _judged(judge: Callable[[Mapping[str, float]], Judgement], values: Mapping[s
         return Candidate(values, judge(values))
     except FlexhinfError as error:
         return Candidate(values, Judgement(inf, inf, str(error).splitlines()[0]))
+
+
+def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, seed: int) -> np.ndarray:
+    """A Latin hypercube (samples, parameters) about the start, half of the way to the bounds."""
+    from scipy.stats import qmc
+
+    if not len(begin) or not samples:
+        return np.zeros((0, len(begin)))
+    lower, upper = (begin + low) / 2.0, (begin + high) / 2.0
+    cube = qmc.LatinHypercube(len(begin), rng=np.random.default_rng(seed)).random(samples)
+    return lower + cube * (upper - lower)
 
 
 def _adapted(

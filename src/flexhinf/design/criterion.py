@@ -26,7 +26,7 @@ __all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_fr
 MODES = ("peak", "bandwidth", "none")
 
 #: A limit of the linear loop that is exceeded by more than this factor is judged without a run: it is far off.
-FAR = 2.0
+FAR = 1.25
 
 #: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
 LEAST_DAMPING = 0.1

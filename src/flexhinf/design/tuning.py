@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 #: Candidates per parameter: (largest number of states, samples and simplex of the first round, simplex of the second).
-BUDGET = ((15, 14, 2, 5), (10_000, 3, 1, 1))
+BUDGET = ((15, 24, 2, 6), (10_000, 3, 1, 1))
 
 #: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
 LOOKED_AT = 8
