@@ -225,6 +225,14 @@ class LawEvaluation:
         linear = self.loop.linear()
         return running_modes(linear, self.setup.joints, *self.energy)
 
+    @property
+    def least_damped_joint(self) -> str:
+        """The joint that moves most in the oscillation whose damping `margins` has; empty where nothing oscillates."""
+        ringing = [mode for mode in self.running_modes if mode.eigenvalue.imag > 0.0]
+        if not ringing or not np.isfinite(self.margins.damping):
+            return ""
+        return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
+
     # Cost ---------------------------------------------------------------------------------------------------
     @cached_property
     def operations(self) -> int:

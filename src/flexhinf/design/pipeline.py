@@ -93,18 +93,16 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
+    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         rigid = beside.submit(_runs, evaluation, synthesis)
-        progress(
-            "corners of the tolerances; beside them, the load, a move and robots within their tolerances"
-        )
+        progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.corners  # noqa: B018
         evaluation.frequency_response  # noqa: B018
-        evaluation.margins  # noqa: B018
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = attenuation(setup, synthesis, scenario.step_duration)
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
-        progress("the load, the move and robots within their tolerances")
+        progress("load, move and sampled robots")
         rigid = rigid.result()
     lines = tuple(_requirements(evaluation, synthesis, mujoco))
     inside = _starts_inside(setup, synthesis)
@@ -215,10 +213,11 @@ def _requirements(
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
-    lines = margin_requirements(s, evaluation.margins)
+    lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
         damping, joints = required_damping(s), evaluation.setup.joints
-        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints)
+        damped = evaluation.least_damped_joint
+        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
@@ -392,7 +391,7 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     """The same lines for every law: margins, the jump, the sampled robots, the corners."""
     found = tuned.evaluation
     s, limits = found.setup.specification, found.setup.limits
-    lines = [] if found.linear_failure else margin_requirements(s, found.margins)
+    lines = [] if found.linear_failure else margin_requirements(s, found.margins, found.setup.joints)
     lines += step_requirements(s, limits, found.jump, "the jump, nominal robot")
     if not found.linear_failure and found.corners is not None:
         lines.append(corner_requirement(found.corners))

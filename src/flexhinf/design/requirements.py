@@ -115,8 +115,10 @@ def peak_option(unit: str, source: str = "") -> str:
     return ROBOT if source == ROBOT else "--peak-voltage" if unit == "V" else "--peak-torque"
 
 
-def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]:
-    """Peak sensitivity and gain margin of the running loop."""
+def margin_requirements(
+    s: Specification, margins: Margins, joints: Sequence[str] = ("",)
+) -> list[Requirement]:
+    """Peak sensitivity and gain margin of the running loop; `joints` are those of the inputs."""
     return [
         Requirement(
             "peak sensitivity", s.peak_sensitivity_limit, margins.peak_sensitivity, "", True, RUNNING,
@@ -125,12 +127,18 @@ def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]
         Requirement(
             "gain margin", s.gain_margin_limit, margins.gain_margin, "", False, RUNNING,
             "smallest factor, up or down, of one input's gain that makes the loop unstable", _option(s, "gain_margin"),
+            joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
 
 
 def behaviour_requirements(
-    s: Specification, bandwidth: np.ndarray, damping: float, margins: Margins, joints: Sequence[str]
+    s: Specification,
+    bandwidth: np.ndarray,
+    damping: float,
+    margins: Margins,
+    joints: Sequence[str],
+    least_damped: str = "",
 ) -> list[Requirement]:
     """Bandwidth and damping of the running loop, where weights were searched for them.
 
@@ -142,6 +150,8 @@ def behaviour_requirements(
         Required of every oscillation.
     margins : Margins
     joints : sequence of str
+    least_damped : str
+        The joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
     worst = int(np.argmin(fraction))
@@ -155,6 +165,7 @@ def behaviour_requirements(
         Requirement(
             "damping of oscillations", damping, margins.damping, "", False, RUNNING,
             "smallest damping ratio of every oscillation, the estimator's included", _option(s, "damping"),
+            least_damped if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
 
@@ -379,18 +390,24 @@ def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found = []
+    found, several = [], len(evaluation.setup.joints) > 1
+
+    def of(joint: str) -> str:
+        return f" ({joint})" if several and joint else ""
+
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
         found.append(
-            f"the estimation error oscillates at {worst.frequency:.3g} Hz with a damping of {worst.damping:.2g}"
+            f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
+            f"{worst.damping:.2g}"
         )
     damping = evaluation.margins.damping
     judged = any(line.what.startswith("damping") for line in lines)
     if damping < RINGS and not slow and not judged:
         found.append(
-            f"an oscillation of the running loop is damped by {damping:.2g} only, and no damping is required"
+            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by {damping:.2g} only, "
+            "and no damping is required"
         )
     margins, period = evaluation.margins, evaluation.setup.specification.period
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
@@ -405,7 +422,11 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
         found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
-        found.append(f"sensor noise at a motor is {100.0 * noise / peak:.2g} % of the step's peak input, rms")
+        noises = evaluation.input_noises
+        joint = "" if noises is None else of(evaluation.setup.joints[int(np.argmax(noises))])
+        found.append(
+            f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
+        )
     corners = evaluation.corners
     if corners is not None and not corners.unstable and (most := corners.most_unstable):
         found.append(f"another Rᵛ makes up to {most} of {corners.count} corners unstable")
