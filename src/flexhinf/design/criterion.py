@@ -17,10 +17,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from flexhinf.baselines import Judgement, excess
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.requirements import peak_option
 from flexhinf.errors import InvalidInput
 
-__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front"]
+__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front", "stated_limits"]
 
 #: What all laws share with the design, as `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
@@ -245,6 +249,27 @@ def criterion_for(
     return Criterion(
         mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length
     )
+
+
+def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
+    """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
+    s, joints = setup.specification, setup.limits
+    limits: dict[str, tuple[float, str] | None] = {
+        "peak_sensitivity": (
+            s.peak_sensitivity_limit,
+            "--peak-sensitivity" if s.peak_sensitivity else "default",
+        ),
+        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
+    }
+    if joints.limits_peak:
+        limits["peak_input"] = (float(joints.peak.max()), peak_option(unit, joints.peak_source))
+    elif joints.limits_effort:
+        limits["peak_input"] = (float(joints.saturation.max()), joints.saturation_source)
+    if s.damping:
+        limits["damping"] = (s.damping, "--damping")
+    if s.bandwidth is not None:
+        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
+    return limits
 
 
 def pareto_front(

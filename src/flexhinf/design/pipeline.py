@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.criterion import MODES, Criterion, criterion_for
+from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import joint_limits
@@ -23,7 +23,6 @@ from flexhinf.design.requirements import (
     corner_requirement,
     limit_requirements,
     margin_requirements,
-    peak_option,
     sample_requirements,
     status_of,
     step_requirements,
@@ -291,7 +290,8 @@ def compare(
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario = _comparison_scenario(linear, synthesis)
     own = linear.in_scenario(scenario)
-    criterion = _criterion(tune, own, _unit(synthesis))
+    unit = _unit(synthesis)
+    criterion = criterion_for(tune, yardstick(own), scenario.step_duration, stated_limits(setup, unit), unit)
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
     rows = tuple(_tuned_rows(tuner, kinds, laws or (), progress))
     return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
@@ -315,29 +315,6 @@ def _compared_samples(robot: Robot, states: int, s: Specification) -> int:
 def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
     """Geometric mean of the joints' bandwidths, rad/s: where searches over bandwidths begin."""
     return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
-
-
-def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
-    """What every law is tuned for; the limits are the specification's, or wider where the design's own law is."""
-    s = own.setup.specification
-    limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (
-            s.peak_sensitivity_limit,
-            "--peak-sensitivity" if s.peak_sensitivity else "default",
-        ),
-        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
-    }
-    stated = own.setup.limits
-    if stated.limits_peak:
-        limits["peak_input"] = (float(stated.peak.max()), peak_option(unit, stated.peak_source))
-    elif stated.limits_effort:
-        limits["peak_input"] = (float(stated.saturation.max()), stated.saturation_source)
-    if s.damping:
-        limits["damping"] = (s.damping, "--damping")
-    if s.bandwidth is not None:
-        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
-    assert own.scenario is not None
-    return criterion_for(mode, yardstick(own), own.scenario.step_duration, limits, unit)
 
 
 def _tuned_rows(

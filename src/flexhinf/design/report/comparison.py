@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
+from flexhinf.design.ranking import best_rival, is_ours, ranked, trade_offs
 from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
@@ -15,7 +16,7 @@ from flexhinf.design.report.sections.law_responses import responses_figure, trad
 from flexhinf.design.report.sections.requirements import requirement_text
 from flexhinf.design.report.settings import comparison_settings, files_section
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TunedLaw, best_rival, is_ours, ranked, trade_offs, unstable_corners
+from flexhinf.design.tuning import TunedLaw, unstable_corners
 from flexhinf.report import (
     Column,
     KeyNumber,

@@ -11,10 +11,10 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import NL_HINF
+from flexhinf.design.ranking import TradeOff
 from flexhinf.design.report.drawing import figure_block, line_style, panels, reference_line, thin
 from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TradeOff
 from flexhinf.report import Figure, house_style, label
 
 __all__ = ["responses_figure", "trade_off_figure"]
