@@ -320,13 +320,8 @@ def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
 def _tuned_rows(
     tuner: Tuner, kinds: Sequence[LawKind], asked: Sequence[str], progress: Progress
 ) -> Iterator[ComparedLaw]:
-    """All laws, each tuned for itself and then once more from the others, and evaluated.
-
-    Raises
-    ------
-    InvalidInput
-        If a law that was asked for by name cannot be made.
-    """
+    """All laws, each tuned for itself and then once more from the others, and evaluated; one that was asked for by name
+    and cannot be made is refused."""
     first: dict[str, TunedLaw | str] = {}
     for kind in kinds:
         progress(f"{kind.name}: tune")
