@@ -26,7 +26,8 @@ __all__ = [
 ]  # fmt: skip
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
-#: these (states cubed for each corner): with eleven numbers more than a hundred states, as with a delay of 100 samples.
+#: these (`EquilibriumLoop.operations` for each corner): with eleven numbers more than a hundred states, or a delay of
+#: more than 2000 samples.
 ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
@@ -249,7 +250,7 @@ def tolerance_corners(
 ) -> ToleranceCorners:
     """Growth rates at all corners of up to 12 uncertain numbers, at seeded samples of the corners of more.
 
-    Loops of more than a hundred states, as with a delay of a hundred samples, are sampled too; the result says so.
+    Loops of more than a hundred states, and delays of thousands of samples, are sampled too; the result says so.
 
     The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
     far as a q between two of these with which the loop grows fastest.
@@ -301,7 +302,7 @@ def corner_plants(
 
 def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
     """Whether all corners are computed."""
-    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
+    return uncertain <= ALL_OF and 2.0**uncertain * loop.operations <= OPERATIONS
 
 
 def _between(
