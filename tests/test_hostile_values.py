@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,15 @@ def estimator(kind: Any = fh.UnscentedKalmanFilter, **changed: Any) -> Any:
     return kind(plant(), **settings)
 
 
-TAKERS = {
+def mapping(key: Any, value: Any) -> Any:
+    return {key: value}
+
+
+def pair(one: Any, other: Any) -> Any:
+    return [one, other]
+
+
+TAKERS: dict[str, Callable[[Any], Any]] = {
     "period": lambda value: estimator(period=value),
     "period of the extended filter": lambda value: estimator(fh.ExtendedKalmanFilter, period=value),
     "alpha": lambda value: estimator(alpha=value),
@@ -68,8 +77,8 @@ TAKERS = {
     ),
     "sensors": lambda value: fh.paper_arm().plant(measured=value),
     "weights": lambda value: plant().with_objective(value),
-    "weights by name": lambda value: plant().with_objective({3: value}),
-    "bandwidth": lambda value: fh.Specification(bandwidth=[value, [value]]),
+    "weights by name": lambda value: plant().with_objective(mapping(3, value)),
+    "bandwidth": lambda value: fh.Specification(bandwidth=pair(value, [value])),
 }
 
 
