@@ -72,9 +72,7 @@ TAKERS: dict[str, Callable[[Any], Any]] = {
     "input": lambda value: estimator().predict(value),
     "point": lambda value: plant().derivative([0.0, 0.0], [value]),
     "parameter": lambda value: fh.Parameter("mass", value),
-    "integrals": lambda value: plant().with_objective(
-        [1.0, 1.0], integrate=value if value is not None else 0.0
-    ),
+    "integrals": lambda value: plant().with_objective([1.0, 1.0], integrate=value),
     "sensors": lambda value: fh.paper_arm().plant(measured=value),
     "weights": lambda value: plant().with_objective(value),
     "weights by name": lambda value: plant().with_objective(mapping(3, value)),
