@@ -220,8 +220,7 @@ class DelayedPoles(DelayedDeterminant):
             circle = _clear_radius(radius, np.concatenate([np.abs(roots), np.abs(self.prompt[0])]))
             missing = int(self.outside(np.array([circle]))[0]) - int((np.abs(roots) > circle).sum())
             if not missing:
-                gaps = np.abs(np.subtract.outer(roots, roots)) + np.eye(len(roots))
-                return roots, int((gaps.min(initial=1.0, axis=1) < APART).sum())
+                return roots, _close(roots)
             highest = np.log(max(1.05, 1.05 * float(np.abs(roots).max(initial=1.0))))
             sizes = np.exp(generator.uniform(np.log(circle), highest, SPREAD))
             angles = np.pi * generator.uniform(0.0, 1.0, SPREAD) ** np.where(np.arange(SPREAD) % 2, 1.0, 4.0)
@@ -345,6 +344,16 @@ def _distinct(found: np.ndarray) -> np.ndarray:
     roots = np.array(kept, dtype=complex)
     both = np.concatenate([roots, roots[np.imag(roots) > 0.0].conj()])
     return both[np.argsort(-np.abs(both), kind="stable")]
+
+
+def _close(roots: np.ndarray) -> int:
+    """How many roots have another within `APART`."""
+    from scipy.spatial import cKDTree
+
+    if len(roots) < 2:
+        return 0
+    points = np.column_stack([np.real(roots), np.imag(roots)])
+    return int((cKDTree(points).query(points, 2)[0][:, 1] < APART).sum())
 
 
 def _gap(sizes: np.ndarray, others: np.ndarray) -> tuple[float, int]:
