@@ -59,6 +59,9 @@ NO_LOCKS = {
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
 
+#: How often a file that vanished before it was locked is looked for again.
+MOST_TRIES = 1000
+
 #: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
 ABANDONED_AFTER_S = 86400.0
 
@@ -367,7 +370,7 @@ def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy"
 
 def _acquired(path: Path) -> int:
     """The handle of the locked file, or -1 where there are no locks; BlockingIOError where another one has it."""
-    while fcntl is not None:
+    for _ in range(MOST_TRIES if fcntl is not None else 0):
         handle = -1
         try:
             # never through a symbolic link, which would make a file elsewhere
@@ -388,7 +391,7 @@ def _acquired(path: Path) -> int:
                 return -1
             if error.errno != errno.ENOENT or not path.parent.is_dir():
                 raise
-    return -1
+    return -1  # a folder that is there and takes no files, as /proc is
 
 
 def _remove(name: str) -> None:
