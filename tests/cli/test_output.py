@@ -1,4 +1,4 @@
-"""Where the output goes: encodings that lack a letter, pipes that nobody reads, full disks, a system that gives nothing."""
+"""Where the output goes: encodings that lack a letter, pipes without a reader, full disks, refusals."""
 
 from __future__ import annotations
 
@@ -74,7 +74,9 @@ def test_an_output_on_a_full_disk_is_an_error(
     monkeypatch.setattr(sys, "stdout", full)
     assert main(words) == 2
     told = capsys.readouterr().err
-    assert told.startswith("error: ") and "No space left" in told and "\n  try:" in told
+    assert told.startswith("error: ")
+    assert "No space left" in told
+    assert "\n  try:" in told
 
 
 def test_an_error_that_cannot_be_told_has_its_exit_code(

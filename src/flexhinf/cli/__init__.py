@@ -50,7 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _NO_READER
         except Exception as error:
             if received:
-                sys.stderr.write("error: Interrupted.\n")  # what became of an interruption inside of a library
+                sys.stderr.write(
+                    "error: Interrupted.\n"
+                )  # what became of an interruption inside of a library
                 code = 128 + signal.SIGINT
             elif isinstance(error, (OSError, MemoryError, ImportError)):
                 code = _refused(error)

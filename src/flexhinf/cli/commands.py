@@ -39,7 +39,9 @@ def schema() -> None:
     from flexhinf.design import design_schema
 
     encoding = str(getattr(sys.stdout, "encoding", None) or "utf-8")
-    escaped = not encoding.lower().replace("-", "").startswith("utf")  # JSON's own escapes, so that it stays JSON
+    escaped = (
+        not encoding.lower().replace("-", "").startswith("utf")
+    )  # JSON's own escapes, so that it stays JSON
     typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
 
 
