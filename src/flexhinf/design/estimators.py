@@ -96,11 +96,14 @@ class EstimatorNoise:
 
     def diagonal(self, states: Sequence[str]) -> np.ndarray:
         """Diagonal (n,) of R^v for a plant with these states."""
-        values = []
+        values, motors = [], [name for name in states if name.startswith("motor_velocity")]
         for name in states:
             level = self.all_states
             if name.startswith("link_velocity"):
-                level += self.link_velocities
+                rigid = (
+                    motors and name.replace("link", "motor", 1) not in motors
+                )  # its motor's torque acts there
+                level += self.motor_velocities if rigid else self.link_velocities
             elif name.startswith("motor_velocity"):
                 level += self.motor_velocities
             values.append(level)
@@ -119,7 +122,9 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     """
     p = plant.parameters.named(plant.parameters.vector())
     stiffness = np.atleast_1d(p.stiffness).astype(float)
-    joints = [name.removeprefix("link_position") for name in plant.states if name.startswith("link_position")]
+    joints = [
+        name.removeprefix("motor_position") for name in plant.states if name.startswith("motor_position")
+    ]
     variances = []
     for name in plant.outputs:
         factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
@@ -140,11 +145,11 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     steps = np.asarray(s.quantisation, dtype=float)
     if steps.shape == () or (s.estimator == "none" and steps.size == 1):
         return steps.reshape(())
-    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names)
+    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names, robot.rigid)
     if len(steps) == len(signals):
         return steps
     if signals and len(steps) == len(s.measured):
-        groups = [expanded(name, SENSORS, robot.joint_names) for name in s.measured]
+        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in s.measured]
         return np.concatenate([np.full(len(group), step) for group, step in zip(groups, steps)])
     allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
     raise SpecificationError(
@@ -161,7 +166,7 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
     if isinstance(s.quantisation, float) or s.estimator == "none":
         return replace(s, measured=sensors)
     joints = robot.joint_names
-    known = dict(zip(expanded(s.measured, SENSORS, joints), sensor_steps(robot, s).tolist()))
+    known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
 
     def kind(name: str) -> tuple[str, str]:
         quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
@@ -173,7 +178,9 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
         return known.get(name, (own or alike or [0.0])[0])
 
     return replace(
-        s, measured=sensors, quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints))
+        s,
+        measured=sensors,
+        quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid)),
     )
 
 

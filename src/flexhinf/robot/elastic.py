@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -83,6 +84,14 @@ class Layout:
     n: int
     rigid: tuple[int, ...] = ()
 
+    @staticmethod
+    def of(states: Sequence[str]) -> Layout:
+        """From the names of the states: a joint without a motor's position is rigid."""
+        joints = [name.removeprefix("link_position") for name in states if name.startswith("link_position")]
+        joints = [joint for joint in joints if not joint.endswith("_integral")]
+        rigid = tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
+        return Layout(len(joints), rigid)
+
     @property
     def elastic(self) -> list[int]:
         """The joints with a spring."""
@@ -106,7 +115,7 @@ class Layout:
         return np.array([links[i] if i in self.rigid else next(own) for i in range(self.n)])
 
     def whole(self, x: Any) -> np.ndarray:
-        """q1, q̇1, q2, q̇2 (4 n,) with the motors of rigid joints where their links are."""
+        """q1, q̇1, q2, q̇2 (4 n,) with the motors of rigid joints where their links are; or (4 n, N) of columns."""
         q, dq, theta, dtheta = self.split(x)
         return np.concatenate([q, dq, self.motors(q, theta), self.motors(dq, dtheta)])
 

@@ -19,7 +19,7 @@ from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, signal_names, units_of
+from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
 from flexhinf.untrusted import real_array
 
 __all__ = ["MuJoCoPlant", "check_expressed", "mujoco_xml"]
@@ -92,7 +92,7 @@ class MuJoCoPlant(BlackBox):
         model = robot.plant(SENSORS if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
-        sensed = None if measured is None else Sensors(expanded(measured, SENSORS, joints), joints, on)
+        sensed = None if measured is None else Sensors(model.outputs, joints, on, robot.layout.rigid)
         self._sensors = sensed
         self.outputs = self.states if sensed is None else sensed.names
         self._gain = (
