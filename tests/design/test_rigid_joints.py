@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -92,9 +94,10 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
 
 
 def test_weights_by_a_plain_name_stand_for_the_joints_that_have_the_signal(mixed: Robot) -> None:
-    weights = {"link_position": [3.0, 4.0, 5.0], "motor_velocity": [0.5, 0.6], "joint_torque_rate": 0.1}
-    weights["link_position_integral"] = 3.0
+    weights: Any = {"link_position": [3.0, 4.0, 5.0], "motor_velocity": [0.5, 0.6]}
+    weights |= {"joint_torque_rate": 0.1, "link_position_integral": 3.0}
     problem = mixed.problem(penalty=Penalty(weights, effort=1.0))
     assert np.isfinite(fh.smallest_gamma(problem))
+    weights["motor_velocity"] = [0.5, 0.6, 0.7]
     with pytest.raises(fh.FlexhinfError, match="motor_velocity"):
-        mixed.problem(penalty=Penalty({"motor_velocity": [0.5, 0.6, 0.7]}, effort=1.0))
+        mixed.problem(penalty=Penalty(weights, effort=1.0))

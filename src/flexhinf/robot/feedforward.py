@@ -94,13 +94,23 @@ class InverseFlow:
         return np.concatenate([q, dq, own[0], own[1]]), drive
 
 
-def flat_coordinates(links: Links, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+def flat_coordinates(links: Links, x: Any, p: Any, layout: Layout) -> tuple[Any, Any, Any, Any]:
     """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x = (q1, q̇1, q2, q̇2), on any element.
 
     They are the coordinates in which `InverseFlow` makes the robot n chains of four integrators.
+
+    Raises
+    ------
+    InvalidInput
+        For a robot with rigid joints, whose accelerations depend on the input.
     """
-    n = len(links.joint_names)
-    q, dq, theta, dtheta = (x[k * n : (k + 1) * n] for k in range(4))
+    if layout.rigid:
+        raise InvalidInput(
+            "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
+            f"expected elastic joints only, got the rigid {[links.joint_names[i] for i in layout.rigid]}",
+            "a law without exact linearisation",
+        )
+    q, dq, theta, dtheta = layout.split(x)
     spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
     ddq = links.accelerations(q, dq, spring, p)
     moved = links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)

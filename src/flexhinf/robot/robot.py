@@ -17,7 +17,7 @@ from flexhinf.robot.elastic import ElasticFlow, Layout, Links
 from flexhinf.robot.extras import Engaged, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
-from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.parameter import Parameter, checked_signs
 from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.quantities import check_parameters, checked_limits, checked_rigid
 from flexhinf.robot.signals import (
@@ -304,13 +304,7 @@ class Robot(Summarised):
 
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
         """(q, q̇, q̈, q⃛) of a state of `plant`, (n,) each, on any element: the way back from `inverse_flow`."""
-        if self.rigid:
-            raise InvalidInput(
-                f"The robot {self.name!r} has rigid joints: its state alone does not give q̈ and q⃛.",
-                f"expected elastic joints only, got the rigid {list(self.rigid)}",
-                "a law without exact linearisation",
-            )
-        return flat_coordinates(self.links, x, p)
+        return flat_coordinates(self.links, x, p, self.layout)
 
     def problem(
         self,
@@ -400,21 +394,7 @@ class Robot(Summarised):
         InvalidInput
             For unknown names, another number of signs, or a sign outside [−1, 1].
         """
-        if not isinstance(signs, Mapping):
-            if len(signs) != len(self.uncertain):
-                raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.",
-                    f"expected one for each of {[p.name for p in self.uncertain]}, got {len(signs)}",
-                    "a sign, −1, 0 or 1, for each",
-                )
-            signs = {p.name: s for p, s in zip(self.uncertain, signs, strict=True)}
-        for name, sign in signs.items():
-            if name not in self.nominal:
-                self[name]  # refuses it
-            if not -1.0 <= sign <= 1.0:
-                raise InvalidInput(
-                    f"The sign for {name!r} leaves its tolerance.",
-                    f"expected −1 to 1, got {sign!r}",
-                    "−1, 0 or 1",
-                )
+        signs = checked_signs(self.uncertain, signs)
+        for name in signs.keys() - self.nominal.keys():
+            self[name]  # refuses it
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

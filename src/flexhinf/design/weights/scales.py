@@ -32,6 +32,10 @@ __all__ = ["INTEGRAL_WEIGHT", "VELOCITY_WEIGHT", "JointScales"]
 INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
 
 
+#: All joints have a spring, however many there are.
+EVERY = Layout(0)
+
+
 @dataclass(frozen=True, eq=False)
 class JointScales:
     """What weights are scaled by, at a pose.
@@ -46,8 +50,8 @@ class JointScales:
         Torque per unit of input.
     held : float
         Lowest frequency at which the links vibrate while the motors are held, rad/s.
-    layout : Layout
-        Which joints have a spring; of the others K is infinite, J zero and part of M.
+    layout : Layout, optional
+        Which joints have a spring, all by default; of the others K is infinite, J zero and part of M.
     """
 
     stiffness: np.ndarray
@@ -56,7 +60,11 @@ class JointScales:
     damping: np.ndarray
     per_input: np.ndarray
     held: float
-    layout: Layout
+    layout: Layout = EVERY
+
+    def __post_init__(self) -> None:
+        if self.layout is EVERY:
+            object.__setattr__(self, "layout", Layout(len(self.stiffness)))
 
     @staticmethod
     def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
