@@ -15,6 +15,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.extras import spring_torque
+from flexhinf.untrusted import checked_names
 
 __all__ = [
     "MECHANICAL",
@@ -93,7 +94,7 @@ def expanded(
     InvalidInput
         For no name, an unknown one, or the same signal twice.
     """
-    requested = (names,) if isinstance(names, str) else tuple(names)
+    requested = checked_names("The sensors", names)
     every = {
         quantity: names_of(quantity, joints, rigid if quantity == "joint_torque" else ())
         for quantity in quantities
