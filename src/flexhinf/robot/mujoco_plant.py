@@ -92,7 +92,7 @@ class MuJoCoPlant(BlackBox):
         model = robot.plant(SENSORS if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
-        sensed = None if measured is None else Sensors(model.outputs, joints, on, robot.layout.rigid)
+        sensed = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout.rigid)
         self._sensors = sensed
         self.outputs = self.states if sensed is None else sensed.names
         self._gain = (
