@@ -18,7 +18,7 @@ from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response, Worst
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
+from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import Synthesis
 
 __all__ = [
@@ -40,9 +40,6 @@ __all__ = [
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
 
-
-#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
-RINGS = 0.1
 
 #: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05

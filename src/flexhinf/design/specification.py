@@ -40,8 +40,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification", "SpecificationError",
-    "json_schema",
+    "ESTIMATORS", "FIELDS", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification",
+    "SpecificationError", "json_schema",
 ]  # fmt: skip
 
 Preset = Literal["paper", "damped", "robust"]
@@ -55,6 +55,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
+RINGS = 0.1
 
 #: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
 TOLERANCE = 0.02

@@ -213,19 +213,19 @@ def _searched(
     robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str
 ) -> DesignProblem:
     plant, equilibrium = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, equilibrium)
+    family, scales = LinearFamily.of(robot, goal, period=s.period), JointScales.of(plant, equilibrium)
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
         names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
         torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
 
-    def nominal(target_frequency: np.ndarray, damping: float) -> LinearProblem:
+    def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
             family, scales.rows(target_frequency, damping), _command(s) is not None, torques
         )
 
-    def synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+    def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
         linear = nominal(target_frequency, damping)
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
@@ -237,7 +237,7 @@ def _searched(
     found, family = _widened(many, target, family, synthesis, scales.held)
     source = f"found for {_words(target)}"
     if preset == "damped":
-        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
         problem = _problem(robot, goal, s, penalty)
         star = smallest_gamma(problem)
         return DesignProblem(
@@ -261,7 +261,7 @@ def _searched(
         """With all tolerances enlarged by a factor."""
         larger = replace(scalings, fraction=factor * scalings.fraction)
 
-        def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
             return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
                 s.gamma_ratio, larger
             )
@@ -289,15 +289,15 @@ def _widened(
     held: float,
 ) -> tuple[SearchResult, LinearFamily]:
     """A search, and again with the worst of many corners among the members."""
-    found = search(target, family, synthesis, held)
     if len(family.a) == 1:
-        return found, family
+        return search(target, family, synthesis, held), family
+    found = search(target, family, synthesis, held, each=False)
     wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
     return search(target, wider, synthesis, held), wider
 
 
 def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
-    return nominal(found.chosen.target_frequency, found.chosen.damping_weight)
+    return nominal(found.chosen.target_frequency, found.chosen.damping_weights)
 
 
 def _robust(
@@ -316,9 +316,9 @@ def _robust(
     star = robust.gamma_star(scalings, 1e-6)
     gamma = s.gamma_ratio * star
     enter, seen, price = robust.parts(scalings)
-    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
     nominal = _problem(robot, goal, s, base)
-    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weight), seen])
+    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weights), seen])
     physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     problem = with_channels(nominal.plant, gamma * enter).with_objective(

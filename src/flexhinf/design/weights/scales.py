@@ -75,15 +75,15 @@ class JointScales:
         """ω_v (n,), rad/s."""
         return np.sqrt(self.stiffness * (1.0 / self.link_inertia + 1.0 / self.motor_inertia))
 
-    def weights(self, target_frequency: np.ndarray, damping: float) -> dict[str, np.ndarray]:
+    def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight (n,) by name.
 
         Parameters
         ----------
         target_frequency : (n,)
             ω of each joint, rad/s.
-        damping : float
-            ζ; 0 leaves the rates of the springs' torques free.
+        damping : float or (n,)
+            ζ, of all joints or of each; 0 leaves the rates of the springs' torques free.
         """
         total = self.link_inertia + self.motor_inertia
         position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
@@ -97,7 +97,7 @@ class JointScales:
             "link_position_integral": INTEGRAL_WEIGHT * position * target_frequency,
         }
 
-    def rows(self, target_frequency: np.ndarray, damping: float) -> np.ndarray:
+    def rows(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> np.ndarray:
         """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫): (5n, 5n); without rows of zeros."""
         n, w = len(self.stiffness), self.weights(target_frequency, damping)
         rows = np.zeros((5 * n, 5 * n))
@@ -110,7 +110,7 @@ class JointScales:
         rows[place, n : 2 * n], rows[place, 3 * n : 4 * n] = -np.diag(rate), np.diag(rate)
         return rows[np.any(rows != 0.0, axis=1)]
 
-    def penalty(self, target_frequency: np.ndarray, damping: float) -> Penalty:
+    def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
         """The same as a penalty of the robot with R2 = 1."""
         named = {
             name: weight.tolist() if len(weight) > 1 else float(weight[0])
