@@ -1,5 +1,6 @@
 """Running and binding, compiled and interpreted alike."""
 
+import _ctypes
 import gc
 import threading
 import time
@@ -121,3 +122,16 @@ def test_threads_run_one_kernel_on_arrays_of_their_own():
     for thread in threads:
         thread.join()
     assert [x[0] for x in columns] == [1000.0, 2000.0, 3000.0, 4000.0]
+
+
+@BOTH
+def test_a_short_call_keeps_the_lock_and_gives_the_same(make):
+    kernel, results = make(PROGRAM), []
+    for short in (False, True):
+        x = np.zeros(1)
+        bound = kernel.bind({"x": x, "u": np.full(1, 3.0)}, {"n": 100}, short=short)
+        assert bound() == 0
+        results.append(x[0])
+        if kernel.compiled:
+            assert bool(bound.func._flags_ & _ctypes.FUNCFLAG_PYTHONAPI) is short
+    assert results[0] == results[1]

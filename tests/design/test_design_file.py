@@ -25,7 +25,8 @@ OTHERS: dict[str, Any] = {
     "preset": "robust",
     "bandwidth": (4.0, 2 * np.pi * 0.6),
     "damping": 0.1 + 0.2,
-    "peak_effort": 60.0,
+    "peak_effort": (60.0, np.inf),
+    "peak_speed": (1.5, 2.0),
     "peak_sensitivity": 1.9,
     "gain_margin": 2.5,
     "angle_unit": "deg",
@@ -44,10 +45,10 @@ OTHERS: dict[str, Any] = {
     "process_noise": 1e-11,
     "torque_noise": 3e-8,
     "measurement_noise": 1e-300,
-    "saturation": 24.0,
+    "saturation": (24.0, 12.0),
     "extras": ("inductance", "coulomb_friction"),
     "delay": 1e-3,
-    "quantisation": 2 * np.pi / 4096,
+    "quantisation": (2 * np.pi / 4096, 0.0),
     "load": -0.7,
     "draws": 0,
     "rays": 0,
@@ -112,7 +113,7 @@ def test_every_example_of_a_field_can_be_read() -> None:
 
 def test_the_schema_has_every_field_with_its_help() -> None:
     table = design_schema()["properties"]["design"]
-    assert list(table["properties"]) == ["robot", "elastic", *FIELDS]
+    assert list(table["properties"]) == ["robot", "elastic", "payload", *FIELDS]
     assert table["additionalProperties"] is False
     assert table["properties"]["preset"]["anyOf"][0]["enum"] == ["paper", "damped", "robust"]
     assert table["properties"]["overshoot"]["exclusiveMinimum"] == 0.0
@@ -264,3 +265,14 @@ def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
         load_design(tmp_path / "design.toml")
     with pytest.raises(fh.InvalidInput, match="no table"):
         load_design(fh.catalogue()["paper"])
+
+
+def test_a_payload_of_the_command_line_stands_in_the_file_and_wins_over_it(tmp_path: Path) -> None:
+    file = tmp_path / "design.toml"
+    file.write_text(request_text(Specification(), "paper", None, tmp_path, "0..0.2kg"), encoding="utf-8")
+    asked = read_request(file)
+    assert asked.payload == "0..0.2kg"
+    assert asked.robot["payload_mass"].interval == (0.0, 0.2)
+    assert load_design(file)[0]["payload_mass"].interval == (0.0, 0.2)
+    assert read_request(file, payload="0.1").robot["payload_mass"].interval == (0.1, 0.1)
+    assert read_request("paper", payload="0.1").robot.nominal["payload_mass"] == 0.1

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import flexhinf as fh
+from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
+from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
     Requirement,
@@ -19,7 +24,7 @@ from flexhinf.design.requirements import (
     step_requirements,
 )
 from flexhinf.design.responses import Worst, worst_of
-from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
+from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
 
 
 class Step:
@@ -27,14 +32,22 @@ class Step:
 
     def __init__(self, overshoots: list[float | None], inputs: Any, diverged: bool = False) -> None:
         self.joints = tuple(f"j{k}" for k in range(len(overshoots)))
-        largest = np.abs(inputs).max(axis=0)
-        self.peak = Worst(np.inf, "") if diverged else Worst(float(largest.max()), f"j{largest.argmax()}")
+        self.inputs = np.array(inputs, dtype=float)
+        self.positions = self.velocities = 0.01 * self.inputs
+        self.diverged_at = 0.1 if diverged else None
+        self.run = SimpleNamespace(time=0.25 * np.arange(len(self.inputs)))
         rows = [{"joint": f"j{k}", "overshoot_percent": v} for k, v in enumerate(overshoots) if v is not None]
         self.metrics = [] if diverged else rows or [{"joint": "j0"}]
 
     @property
     def overshoot(self) -> Worst:
         return worst_of(self.metrics, "overshoot_percent")
+
+
+def limits_of(s: Specification, joints: int = 2, **robot: Any) -> JointLimits:
+    """Of the catalogue's robot with so many joints, driven by voltages."""
+    shipped = fh.load_robot("paper" if joints == 1 else "planar-two-link")
+    return joint_limits(replace(shipped, **robot), s)
 
 
 class Linear:
@@ -84,7 +97,7 @@ def test_all_hold_when_each_does() -> None:
 
 def test_of_a_step_the_worst_joint_counts_and_is_named() -> None:
     step: Any = Step([1.0, 7.0, None], [[1.0, -30.0], [2.0, 3.0]])
-    (overshoot,) = step_requirements(Specification(), step, "V", "here")
+    (overshoot,) = step_requirements(Specification(), limits_of(Specification()), step, "here")
     assert (overshoot.found, overshoot.limit, overshoot.stated_by, overshoot.met) == (
         7.0,
         5.0,
@@ -93,16 +106,17 @@ def test_of_a_step_the_worst_joint_counts_and_is_named() -> None:
     )
     assert overshoot.joint == "j1"
     asked = Specification(overshoot=8.0, peak_effort=25.0)
-    overshoot, peak = step_requirements(asked, step, "V", "here")
+    overshoot, peak = step_requirements(asked, limits_of(asked), step, "here")
     assert (overshoot.stated_by, overshoot.met) == ("--overshoot", True)
     assert (peak.found, peak.unit, peak.at_most, peak.met) == (30.0, "V", True, False)
     still: Any = Step([None], [[1.0]])
-    assert step_requirements(Specification(), still, "V", "here")[0].found == 0.0
+    assert step_requirements(Specification(), limits_of(Specification(), 1), still, "here")[0].found == 0.0
 
 
 def test_a_step_that_diverges_meets_nothing() -> None:
     step: Any = Step([1.0], [[1.0]], diverged=True)
-    lines = step_requirements(Specification(peak_effort=60.0), step, "V", "here")
+    asked = Specification(peak_effort=60.0)
+    lines = step_requirements(asked, limits_of(asked, 1), step, "here")
     assert [line.found for line in lines] == [np.inf, np.inf]
 
 
@@ -139,8 +153,12 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
 def test_of_the_tolerances_the_worst_robot_counts() -> None:
     figures = np.array([1.0, 4.0, 2.0]), np.array([1.0, np.inf, 1.0]), np.array([9.0, 8.0, 70.0])
     names = ("a", "b", "a")
-    samples = MonteCarlo(({}, {}, {}), *figures, names, names, names, np.zeros(1), np.zeros((3, 1, 2)))
-    unsettled, overshoot, peak = sample_requirements(Specification(peak_effort=60.0), samples, "V")
+    inputs = np.array([[9.0, 1.0], [8.0, 1.0], [70.0, 1.0]])
+    samples = MonteCarlo(
+        ({}, {}, {}), *figures, names, names, names, inputs, 0.1 * inputs, np.zeros(1), np.zeros((3, 1, 2))
+    )
+    asked = Specification(peak_effort=60.0)
+    unsettled, overshoot, peak = sample_requirements(asked, limits_of(asked), samples)
     assert (unsettled.found, unsettled.met, unsettled.stated_by) == (1.0, False, "default")
     assert (overshoot.found, overshoot.met, overshoot.joint) == (4.0, True, "b")
     assert (peak.found, peak.met) == (70.0, False)
@@ -157,3 +175,50 @@ def test_one_unstable_corner_is_too_many() -> None:
     corners.unstable, corners.complete = 1, False
     assert not corner_requirement(corners).met
     assert "400 sampled corners" in corner_requirement(corners).where
+
+
+def test_each_joint_is_judged_by_its_own_limit_and_the_moment_is_named() -> None:
+    step: Any = Step([1.0, 1.0], [[50.0, -3.0], [60.0, -11.0], [10.0, 2.0]])
+    asked = Specification(peak_effort=(87.0, 10.0), peak_speed=(0.5, 1.0))
+    _, peak, speed = step_requirements(asked, limits_of(asked), step, "here")
+    assert (peak.found, peak.limit, peak.joint, peak.at, peak.met) == (11.0, 10.0, "elbow", 0.25, False)
+    assert (speed.found, speed.limit, speed.joint, speed.at) == (pytest.approx(0.6), 0.5, "shoulder", 0.25)
+    assert (peak.stated_by, speed.stated_by, speed.unit) == ("--peak-voltage", "--peak-speed", "rad/s")
+    wide = Specification(peak_effort=(87.0, 12.0), peak_speed="40deg/s")  # type: ignore[arg-type]
+    assert all(one.met for one in step_requirements(wide, limits_of(wide), step, "here"))
+
+
+def test_what_the_robot_states_is_judged_unless_an_option_does() -> None:
+    step: Any = Step([1.0, 1.0], [[50.0, -3.0], [60.0, -11.0]])
+    own = {"effort_limits": (55.0, None), "speed_limits": (None, 0.2)}
+    plain = Specification()
+    _, peak, speed = step_requirements(plain, limits_of(plain, **own), step, "here")
+    assert (peak.found, peak.limit, peak.joint, peak.met, peak.stated_by) == (
+        60.0,
+        55.0,
+        "shoulder",
+        False,
+        ROBOT,
+    )
+    assert (speed.joint, speed.met, speed.stated_by) == ("elbow", True, ROBOT)
+    free = Specification(peak_effort=np.inf, peak_speed=np.inf)
+    assert len(step_requirements(free, limits_of(free, **own), step, "here")) == 1
+    limits = limits_of(free, **own)
+    assert limits.saturation.tolist() == [55.0, np.inf]  # the motor still cannot give more
+    assert limits.effort.tolist() == [55.0, np.inf]
+
+
+def test_a_joint_that_leaves_its_range_is_named() -> None:
+    step: Any = Step([1.0, 1.0], [[50.0, -3.0], [60.0, 271.0]])  # 2.71 rad, of at most 2.6
+    (_, beyond) = step_requirements(Specification(), limits_of(Specification()), step, "here")
+    assert (beyond.joint, beyond.unit, beyond.at, beyond.met) == ("elbow", "rad", 0.25, False)
+    assert beyond.found == pytest.approx(0.11)
+
+
+@pytest.mark.parametrize("name", ["peak_effort", "saturation", "peak_speed"])
+def test_another_number_of_limits_than_joints_is_refused_in_the_syntax_of_the_user(name: str) -> None:
+    asked: dict[str, Any] = {name: (87.0, 87.0, 12.0)}
+    with pytest.raises(SpecificationError, match=r"one for each of \['shoulder', 'elbow'\]") as refused:
+        limits_of(Specification(**asked))
+    assert f"{name}=(87.0, 87.0)" in str(refused.value)
+    assert error_text(refused.value).endswith(f"--{name.replace('_', '-')} 87,87")

@@ -57,6 +57,8 @@ def test_figures_of_merit_are_those_of_the_trajectory(
             goal[joint],
         )
         assert metrics.pop("joint") == setup.joints[joint]
+        rate = run.signals["state"][:, len(goal) + joint]
+        assert metrics.pop("peak_speed") == np.abs(rate).max()
         assert metrics == pytest.approx(wanted, rel=1e-9)
         assert metrics["settling_time_s"] < 4.0
     assert response.positions[0] == pytest.approx(start)

@@ -8,7 +8,15 @@ from pathlib import Path
 import pytest
 
 from flexhinf.robot.quantities import QUANTITIES
-from flexhinf.robot.schema import JointTable, LinkTable, MotorTable, RobotTable, SpringTable
+from flexhinf.robot.schema import (
+    JointTable,
+    LinkTable,
+    MotorTable,
+    PayloadTable,
+    RobotTable,
+    SpringTable,
+    TolerancesTable,
+)
 
 
 @pytest.fixture
@@ -21,10 +29,18 @@ def test_the_page_lists_every_key_with_its_unit(page: str) -> None:
     listed = {name: row for row in rows for name in re.findall(r"`([a-z_]+)`", row.split("|")[1])}
     keys = {
         key
-        for table in (RobotTable, JointTable, LinkTable, SpringTable, MotorTable)
+        for table in (
+            RobotTable,
+            JointTable,
+            LinkTable,
+            SpringTable,
+            MotorTable,
+            PayloadTable,
+            TolerancesTable,
+        )
         for key in table.model_fields
     }
-    tables = {"joint", "link", "spring", "motor", "penalty"}
+    tables = {"joint", "link", "spring", "motor", "penalty", "payload", "tolerances"}
     assert sorted(keys - tables - set(listed)) == []
     units = {key: QUANTITIES[key] for key in listed if key in QUANTITIES}
     wrong = [

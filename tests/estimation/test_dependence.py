@@ -1,7 +1,7 @@
 import casadi as ca
 import pytest
 
-from flexhinf.estimation.dependence import nonzero, switches, varying
+from flexhinf.estimation.dependence import linear, nonzero, switches, varying
 
 Z = ca.SX.sym("z", 2)
 A, B = Z[0], Z[1]
@@ -56,3 +56,18 @@ def test_switches_are_zero_where_the_code_switches(expression, zero_at):
 
 def test_smooth_code_has_no_switches():
     assert switches(ca.exp(A) / ca.tanh(B) + ca.atan2(A, B) ** 2, Z).numel() == 0
+
+
+@pytest.mark.parametrize(
+    ("result", "expected"),
+    [
+        (3.0 * A + ca.sin(B) * A + B, True),
+        (ca.SX(1.0), True),
+        (A * A, False),
+        (ca.floor(A), False),  # whose derivative is zero
+        (ca.if_else(A > 0.0, 1.0, 2.0), False),
+        (ca.fabs(A), False),
+    ],
+)
+def test_linear_in_the_first_argument(result, expected):
+    assert linear(ca.Function("f", [A, B], [A, result])) is expected

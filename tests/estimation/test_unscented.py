@@ -3,6 +3,7 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints
 from filterpy.kalman import UnscentedKalmanFilter as Filterpy
 
+from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import Gaussian, Plant, rk4_step
@@ -274,3 +275,36 @@ def test_bounds_that_bite_keep_the_covariance_positive(period):
         for name, (low, high) in bounds.items():
             assert low <= ukf.mean[plant.index(name)] <= high
         ukf.predict([3.0])
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("scaling", [{}, {"alpha": 0.7, "kappa": 1.0}])
+def test_a_linear_output_needs_no_sigma_points(scaling, monkeypatch):
+    """Steps 5 to 12 through the points, and through half as many columns of L, agree to rounding."""
+    plant = paper_arm().plant()
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(4, 4))
+    belief = Gaussian(rng.normal(size=4), 0.1 * root @ root.T)
+    arguments = (belief, np.array([0.3]), np.zeros(1), plant.parameters.vector(), np.array([[1e-3]]))
+    by_columns = UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling)
+    assert by_columns.linear_output
+    by_points = UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling)
+    monkeypatch.setitem(vars(by_points), "linear_output", False)
+    one, other = (f.innovation_stages(DIRECT, *arguments) for f in (by_columns, by_points))
+    for a, b in zip((*one[0], *one[1:]), (*other[0], *other[1:]), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
+
+
+def test_an_output_that_switches_goes_through_sigma_points():
+    """Its derivative is zero wherever there is one, and the points see the steps."""
+    plant = Plant(
+        lambda x, u, d, p: -x,
+        states=("x",),
+        inputs=("u",),
+        outputs=("y",),
+        output=lambda x, u, p: np.floor(x),
+    )
+    ukf = UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-3, np.array([0.9]), 1.0)
+    assert not ukf.linear_output
+    ukf.correct(2.0)
+    assert ukf.mean[0] > 1.0

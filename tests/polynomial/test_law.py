@@ -34,3 +34,22 @@ def test_symbols_pass_through():
 def test_wrong_width_is_refused():
     with pytest.raises(InvalidInput, match=r"expected shape \(inputs, 6\)"):
         PolynomialLaw(2, (1, 3), np.ones((1, 5)))
+
+
+def test_a_law_of_symbols_is_summed_in_eight_parts():
+    """Its latency lies between measurement and input: a sum of 35 terms one after the other would be 35 deep."""
+
+    class Depth:
+        def __init__(self, depth):
+            self.depth = depth
+
+        def __mul__(self, other):
+            return Depth(max(self.depth, getattr(other, "depth", 0)) + 1)
+
+        __add__ = __radd__ = __rmul__ = __mul__
+
+    law = PolynomialLaw(5, (1, 3), np.ones((2, 40)))
+    u = law.evaluate(np.array([Depth(0) for _ in range(5)], dtype=object))
+    assert (
+        max(value.depth for value in u) <= 3 + 5 + 3
+    )  # monomial and coefficient, a part's terms, pairs of parts

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,22 @@ def test_unknown_switches_and_missing_numbers():
         ARM.with_values({"backlash": -1.0})
     with pytest.raises(InvalidInput, match="no use for a parameter 'backlsh'"):
         ARM.with_parameters(Parameter("backlsh", 1.0))
+
+
+def test_backlash_of_a_joint_that_carries_nothing_is_run_with_the_steps_of_its_spring():
+    """In the middle of the gap no spring is felt, but the run leaves it: it diverged with the steps for the gap."""
+    robot = fh.load_robot("quanser-rotflex").with_values({"stiffness": 3e4})
+    robot = robot.with_parameters(Parameter("backlash", 1e-3))
+    x, u = robot.operating_point(extras="backlash")
+    assert list(x) == [0.0] * 4
+    plain, real = robot.plant(), robot.plant(extras="backlash")
+    assert real.fastest_mode(x, u) == pytest.approx(plain.fastest_mode(x, u), rel=1e-9)
+    assert pickle.loads(pickle.dumps(real)).fastest_mode(x, u) == real.fastest_mode(x, u)
+    law = fh.linear_law(robot.problem(), gamma=2 * fh.smallest_gamma(robot.problem()))
+    run = fh.Loop(real, fh.Controller(law, None, 1e-3)).run(fh.Step(0.5), duration=0.2)
+    assert run.status == "completed"
+    plant = fh.load_robot("planar-two-link").with_parameters(
+        Parameter("backlash_shoulder", 1e-3), Parameter("backlash_elbow", 1e-3)
+    )
+    held = plant.operating_point([1.0, -1.0], "backlash")[0] - plant.operating_point([1.0, -1.0])[0]
+    np.testing.assert_allclose(held[4:6], [5e-4, 0.0], atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import rk4_step
-from flexhinf.robot import MuJoCoPlant, load_robot
+from flexhinf.robot import MuJoCoPlant, Parameter, load_robot
 
 pytest.importorskip("mujoco")
 
@@ -38,12 +38,15 @@ def ours(plant, x, u, d, step, steps):
         ("paper", 1e-3, ()),
         ("quanser-rotflex", 1e-3, ()),
         ("planar-two-link", 1e-3, ("joint_damping",)),
+        ("planar-two-link", 1e-3, ("backlash",)),
         ("spatial-three-link", 1e-3, ()),
         ("seven-link", 2e-4, ()),
     ],
 )
 def test_one_second_of_mujocos_own_integration(name, step, extras):
     robot = load_robot(name)
+    if "backlash" in extras:
+        robot = robot.with_parameters(*(Parameter(f"backlash_{joint}", 0.02) for joint in robot.joint_names))
     rng, n = np.random.default_rng(2), len(robot.joint_names)
     x, u = robot.operating_point()
     x = x + np.concatenate(
@@ -81,6 +84,43 @@ def test_a_closed_loop_on_mujocos_plant_agrees_with_ours():
     np.testing.assert_allclose(ends[1][:2], [0.6, 0.3], atol=0.02)
 
 
+@pytest.mark.oracle
+def test_a_rotor_is_stopped_by_dry_friction_in_the_time_that_newton_says_and_stays_there():
+    """J θ̈ = τ − F sign θ̇ of a rotor whose spring is too soft to matter: τ below F never moves it."""
+    robot = load_robot("quanser-rotflex").with_values({"stiffness": 1e-9, "friction": 0.0})
+    robot = robot.with_values({"back_emf_constant": 0.0}).with_parameters(Parameter("coulomb_friction", 0.02))
+    inertia = robot.plant_parameters()["motor_inertia"]
+    box = MuJoCoPlant(robot, None, step=1e-4, extras=("coulomb_friction",))
+    box.reset([0.0, 0.0, 0.0, 5.0])
+    stops = 5.0 * inertia / 0.02
+    for _ in range(round(0.5 * stops / 1e-3)):
+        box.step([0.0], (), 1e-3)
+    assert box.state()[3] == pytest.approx(2.5, rel=2e-3)
+    for _ in range(round(2.5 * stops / 1e-3)):  # 2.5 rad/s with a quarter of the friction left
+        box.step([0.0], [0.0, 0.015], 1e-3)
+    place = box.state()[2]
+    for _ in range(1000):
+        box.step([0.0], [0.0, 0.015], 1e-3)
+    assert abs(box.state()[2] - place) < 1e-4
+
+
+def test_a_closed_loop_with_dry_friction_ends_like_ours():
+    robot = load_robot("planar-two-link").with_values(
+        {"coulomb_friction_shoulder": 10.0, "coulomb_friction_elbow": 5.0}
+    )
+    problem = robot.problem()
+    law = fh.linear_law(problem, gamma=2 * fh.smallest_gamma(problem))
+    start, goal = problem.operating_point[:8], {"link_position_shoulder": 0.6, "link_position_elbow": 0.3}
+    on = ("coulomb_friction",)
+    runs = [
+        fh.Loop(plant, fh.Controller(law, None, 1e-3)).run(goal, duration=0.5, initial_state=start)
+        for plant in (robot.plant(extras=on), MuJoCoPlant(robot, None, extras=on), robot.plant())
+    ]
+    ours, theirs, without = (run.data["state"].values[:, :2] for run in runs)
+    assert np.abs(ours - without).max() > 1e-2
+    assert np.abs(ours - theirs).max() < 0.05 * np.abs(ours - without).max()
+
+
 def test_perturbed_parameters_reach_mujoco():
     robot = load_robot("planar-two-link")
     box = MuJoCoPlant(robot, None, parameters=robot.corner({"mass_elbow": 1.0}))
@@ -91,7 +131,7 @@ def test_perturbed_parameters_reach_mujoco():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"extras": ("coulomb_friction",)}, "does not express"),
+        ({"extras": ("inductance",)}, "does not express 'inductance': its motors have no coil"),
         ({"step": 0.0}, "not positive"),
         ({"measured": ("speed",)}, "speed"),
     ],
@@ -99,6 +139,15 @@ def test_perturbed_parameters_reach_mujoco():
 def test_what_mujoco_cannot_do_is_refused(arguments, words):
     with pytest.raises(InvalidInput, match=words):
         MuJoCoPlant(load_robot("planar-two-link"), **arguments)
+
+
+def test_a_design_with_what_mujoco_cannot_do_is_refused_before_any_work():
+    def work(text: str) -> None:
+        raise AssertionError(text)
+
+    for extras in (("inductance",), ("coulomb_friction", "stribeck_friction")):
+        with pytest.raises(InvalidInput, match=f"does not express '{extras[-1]}'"):
+            fh.design(load_robot("seven-link"), fh.Specification(mujoco=True, extras=extras), work)
 
 
 def test_a_state_that_does_not_fit_is_refused():

@@ -1,3 +1,5 @@
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -74,3 +76,17 @@ def test_weights_without_effort_keep_the_robots_own_r2() -> None:
         assert np.array_equal(robot.problem(penalty=weights).r2, own)
     assert robot.problem(penalty=Penalty([60, 0, 0, 0, 300])).r2.tolist() == [[1.0]]
     assert replace(robot, penalty=None).problem(penalty=[60, 0, 0, 0, 300]).r2.tolist() == [[1.0]]
+
+
+def test_a_plant_is_built_once_for_its_sensors_and_extras():
+    """Tracing the flow of seven links takes a tenth of a second, and a design asks for a plant again and again."""
+    robot = paper_arm()
+    assert robot.plant() is robot.plant("link_position", extras=())
+    assert robot.plant(inductance=True) is robot.plant(extras=("inductance",))
+    assert robot.plant() is not robot.plant("motor_position")
+    softer = robot.with_values({"stiffness": 50.0})
+    assert softer.plant().parameters.values["stiffness"] == 50.0
+    assert robot.plant().parameters.values["stiffness"] == robot.nominal["stiffness"]
+    for other in (copy.copy(robot), copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))):
+        assert "_plants" not in vars(other)
+        assert other.plant().code_key == robot.plant().code_key

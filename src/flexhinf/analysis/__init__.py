@@ -43,6 +43,7 @@ from flexhinf.analysis.process_noise import (
 from flexhinf.analysis.tolerance_corners import (
     GrowthRates,
     ToleranceCorners,
+    corner_plants,
     destabilising_scale,
     growth_rates,
     tolerance_corners,
@@ -54,7 +55,7 @@ __all__ = [
     "DiscreteSystem", "DissipationBudget", "DissipationCorners", "DisturbanceSearch", "EquilibriumLoop",
     "FilteredLoop", "FrequencyResponse", "GrowthRates", "LawRows", "LinearCorners", "LinearLoop", "LoopFigures",
     "Margins", "Modes", "Population", "ProcessNoise", "ToleranceCorners", "bandwidth_of", "budget_terms",
-    "compliance_of", "corner_population", "corners", "destabilising_scale", "dissipation_budget",
-    "dissipation_corners", "frequency_response", "gain_margins_of", "growth_rates", "margins", "standard_noises",
-    "tolerance_corners", "worst_disturbance",
+    "compliance_of", "corner_plants", "corner_population", "corners", "destabilising_scale",
+    "dissipation_budget", "dissipation_corners", "frequency_response", "gain_margins_of", "growth_rates",
+    "margins", "standard_noises", "tolerance_corners", "worst_disturbance",
 ]  # fmt: skip

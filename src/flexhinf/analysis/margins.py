@@ -114,10 +114,18 @@ class Margins:
     @property
     def gain_margin(self) -> float:
         """Smallest factor, above one, by which one input's gain may not rise or fall; 1 for an unstable loop."""
-        if not self.stable:
-            return 1.0
+        return float(self._factors.min()) if self.stable else 1.0
+
+    @property
+    def weakest_input(self) -> int:
+        """The input whose gain margin is the smallest."""
+        return int(np.argmin(self._factors))
+
+    @property
+    def _factors(self) -> np.ndarray:
+        """Smallest factor (m,), above one, by which each input's gain may not rise or fall."""
         with np.errstate(divide="ignore"):
-            return float(min(self.gain_margins[:, 1].min(), (1.0 / self.gain_margins[:, 0]).min()))
+            return np.minimum(self.gain_margins[:, 1], 1.0 / self.gain_margins[:, 0])
 
     @property
     def disk_gain_margins(self) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from flexhinf.analysis.population import Population, corner_population
 from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
 
 __all__ = [
-    "GrowthRates", "ToleranceCorners", "destabilising_scale", "growth_rates", "tolerance_corners",
+    "GrowthRates", "ToleranceCorners", "corner_plants", "destabilising_scale", "growth_rates", "tolerance_corners",
 ]  # fmt: skip
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
@@ -266,9 +266,8 @@ def tolerance_corners(
     InvalidInput
         If R^v is asked for and no Kalman filter is in the loop.
     """
-    number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete, large = _all(number, loop), loop.states > LARGE
-    population = corner_population(at, number, 2**number if complete else SAMPLED[large], seed, singles=False)
+    population, complete = corner_plants(loop, at, uncertain, seed)
+    large = loop.states > LARGE
     every = np.arange(len(population) - 1)
     vectors = _vectors(loop, population)
     designed = _growth_rates(loop, population, vectors, (None,), every)[0]
@@ -279,6 +278,19 @@ def tolerance_corners(
     swept += _growth_rates(loop, population, vectors, _between(loop, population, vectors, swept), every)
     variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
     return ToleranceCorners(population, complete, designed, swept, variance)
+
+
+def corner_plants(
+    loop: EquilibriumLoop,
+    at: Callable[[Sequence[float]], Mapping[str, Any]],
+    uncertain: int | Sequence[Any],
+    seed: int = 0,
+) -> tuple[Population, bool]:
+    """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners."""
+    number = uncertain if isinstance(uncertain, int) else len(uncertain)
+    complete = _all(number, loop)
+    count = 2**number if complete else SAMPLED[loop.states > LARGE]
+    return corner_population(at, number, count, seed, singles=False), complete
 
 
 def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
@@ -344,9 +356,7 @@ def destabilising_scale(
     corner : int
         Number of the corner, as of `tolerance_corners`' population; −1 where there is none.
     """
-    number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    count = 2**number if _all(number, loop) else SAMPLED[loop.states > LARGE]
-    population = corner_population(at, number, count, seed, singles=False)
+    population, _ = corner_plants(loop, at, uncertain, seed)
     table = loop.plant.parameters
     *ends, middle = loop.vectors([table.known(values) for values in population.values])
     away = np.array(ends) - middle

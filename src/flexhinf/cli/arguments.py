@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +14,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.messages import note
-from flexhinf.design.specification import BEHAVIOUR, FIELDS, FieldInfo
+from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT, FieldInfo
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
 
-__all__ = ["PEAKS", "Elastic", "Out", "Robot", "reproduce_command", "request_of", "with_specification"]
+__all__ = [
+    "PEAKS",
+    "Elastic",
+    "Out",
+    "Payload",
+    "Robot",
+    "reproduce_command",
+    "request_of",
+    "with_specification",
+]
 
 Robot = Annotated[
     str,
@@ -31,6 +41,15 @@ Robot = Annotated[
 Out = Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")]
 Elastic = Annotated[
     str, typer.Option(help="With a URDF: the robot file with spring and motor of each joint.")
+]
+
+Payload = Annotated[
+    str,
+    typer.Option(
+        help="What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, "
+        ":x,y,z its centre of mass there (m). Default: the file's own.",
+        metavar="<kg@link>",
+    ),
 ]
 
 #: Options for the largest input, and the drive that each is for.
@@ -109,7 +128,7 @@ class CommandRequest:
     warnings: list[str]
 
 
-def request_of(context: typer.Context, source: str, elastic: str) -> CommandRequest:
+def request_of(context: typer.Context, source: str, elastic: str, payload: str) -> CommandRequest:
     """Robot and specification of a command; prints notes.
 
     Raises
@@ -123,7 +142,7 @@ def request_of(context: typer.Context, source: str, elastic: str) -> CommandRequ
     fields = _fields(context)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
-        request = read_request(source, elastic or None, fields)
+        request = read_request(source, elastic or None, fields, payload or None)
     _check_drive(context, request.robot)
     found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*found, *request.notes):
@@ -147,7 +166,8 @@ def _fields(context: typer.Context) -> dict[str, Any]:
 
 
 def _value(field: FieldInfo, value: Any) -> Any:
-    """The value of an option; None for an empty text and for a zero that stands for nothing."""
+    """The value of an option; None for an empty text and for a zero that stands for the default, infinity for one that
+    stands for no limit."""
     if isinstance(value, bool):
         return value
     if isinstance(value, list):
@@ -156,6 +176,8 @@ def _value(field: FieldInfo, value: Any) -> Any:
         zero = bool(field.about.zero) and float(value) == 0.0
     except ValueError:
         zero = False
+    if zero and field.about.zero == NO_LIMIT:
+        return math.inf
     return None if zero or not value.strip() else value
 
 

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from flexhinf.cli.arguments import Elastic, Out, Robot, reproduce_command, request_of, with_specification
+from flexhinf.cli.arguments import (
+    Elastic,
+    Out,
+    Payload,
+    Robot,
+    reproduce_command,
+    request_of,
+    with_specification,
+)
 from flexhinf.cli.messages import NOT_MET, Progress, note
 
 __all__ = ["compare", "design"]
@@ -19,6 +27,7 @@ def design(
     robot: Robot,
     out: Out = Path("flexhinf-design"),
     elastic: Elastic = "",
+    payload: Payload = "",
     **options: Any,
 ) -> None:
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
@@ -36,14 +45,14 @@ def design(
     from flexhinf.design import design_text, report, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic)
+    read = request_of(context, robot, elastic, payload)
     request = read.request
     folder = check(out)
     with Progress(stages(request.robot, request.specification) + 1) as progress:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
         files = report.design_files(result, reproduce_command(context), read.warnings, ("design.toml",))
-        files["design.toml"] = design_text(result, request.source, request.elastic, folder)
+        files["design.toml"] = design_text(result, request.source, request.elastic, folder, request.payload)
     write(folder, files)
     for table in report.design_tables(result):
         Console().print(table)
@@ -93,6 +102,7 @@ def compare(
     robot: Robot,
     out: Out = Path("flexhinf-compare"),
     elastic: Elastic = "",
+    payload: Payload = "",
     laws: Laws = "",
     tune: Tune = "peak",
     same_sensors: SameSensors = False,
@@ -113,7 +123,7 @@ def compare(
     from flexhinf.design import comparison_stages, law_names, report
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic)
+    read = request_of(context, robot, elastic, payload)
     request = read.request
     chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
     folder = check(out)

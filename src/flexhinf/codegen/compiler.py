@@ -119,7 +119,9 @@ def _notice(reason: str) -> None:
     _LOGGER.warning("%s; it runs on CasADi's evaluator instead, which is slower.", reason)
 
 
+#: The entry called without and with the interpreter's lock.
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+_SHORT_ENTRY = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 
 
 class NativeKernel(Kernel):
@@ -138,9 +140,9 @@ class NativeKernel(Kernel):
     def __init__(self, program: Program, lanes: int, code: Code) -> None:
         super().__init__(program, lanes)
         self.code = code
-        self.entry = _ENTRY(code.address)
+        self.entry, self.short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
-    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int]) -> BoundCode:
+    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundCode:
         arrays = dict(arrays)
         for buffer in self.program.buffers:
             if buffer.role == "work":
@@ -148,7 +150,7 @@ class NativeKernel(Kernel):
         addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
         words = [*addresses, *(counts[name] for name in self.program.counts)]
         context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
-        bound = BoundCode(self.entry, ctypes.c_void_p(context.ctypes.data))
+        bound = BoundCode(self.short_entry if short else self.entry, ctypes.c_void_p(context.ctypes.data))
         bound.keep = (self, arrays, context)
         bound.outcome = context[len(words) :]
         return bound

@@ -35,7 +35,7 @@ class InterpretedKernel(Kernel):
 
     compiled = False
 
-    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int]) -> BoundWalk:
+    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundWalk:
         return BoundWalk(self, arrays, counts)
 
 

@@ -102,8 +102,18 @@ class Kernel(ABC):
         bound()
         return bound.status
 
-    def bind(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> BoundKernel:
+    def bind(
+        self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None, short: bool = False
+    ) -> BoundKernel:
         """Check the arrays once; return a callable without arguments that runs on them and returns the code.
+
+        Parameters
+        ----------
+        arrays, counts
+            As for `run`.
+        short : bool
+            A call takes microseconds: other Python threads wait for it, where otherwise they go on meanwhile. Giving
+            up the interpreter's lock costs 50 ns, and up to its switching interval (5 ms) to get it back.
 
         The callable keeps the arrays alive and reads whatever they hold when it is called. One bound kernel
         is for one thread at a time; bind again for another.
@@ -122,8 +132,8 @@ class Kernel(ABC):
             for buffer in self.program.buffers
         }
         check_reach(self.program, lengths, turns)
-        return self._bind(checked, turns)
+        return self._bind(checked, turns, short)
 
     @abstractmethod
-    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int]) -> BoundKernel:
+    def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
         """Bind checked arrays and counts."""

@@ -92,7 +92,7 @@ def _budget(
         return tuple(
             budget_terms(
                 synthesis.solution, setup.model, s.period, np.inf if level is None else level,
-                delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=s.saturation,
+                delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
                 start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
                 seed=s.seed,
             )

@@ -1,6 +1,7 @@
 """Design files: a robot and the specification of its loop, as TOML; every command that takes a robot takes one.
 
-A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, and fields of `Specification` by name.
+A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
+robot's file, and fields of `Specification` by name.
 Paths are seen from the file's folder. The table [result] says what came of it and is not read ([found] in older files).
 """
 
@@ -8,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ __all__ = [
 ]  # fmt: skip
 
 TABLES = ("design", "result", "found")
-PLACES = ("robot", "elastic")
+PLACES = ("robot", "elastic", "payload")
 
 #: A table whose name is as similar as this to "design" was meant to be it.
 SIMILAR = 0.8
@@ -40,7 +41,7 @@ class DesignFile:
     Attributes
     ----------
     path : Path
-    robot, elastic : str, str or None
+    robot, elastic, payload : str, str or None, str or None
         As `load_robot` takes them.
     fields : dict
         Of a specification, as the file has them.
@@ -50,6 +51,7 @@ class DesignFile:
     robot: str
     elastic: str | None
     fields: dict[str, Any]
+    payload: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,8 @@ class DesignRequest:
     ----------
     robot : Robot
     specification : Specification
-    source, elastic : str, str or None
-        Where the robot came from, as `load_robot` takes them.
+    source, elastic, payload : str, str or None, str or None
+        Where the robot came from and what it carries, as `load_robot` takes them.
     notes : tuple of str
         What the user should know before the work.
     """
@@ -71,6 +73,7 @@ class DesignRequest:
     source: str
     elastic: str | None = None
     notes: tuple[str, ...] = ()
+    payload: str | None = None
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:
@@ -86,7 +89,10 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
 
 
 def read_request(
-    source: str | Path, elastic: str | Path | None = None, given: Mapping[str, Any] | None = None
+    source: str | Path,
+    elastic: str | Path | None = None,
+    given: Mapping[str, Any] | None = None,
+    payload: str | None = None,
 ) -> DesignRequest:
     """The request of a robot, or of a design file over which `given` wins.
 
@@ -99,6 +105,8 @@ def read_request(
     given : mapping, optional
         Fields of a specification; one that is None takes back what the file says. Weights in the file give way to a
         preset, a bandwidth or a damping that is given, and the other way round: `DesignRequest.notes` says so.
+    payload : str, optional
+        As for `load_robot`; wins over a design file's.
 
     Raises
     ------
@@ -109,11 +117,15 @@ def read_request(
     if not is_design_file(source):
         plain = None if elastic is None else str(elastic)
         specification = Specification(**_without_none(given))
-        return DesignRequest(load_robot(source, plain), specification, str(source), plain)
-    return _merged(read_design(source), elastic, given)
+        robot = load_robot(source, plain, payload=payload)
+        specification = _without_own_limits(specification, robot)
+        return DesignRequest(robot, specification, str(source), plain, payload=payload)
+    return _merged(read_design(source), elastic, given, payload)
 
 
-def _merged(file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any]) -> DesignRequest:
+def _merged(
+    file: DesignFile, elastic: str | Path | None, given: Mapping[str, Any], payload: str | None = None
+) -> DesignRequest:
     """A design file, and what wins over it."""
     fields = {name: value for name, value in file.fields.items() if name not in given}
     rivals = {
@@ -127,7 +139,21 @@ def _merged(file: DesignFile, elastic: str | Path | None, given: Mapping[str, An
     notes = [f"{file.path.name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
     specification = Specification(**_without_none({**kept, **given}))
     beside = file.elastic if elastic is None else str(elastic)
-    return DesignRequest(load_robot(file.robot, beside), specification, file.robot, beside, tuple(notes))
+    carried = file.payload if payload is None else payload
+    robot = load_robot(file.robot, beside, payload=carried)
+    specification = _without_own_limits(specification, robot)
+    return DesignRequest(robot, specification, file.robot, beside, tuple(notes), carried)
+
+
+def _without_own_limits(s: Specification, robot: Robot) -> Specification:
+    """The specification without infinite limits where the robot states none: they are the default there."""
+    own = {
+        "peak_effort": robot.effort_limits,
+        "saturation": robot.effort_limits,
+        "peak_speed": robot.speed_limits,
+    }
+    none = [name for name, limits in own.items() if np.isinf(np.array(limits, dtype=float)).all()]
+    return replace(s, **{name: None for name in none if getattr(s, name) == np.inf})
 
 
 def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -186,7 +212,7 @@ def read_design(path: str | Path) -> DesignFile:
         )
     places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
     _check_fields(path.name, table)
-    return DesignFile(path, places["robot"], places.get("elastic"), table)
+    return DesignFile(path, places["robot"], places.get("elastic"), table, places.get("payload"))
 
 
 def _no_design(file: str, keys: list[str]) -> InvalidInput:
@@ -217,14 +243,14 @@ def _unknown(file: str, where: str, key: str, allowed: Any) -> InvalidInput:
 
 
 def _place(path: Path, key: str, value: Any) -> str:
-    """A catalogue's name as it is; a path from the folder of the design file."""
+    """A catalogue's name and a payload as they are; a path from the folder of the design file."""
     if not isinstance(value, str):
         raise InvalidInput(
             f"{path.name}: [design] has a value of {key!r} that cannot be used.",
             f"expected text, got {value!r}",
-            f"{key} = 'arm.toml'",
+            f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
         )
-    if key == "robot" and value in catalogue():
+    if key == "payload" or (key == "robot" and value in catalogue()):
         return value
     place = path.parent / value
     if not place.is_file():
@@ -300,6 +326,8 @@ def design_schema() -> dict[str, Any]:
         "robot": text
         | {"description": "A name that `flexhinf robots` lists, or the path of a robot's file."},
         "elastic": text | {"description": "With a URDF: the robot file with spring and motor of each joint."},
+        "payload": text
+        | {"description": "What the robot carries instead of its file's own payload: 0..3kg@hand."},
         **design["properties"],
     }
     design["required"] = ["robot"]

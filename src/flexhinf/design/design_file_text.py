@@ -33,7 +33,11 @@ RESULT = "What came of it. This part is not read: changing it changes nothing."
 
 
 def design_text(
-    design: Design, robot: str | Path, elastic: str | Path | None = None, folder: str | Path = "."
+    design: Design,
+    robot: str | Path,
+    elastic: str | Path | None = None,
+    folder: str | Path = ".",
+    payload: str | None = None,
 ) -> str:
     """Text of the design file of a design: what was asked for, and what came of it.
 
@@ -44,13 +48,15 @@ def design_text(
         Where the robot came from, as for `load_robot`.
     folder : path
         Where the file is to stand: paths are seen from it.
+    payload : str, optional
+        What the robot carries instead of its file's own payload, as for `load_robot`.
 
     Raises
     ------
     InvalidInput
         If the penalty is code.
     """
-    document = _document(design.specification, robot, elastic, folder)
+    document = _document(design.specification, robot, elastic, folder, payload)
     document.add(tomlkit.nl())
     document.add(tomlkit.comment(RESULT))
     document.add("result", _table(result_table(design)))
@@ -62,13 +68,18 @@ def request_text(
     robot: str | Path,
     elastic: str | Path | None = None,
     folder: str | Path = ".",
+    payload: str | None = None,
 ) -> str:
     """The same without a result: a design file that can be run."""
-    return tomlkit.dumps(_document(specification, robot, elastic, folder))
+    return tomlkit.dumps(_document(specification, robot, elastic, folder, payload))
 
 
 def _document(
-    specification: Specification, robot: str | Path, elastic: str | Path | None, folder: str | Path
+    specification: Specification,
+    robot: str | Path,
+    elastic: str | Path | None,
+    folder: str | Path,
+    payload: str | None,
 ) -> tomlkit.TOMLDocument:
     """The table [design]: what differs from the defaults; the defaults stand below it as comments."""
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
@@ -83,6 +94,8 @@ def _document(
     table.add("robot", _place_text(robot, folder))
     if elastic is not None:
         table.add("elastic", _place_text(elastic, folder))
+    if payload is not None:
+        table.add("payload", payload)
     flat = {name: value for name, value in stated.items() if not isinstance(value, dict)}
     for name, value in flat.items():
         table.add(name, value)

@@ -1,14 +1,17 @@
-"""A problem whose step keeps the limit of the inputs: the bandwidth is lowered until the nonlinear loop keeps it."""
+"""A problem whose step keeps the limits of inputs and speeds, joint by joint: bandwidths are lowered until the
+nonlinear loop keeps them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
+from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.scenario import run_length, sample_robots
@@ -21,9 +24,13 @@ from flexhinf.robot import Robot
 
 __all__ = ["problem_within_effort"]
 
-#: The fraction of the bandwidth that is tried goes down by the first factor, at least to the second; then it is
-#: bisected to the third, relative.
+#: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
+#: then all are raised together until the third, relative, is left between kept and not kept.
 COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
+
+#: A joint whose share of a limit falls by less than this factor when its bandwidth is lowered is moved by the others:
+#: then all are lowered.
+HELPS = 0.97
 
 #: Robots sampled within their tolerances whose peak counts, beside the nominal one's.
 SAMPLES = 12
@@ -41,9 +48,10 @@ def problem_within_effort(
     levels: EstimatorNoise | None,
     progress: Callable[[str], None],
 ) -> DesignProblem:
-    """The same problem, or with a limit of the inputs that its step exceeds, one of a lower bandwidth.
+    """The same problem, or with limits of inputs or speeds that its step exceeds, one of lower bandwidths.
 
-    A default bandwidth is lowered until the limit is kept; one that the specification states is not.
+    Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
+    beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
 
     Parameters
     ----------
@@ -56,25 +64,59 @@ def problem_within_effort(
     Raises
     ------
     InvalidInput
-        If the limit is not kept: with the best bandwidth found within it.
+        If a limit is not kept: with the best bandwidth found within it.
     """
-    if s.peak_effort is None or problem.target is None:
+    limits = joint_limits(robot, s)
+    if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
     progress("the peak input of the step")
-    search = _Search(robot, goal, start, s, levels)
-    peak = search.peak(problem)
-    if peak <= (1.0 + TOLERANCE) * s.peak_effort:
+    search = _Search(robot, goal, start, s, levels, limits)
+    peaks = search.peaks(problem)
+    if not peaks.exceeds(1.0 + TOLERANCE).any():
+        return problem
+    if s.bandwidth is not None and not peaks.exceeds(1.0 + TOLERANCE, *_stated(limits)).any():
         return problem
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    best, fraction = search.slower(np.asarray(bandwidth, dtype=float))
+    stated = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    bandwidth = np.array(np.broadcast_to(np.asarray(stated, dtype=float), goal.shape))
+    best, fractions = search.slower(bandwidth, peaks)
     if best is not None and s.bandwidth is None:
         return best
-    raise _limit_exceeded(s, problem.target.bandwidth, peak, best, fraction)
+    raise _limit_exceeded(limits, problem.target.bandwidth, peaks, best, fractions * bandwidth)
+
+
+def _stated(limits: JointLimits) -> tuple[bool, bool]:
+    """Whether the specification itself limits inputs, and speeds."""
+    return limits.peak_source != ROBOT, limits.speed_source != ROBOT
+
+
+@dataclass(frozen=True, eq=False)
+class _Peaks:
+    """Largest inputs (V, N·m or N) and speeds (rad/s or m/s) of a step, (n,); infinite where it diverged."""
+
+    inputs: np.ndarray
+    speeds: np.ndarray
+    limits: JointLimits
+
+    def shares(self, inputs: bool = True, speeds: bool = True) -> np.ndarray:
+        """Largest share (n,) of the limits of each joint; of the inputs alone, or the speeds alone, on request."""
+        found = [
+            np.where(np.isfinite(limit), peak / limit, 0.0)
+            for peak, limit, counts in (
+                (self.inputs, self.limits.peak, inputs),
+                (self.speeds, self.limits.speed, speeds),
+            )
+            if counts
+        ]
+        return np.max(found, axis=0) if found else np.zeros(len(self.inputs))
+
+    def exceeds(self, share: float, inputs: bool = True, speeds: bool = True) -> np.ndarray:
+        """Which joints (n,) use more than this share of a limit."""
+        return self.shares(inputs, speeds) > share
 
 
 class _Search:
-    """Bandwidths whose step keeps the limit."""
+    """Bandwidths whose step keeps the limits."""
 
     def __init__(
         self,
@@ -83,40 +125,72 @@ class _Search:
         start: np.ndarray,
         s: Specification,
         levels: EstimatorNoise | None,
+        limits: JointLimits,
     ) -> None:
         self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
+        self.limits = limits
 
-    def slower(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, float]:
-        """The problem of the largest fraction of a bandwidth that keeps the limit, and the fraction."""
-        high = low = 1.0
-        best = None
-        while best is None and low > LEAST:
-            high, low = low, COARSE * low
-            best = self.kept(low * bandwidth)
-        while best is not None and high - low > WIDTH * high:
-            middle = float(np.sqrt(low * high))
-            better = self.kept(middle * bandwidth)
+    def slower(self, bandwidth: np.ndarray, peaks: _Peaks) -> tuple[DesignProblem | None, np.ndarray]:
+        """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
+
+        `peaks` are those of the bandwidths themselves. Where every joint is beyond its limit, or a joint is moved by
+        the others, the fractions are the same; otherwise joints within their limits keep their bandwidth.
+        """
+        high = low = np.ones(len(bandwidth))
+        best, before = None, np.full(len(bandwidth), np.inf)
+        if self.needs_too_much():
+            return None, low
+        while best is None and low.min() > LEAST:
+            shares = peaks.shares()
+            lowered = (shares > 1.0) | ~np.isfinite(shares)
+            if np.any(lowered & np.isfinite(before) & (shares > HELPS * before)) or not lowered.any():
+                lowered[:] = True
+            high, low = low, np.where(lowered, COARSE * low, low)
+            before = np.where(lowered, shares, np.inf)
+            best, peaks = self.tried(low * bandwidth, peaks)
+        while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
+            middle = np.sqrt(low * high)
+            better, _ = self.tried(middle * bandwidth, peaks)
             low, high = (middle, high) if better is not None else (low, middle)
             best = best if better is None else better
         return best, low
 
-    def kept(self, bandwidth: np.ndarray) -> DesignProblem | None:
-        """The problem of a bandwidth; None if its step exceeds the limit, or there is none."""
+    def needs_too_much(self) -> bool:
+        """Whether holding a sampled robot at the goal takes more than a limit: then no bandwidth helps."""
+        return bool(np.any(np.abs(self.held()) > self.limits.peak))
+
+    def held(self) -> np.ndarray:
+        """Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal."""
+        extras = self.s.extras
+        points = [self.robot.operating_point(self.goal, extras, values) for values in (None, *self.sampled)]
+        return np.array([u for _, u in points])
+
+    @property
+    def sampled(self) -> tuple[Mapping[str, Any], ...]:
+        """Parameters of a few robots within the tolerances; none where none are to be looked at."""
+        if not self.robot.uncertain or self.s.draws == 0:
+            return ()
+        return sample_robots(self.robot, SAMPLES, self.s.seed)
+
+    def tried(self, bandwidth: np.ndarray, before: _Peaks) -> tuple[DesignProblem | None, _Peaks]:
+        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the peaks."""
         try:
             problem = choose(self.robot, self.goal, self.start, replace(self.s, bandwidth=bandwidth.tolist()))
-            return problem if self.peak(problem) <= float(self.s.peak_effort or np.inf) else None
+            peaks = self.peaks(problem)
         except FlexhinfError:
-            return None
+            nothing = np.full(len(bandwidth), np.inf)
+            return None, _Peaks(nothing, nothing, self.limits)
+        return (None if peaks.exceeds(1.0).any() else problem), peaks
 
-    def peak(self, problem: DesignProblem) -> float:
-        """Largest input of the step, of the nominal robot and of a few sampled ones; infinite if one diverges.
+    def peaks(self, problem: DesignProblem) -> _Peaks:
+        """Largest inputs and speeds of the step, of the nominal robot and of a few sampled ones.
 
         What holds each of them at the goal counts too: a slow step may end before it is there.
         """
         s, robot = self.s, self.robot
         degree = max(tried_degrees(len(problem.problem.state_names), s))
         law = solve_hji(problem.problem, problem.gamma, degree)
-        free = replace(s, saturation=None)
+        free = replace(s, saturation=np.inf)
         setup = LoopSetup(robot, free, law, self.goal, self.start, estimator_noise=self.levels)
         assert problem.target is not None
         length = s.duration
@@ -124,29 +198,45 @@ class _Search:
             length = run_length(SLOWEST * float(np.min(problem.target.bandwidth)))
         response = setup.step(length)
         if response.diverged_at is not None:
-            return np.inf
-        peak = max(response.peak_input, float(np.abs(setup.equilibrium(self.goal)[1]).max()))
-        if not robot.uncertain or s.draws == 0:
-            return peak
-        robots = sample_robots(robot, SAMPLES, s.seed)
-        samples = sampled_runs(setup, robots, length, response.run.settings["sub_steps"])
-        held = max(float(np.abs(setup.equilibrium(self.goal, values)[1]).max()) for values in robots)
-        return max(peak, held, float(samples.peak.max()))
+            nothing = np.full(len(self.goal), np.inf)
+            return _Peaks(nothing, nothing, self.limits)
+        inputs = np.abs(np.concatenate([response.inputs, self.held()])).max(axis=0)
+        speeds = np.abs(response.velocities).max(axis=0)
+        if robots := self.sampled:
+            samples = sampled_runs(setup, robots, length, response.run.settings["sub_steps"])
+            inputs = np.maximum(inputs, samples.inputs.max(axis=0))
+            speeds = np.maximum(speeds, samples.speeds.max(axis=0))
+        return _Peaks(inputs, speeds, self.limits)
 
 
 def _limit_exceeded(
-    s: Specification, bandwidth: np.ndarray, peak: float, best: DesignProblem | None, fraction: float
+    limits: JointLimits,
+    bandwidth: np.ndarray,
+    peaks: _Peaks,
+    best: DesignProblem | None,
+    slower: np.ndarray,
 ) -> InvalidInput:
+    by_input, by_speed = peaks.shares(speeds=False), peaks.shares(inputs=False)
+    at_speed = bool(by_speed.max() > by_input.max())
+    joint = int(np.argmax(by_speed if at_speed else by_input))
+    what, name = ("speed of a link", "peak_speed") if at_speed else ("peak of the input", "peak_effort")
+    limit, peak = (limits.speed, peaks.speeds) if at_speed else (limits.peak, peaks.inputs)
+    unit = (limits.speed_units if at_speed else limits.effort_units)[joint]
+    several = len(limits.joints) > 1
     found = f"no loop down to {LEAST:g} of it keeps the limit either"
-    advice = "a larger `peak_effort`, or a shorter step (`start`)"
+    advice = f"a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
-        slower = fraction * float(np.min(bandwidth))
-        found = f"the best found within the limit is a bandwidth of {slower:.3g} rad/s"
-        advice = f"bandwidth={slower:.3g}, or {advice}"
-    demands = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
+        same = np.ptp(slower) < 1e-9 * slower.max()
+        listed = [float(f"{each:.3g}") for each in (slower[:1] if same else slower)]
+        text = f"{listed[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in listed)
+        found = f"the best found within the limit is a bandwidth of {text} rad/s"
+        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
+    demands = "diverges" if np.isinf(peak[joint]) else f"takes {peak[joint]:.4g}"
+    where = f" {unit} in {limits.joints[joint]}" if several and np.isfinite(peak[joint]) else ""
+    of = f" {unit} of {limits.joints[joint]}" if several else ""
     return InvalidInput(
-        "The specification cannot be met: the peak of the input binds.",
-        f"expected at most {s.peak_effort:g}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of the "
-        f"nonlinear loop {demands}, within the tolerances; {found}",
+        f"The specification cannot be met: the {what} binds.",
+        f"expected at most {limit[joint]:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
+        f"the nonlinear loop {demands}{where}, within the tolerances; {found}",
         advice,
     )

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.specification import TORQUE_NOISE, Specification
+from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -22,10 +22,12 @@ from flexhinf.estimation import (
     stationary_covariance,
 )
 from flexhinf.plant import Plant
+from flexhinf.robot import Robot
+from flexhinf.robot.signals import SENSORS, UNITS, expanded
 
 __all__ = [
     "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "Levels", "estimator_for", "initial_covariance",
-    "noise_variances",
+    "noise_variances", "other_sensors", "sensor_steps",
 ]  # fmt: skip
 
 #: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
@@ -134,6 +136,54 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
             factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
         variances.append(factor * position)
     return np.array(variances)
+
+
+def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
+    """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
+
+    Raises
+    ------
+    SpecificationError
+        Unless there is one for all, one for each name of `Specification.measured`, or one for each signal.
+    """
+    steps = np.asarray(s.quantisation, dtype=float)
+    if steps.shape == () or (s.estimator == "none" and steps.size == 1):
+        return steps.reshape(())
+    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names)
+    if len(steps) == len(signals):
+        return steps
+    if signals and len(steps) == len(s.measured):
+        groups = [expanded(name, SENSORS, robot.joint_names) for name in s.measured]
+        return np.concatenate([np.full(len(group), step) for group, step in zip(groups, steps)])
+    allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
+    raise SpecificationError(
+        "quantisation",
+        "The quantisation does not fit what is measured.",
+        f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
+        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(s.measured)))),
+    )
+
+
+def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> Specification:
+    """The same specification with other sensors. A quantisation per signal is kept for signals that stay; another
+    one has the step of a signal in the same unit, of the same joint if there is one, and no step without any."""
+    if isinstance(s.quantisation, float) or s.estimator == "none":
+        return replace(s, measured=sensors)
+    joints = robot.joint_names
+    known = dict(zip(expanded(s.measured, SENSORS, joints), sensor_steps(robot, s).tolist()))
+
+    def kind(name: str) -> tuple[str, str]:
+        quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
+        return UNITS[quantity][0], name.removeprefix(quantity)
+
+    def step(name: str) -> float:
+        alike = [value for other, value in known.items() if kind(other)[0] == kind(name)[0]]
+        own = [value for other, value in known.items() if kind(other) == kind(name)]
+        return known.get(name, (own or alike or [0.0])[0])
+
+    return replace(
+        s, measured=sensors, quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints))
+    )
 
 
 def estimator_for(

@@ -95,10 +95,9 @@ class LawEvaluation:
     @cached_property
     def unlimited_step(self) -> Response:
         """The same without limits of the inputs: what the law demands."""
-        s = self.setup.specification
-        if s.saturation is None:
+        if self.setup.limits.saturated is None:
             return self.step
-        free = replace(self.setup, specification=replace(s, saturation=None))
+        free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property
@@ -225,6 +224,14 @@ class LawEvaluation:
         """Of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
         return running_modes(linear, self.setup.joints, *self.energy)
+
+    @property
+    def least_damped_joint(self) -> str:
+        """The joint that moves most in the oscillation whose damping `margins` has; empty where nothing oscillates."""
+        ringing = [mode for mode in self.running_modes if mode.eigenvalue.imag > 0.0]
+        if not ringing or not np.isfinite(self.margins.damping):
+            return ""
+        return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
 
     # Cost ---------------------------------------------------------------------------------------------------
     @cached_property

@@ -16,7 +16,9 @@ from flexhinf.design.estimators import (
     estimator_for,
     initial_covariance,
     noise_variances,
+    sensor_steps,
 )
+from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.responses import LoadResponse, Move, Response, run_response
 from flexhinf.design.scenario import LOAD_START
 from flexhinf.design.specification import Specification
@@ -111,6 +113,17 @@ class LoopSetup:
         return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
 
     @cached_property
+    def limits(self) -> JointLimits:
+        """Of inputs, speeds and positions: the specification's, or the robot's own."""
+        return joint_limits(self.robot, self.specification)
+
+    @cached_property
+    def quantisation(self) -> np.ndarray | None:
+        """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
+        steps = sensor_steps(self.robot, self.specification)
+        return steps if steps.any() else None
+
+    @cached_property
     def noise(self) -> np.ndarray | None:
         """Standard deviations (p,) of the measurement noise; None where the true state is fed back."""
         s = self.specification
@@ -147,7 +160,8 @@ class LoopSetup:
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
-        return Controller(self.law, self.estimator(at), s.period, s.saturation, moving=moving, start=start)
+        limits = self.limits.saturated
+        return Controller(self.law, self.estimator(at), s.period, limits, moving=moving, start=start)
 
     def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
         """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
@@ -156,7 +170,7 @@ class LoopSetup:
             self.true_plant if plant is None else plant,
             controller,
             sub_steps,
-            quantisation=s.quantisation or None,
+            quantisation=self.quantisation,
             delay=s.delay,
         )
 
@@ -191,7 +205,8 @@ class LoopSetup:
     def departure(self, law: Law) -> np.ndarray:
         """Deviation (N,) from the goal's equilibrium at which a law takes over at the start, integrals included."""
         s = self.specification
-        controller = Controller(law, self.estimator(self.start), s.period, s.saturation, start="bumpless")
+        limits = self.limits.saturated
+        controller = Controller(law, self.estimator(self.start), s.period, limits, start="bumpless")
         x, u = self.equilibrium(self.start)
         count = len(controller.states)
         controller.reset(input=u) if controller.estimator is None else controller.reset(x[:count], input=u)

@@ -33,6 +33,8 @@ class MonteCarlo:
         Largest input of all motors; infinite where the run diverged.
     overshoot_joints, settling_joints, peak_joints : tuple of str
         The joints of these worst values; "" where the run diverged, or no joint moves.
+    inputs, speeds : (N, n)
+        Largest input of each motor and speed of each link; infinite where the run diverged.
     time : (T,)
         Instants that are kept, s.
     positions : (N, T, n)
@@ -46,6 +48,8 @@ class MonteCarlo:
     overshoot_joints: tuple[str, ...]
     settling_joints: tuple[str, ...]
     peak_joints: tuple[str, ...]
+    inputs: np.ndarray
+    speeds: np.ndarray
     time: np.ndarray
     positions: np.ndarray
 
@@ -106,11 +110,14 @@ def sampled_runs(
     count, period = len(robots), setup.specification.period
     time = _kept(duration, period)
     positions = np.full((count, len(time), len(setup.goal)), np.nan)
+    inputs, speeds = (np.full((count, len(setup.goal)), np.inf) for _ in range(2))
     overshoots, settlings, peaks = [], [], []
     for k, response in enumerate(setup.steps(robots, duration, sub_steps, jump)):
         overshoots.append(response.overshoot)
         settlings.append(response.settling)
         peaks.append(response.peak)
+        if response.diverged_at is None:
+            inputs[k], speeds[k] = (np.abs(x).max(axis=0) for x in (response.inputs, response.velocities))
         passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * period))
         at = np.searchsorted(response.run.time, time[:passed] - 0.5 * period)
         positions[k, :passed] = response.positions[at]
@@ -124,6 +131,8 @@ def sampled_runs(
         tuple(worst.joint for worst in overshoots),
         tuple(worst.joint for worst in settlings),
         tuple(worst.joint for worst in peaks),
+        inputs,
+        speeds,
         time,
         positions,
     )

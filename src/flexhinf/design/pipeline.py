@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.criterion import MODES, Criterion, criterion_for
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import REFERENCE, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
@@ -18,6 +20,7 @@ from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
+    limit_requirements,
     margin_requirements,
     peak_option,
     sample_requirements,
@@ -45,6 +48,7 @@ from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
+from flexhinf.robot.mujoco_plant import check_expressed
 
 __all__ = ["compare", "comparison_stages", "design", "stages"]
 
@@ -77,6 +81,8 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         With what to change.
     """
     s = specification
+    if s.mujoco:
+        check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup = synthesis.setup(robot, s)
@@ -86,11 +92,17 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("compile the closed loop, and run the step")
     scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
-    _evaluate(evaluation, progress)
-    progress("the worst disturbance, and the dissipation budget of the step")
-    worth = attenuation(setup, synthesis, scenario.step_duration)
-    mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
-    rigid = _rigid(evaluation, synthesis, progress) if s.compare_rigid else None
+    evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
+    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
+        rigid = beside.submit(_runs, evaluation, synthesis)
+        progress("corners of the tolerances, while load, move and sampled robots are run")
+        evaluation.corners  # noqa: B018
+        evaluation.frequency_response  # noqa: B018
+        progress("the worst disturbance, and the dissipation budget of the step")
+        worth = attenuation(setup, synthesis, scenario.step_duration)
+        mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
+        progress("load, move and sampled robots")
+        rigid = rigid.result()
     lines = tuple(_requirements(evaluation, synthesis, mujoco))
     inside = _starts_inside(setup, synthesis)
     return Design(
@@ -109,19 +121,12 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     )
 
 
-def _evaluate(evaluation: LawEvaluation, progress: Progress) -> None:
-    """Compute what a design shows, with a word before each part."""
-    progress("corners of the tolerances")
-    evaluation.corners  # noqa: B018
-    evaluation.frequency_response  # noqa: B018
-    progress("torques on the links")
+def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
+    """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.load_response  # noqa: B018
-    progress("a move with feedforward")
     evaluation.move  # noqa: B018
-    assert evaluation.scenario is not None
-    if evaluation.scenario.robots:
-        progress(f"the step of {len(evaluation.scenario.robots)} robots within their tolerances")
-        evaluation.step_samples  # noqa: B018
+    evaluation.step_samples  # noqa: B018
+    return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
@@ -191,14 +196,14 @@ def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Resp
     return setup.step(scenario.step_duration, plant=plant)
 
 
-def _rigid(evaluation: LawEvaluation, synthesis: Synthesis, progress: Progress) -> RigidComparison | None:
-    progress("the rigid design on the same robot")
+def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     setup = evaluation.setup
     few = len(synthesis.problem.state_names) <= RIGID_STATES
     assert evaluation.scenario is not None
     return compare_rigid(
         synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
         evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
+        setup.limits.saturated,
     )  # fmt: skip
 
 
@@ -206,19 +211,22 @@ def _requirements(
     evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
-    s, target, unit = evaluation.setup.specification, synthesis.design_problem.target, _unit(synthesis)
-    lines = margin_requirements(s, evaluation.margins)
+    s, target = evaluation.setup.specification, synthesis.design_problem.target
+    lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
         damping, joints = required_damping(s), evaluation.setup.joints
-        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints)
-    unlimited = None if s.peak_effort is None else evaluation.unlimited_step
-    lines += step_requirements(s, evaluation.step, unit, "the step, nominal robot", unlimited)
+        damped = evaluation.least_damped_joint
+        lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
+    limits = evaluation.setup.limits
+    unlimited = evaluation.unlimited_step if limits.limits_peak else None
+    lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     if mujoco is not None:
-        lines += step_requirements(s, mujoco, unit, "the step on MuJoCo's plant")
+        lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
+    lines += limit_requirements(limits, evaluation.move.response, "the planned move", always=False)
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
-        lines += sample_requirements(s, evaluation.step_samples, unit)
+        lines += sample_requirements(s, limits, evaluation.step_samples)
     return lines
 
 
@@ -230,14 +238,9 @@ def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
-    searched = preset_of(robot, s) in ("damped", "robust")
-    more = [
-        s.peak_effort is not None and searched,
-        s.mujoco,
-        sample_count(robot, states, s) > 0,
-        s.compare_rigid,
-    ]
-    return 8 + solved + len(s.via) + sum(more) + searches_disturbance(states, rays_of(states, s))
+    searched, limits = preset_of(robot, s) in ("damped", "robust"), joint_limits(robot, s)
+    more = (searched and (limits.limits_peak or limits.limits_speed)) + s.mujoco
+    return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 
 # Comparison ---------------------------------------------------------------------------------------------
@@ -324,10 +327,11 @@ def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
         ),
         "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
     }
-    if s.peak_effort is not None:
-        limits["peak_input"] = (s.peak_effort, peak_option(unit))
-    elif s.saturation is not None:
-        limits["peak_input"] = (s.saturation, "--saturation")
+    stated = own.setup.limits
+    if stated.limits_peak:
+        limits["peak_input"] = (float(stated.peak.max()), peak_option(unit, stated.peak_source))
+    elif stated.limits_effort:
+        limits["peak_input"] = (float(stated.saturation.max()), stated.saturation_source)
     if s.damping:
         limits["damping"] = (s.damping, "--damping")
     if s.bandwidth is not None:
@@ -360,19 +364,19 @@ def _row(
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.metrics  # noqa: B018
-    return ComparedLaw(kind, tuned, _compared_requirements(tuned, _unit(tuner.factory.synthesis)))
+    return ComparedLaw(kind, tuned, _compared_requirements(tuned))
 
 
-def _compared_requirements(tuned: TunedLaw, unit: str) -> tuple[Requirement, ...]:
+def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     """The same lines for every law: margins, the jump, the sampled robots, the corners."""
     found = tuned.evaluation
-    s = found.setup.specification
-    lines = [] if found.linear_failure else margin_requirements(s, found.margins)
-    lines += step_requirements(s, found.jump, unit, "the jump, nominal robot")
+    s, limits = found.setup.specification, found.setup.limits
+    lines = [] if found.linear_failure else margin_requirements(s, found.margins, found.setup.joints)
+    lines += step_requirements(s, limits, found.jump, "the jump, nominal robot")
     if not found.linear_failure and found.corners is not None:
         lines.append(corner_requirement(found.corners))
     if found.jump_samples is not None:
-        lines += sample_requirements(s, found.jump_samples, unit)
+        lines += sample_requirements(s, limits, found.jump_samples)
     return tuple(lines)
 
 
@@ -391,4 +395,11 @@ def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
     each = 3 if sample_count(robot, states, s) else 2
     searched = preset_of(robot, s) in ("damped", "robust")
-    return 3 + (s.peak_effort is not None and searched) + solved + len(s.via) + each * len(law_names(laws))
+    limits = joint_limits(robot, s)
+    return (
+        3
+        + (searched and (limits.limits_peak or limits.limits_speed))
+        + solved
+        + len(s.via)
+        + each * len(law_names(laws))
+    )

@@ -16,8 +16,9 @@ import numpy as np
 from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.responses import Response, Worst
+from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import Synthesis
 
@@ -30,6 +31,7 @@ __all__ = [
     "all_met",
     "behaviour_requirements",
     "corner_requirement",
+    "limit_requirements",
     "margin_requirements",
     "peak_option",
     "sample_requirements",
@@ -71,6 +73,8 @@ class Requirement:
         The option that states the limit, or "default".
     joint : str
         Of the worst value; empty where there is one joint, or where it has none.
+    at : float or None
+        When it occurs, s; None where it has no time.
     """
 
     what: str
@@ -82,6 +86,7 @@ class Requirement:
     criterion: str
     stated_by: str = "default"
     joint: str = ""
+    at: float | None = None
 
     @property
     def met(self) -> bool:
@@ -102,13 +107,15 @@ def _option(s: Specification, name: str) -> str:
     return "default" if getattr(s, name) == field.default else field.options[0]
 
 
-def peak_option(unit: str) -> str:
-    """The option of the command line that limits an input of this unit."""
-    return "--peak-voltage" if unit == "V" else "--peak-torque"
+def peak_option(unit: str, source: str = "") -> str:
+    """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
+    return ROBOT if source == ROBOT else "--peak-voltage" if unit == "V" else "--peak-torque"
 
 
-def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]:
-    """Peak sensitivity and gain margin of the running loop."""
+def margin_requirements(
+    s: Specification, margins: Margins, joints: Sequence[str] = ("",)
+) -> list[Requirement]:
+    """Peak sensitivity and gain margin of the running loop; `joints` are those of the inputs."""
     return [
         Requirement(
             "peak sensitivity", s.peak_sensitivity_limit, margins.peak_sensitivity, "", True, RUNNING,
@@ -117,12 +124,18 @@ def margin_requirements(s: Specification, margins: Margins) -> list[Requirement]
         Requirement(
             "gain margin", s.gain_margin_limit, margins.gain_margin, "", False, RUNNING,
             "smallest factor, up or down, of one input's gain that makes the loop unstable", _option(s, "gain_margin"),
+            joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
 
 
 def behaviour_requirements(
-    s: Specification, bandwidth: np.ndarray, damping: float, margins: Margins, joints: Sequence[str]
+    s: Specification,
+    bandwidth: np.ndarray,
+    damping: float,
+    margins: Margins,
+    joints: Sequence[str],
+    least_damped: str = "",
 ) -> list[Requirement]:
     """Bandwidth and damping of the running loop, where weights were searched for them.
 
@@ -134,6 +147,8 @@ def behaviour_requirements(
         Required of every oscillation.
     margins : Margins
     joints : sequence of str
+    least_damped : str
+        The joint of the smallest damping ratio.
     """
     fraction = np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)
     worst = int(np.argmin(fraction))
@@ -147,21 +162,25 @@ def behaviour_requirements(
         Requirement(
             "damping of oscillations", damping, margins.damping, "", False, RUNNING,
             "smallest damping ratio of every oscillation, the estimator's included", _option(s, "damping"),
+            least_damped if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
 
 
 def step_requirements(
-    s: Specification, response: Response, unit: str, where: str, unlimited: Response | None = None
+    s: Specification,
+    limits: JointLimits,
+    response: Response,
+    where: str,
+    unlimited: Response | None = None,
 ) -> list[Requirement]:
-    """Overshoot and peak input of one run.
+    """Overshoot of one run, and what it uses of the joints' limits.
 
     Parameters
     ----------
     s : Specification
+    limits : JointLimits
     response : Response
-    unit : str
-        Of the inputs.
     where : str
     unlimited : Response, optional
         The same run without limits of the inputs, for the peak that a limit would hide.
@@ -175,18 +194,70 @@ def step_requirements(
             overshoot.joint if several else "",
         )
     ]  # fmt: skip
-    if s.peak_effort is not None:
-        demanded = response if unlimited is None else unlimited
-        free = ", without limits of the inputs" if s.saturation is not None and unlimited is not None else ""
-        lines.append(_peak(s, demanded.peak, unit, where, several, free))
-    return lines
+    demanded = response if unlimited is None else unlimited
+    free = limits.saturated is not None and unlimited is not None
+    return [*lines, *limit_requirements(limits, response, where, demanded, unlimited=free)]
 
 
-def _peak(s: Specification, found: Worst, unit: str, where: str, several: bool, how: str = "") -> Requirement:
+def limit_requirements(
+    limits: JointLimits,
+    response: Response,
+    where: str,
+    demanded: Response | None = None,
+    unlimited: bool = False,
+    always: bool = True,
+) -> list[Requirement]:
+    """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
+
+    Parameters
+    ----------
+    limits : JointLimits
+    response : Response
+    where : str
+    demanded : Response, optional
+        The run whose inputs count; by default the same.
+    unlimited : bool
+        Whether that one has no limits of the inputs.
+    always : bool
+        Also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since a run
+        begins and ends within them.
+    """
+    found = []
+    if limits.limits_peak:
+        use = limits.input_use(response if demanded is None else demanded)
+        found.append(_peak(limits, use, where, ", without limits of the inputs" if unlimited else ""))
+    if limits.limits_speed:
+        found.append(_speed(limits, limits.speed_use(response), where))
+    found = [line for line in found if always or not line.met]
+    beyond = limits.beyond_range(response)
+    if 0.0 < beyond.value < np.inf:
+        found.append(
+            Requirement(
+                "distance beyond a joint's range", 0.0, beyond.value, beyond.unit, True, where,
+                "largest of all true link positions", ROBOT, _named(limits, beyond.joint), beyond.at,
+            )
+        )  # fmt: skip
+    return found
+
+
+def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requirement:
     return Requirement(
-        "peak input", float(s.peak_effort or np.inf), found.value, unit, True, where,
-        f"largest |input| of all motors{how}", peak_option(unit), found.joint if several else "",
+        "peak input", use.limit, use.value, use.unit, True, where, f"largest |input| of all motors{how}"
+        if np.ptp(limits.peak) == 0.0 else f"|input| of the motor that is nearest to its limit{how}",
+        peak_option(use.unit, limits.peak_source), _named(limits, use.joint), use.at,
     )  # fmt: skip
+
+
+def _speed(limits: JointLimits, use: LimitUse, where: str) -> Requirement:
+    return Requirement(
+        "link speed", use.limit, use.value, use.unit, True, where, "|velocity| of the link nearest to its limit",
+        limits.speed_source, _named(limits, use.joint), use.at,
+    )  # fmt: skip
+
+
+def _named(limits: JointLimits, joint: str) -> str:
+    """The joint where there are several."""
+    return joint if len(limits.joints) > 1 else ""
 
 
 def corner_requirement(corners: ToleranceCorners) -> Requirement:
@@ -199,7 +270,7 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
     )  # fmt: skip
 
 
-def sample_requirements(s: Specification, samples: MonteCarlo, unit: str) -> list[Requirement]:
+def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
     lines = [
@@ -213,11 +284,26 @@ def sample_requirements(s: Specification, samples: MonteCarlo, unit: str) -> lis
             samples.joint_of_worst_overshoot,
         ),
     ]  # fmt: skip
-    if s.peak_effort is not None:
-        worst = int(np.argmax(samples.peak))
-        found = Worst(float(samples.peak[worst]), samples.peak_joints[worst])
-        lines.append(_peak(s, found, unit, where, samples.positions.shape[2] > 1))
+    if limits.limits_peak:
+        lines.append(
+            _peak(limits, _sampled_use(limits, samples.inputs, limits.peak, limits.effort_units), where)
+        )
+    if limits.limits_speed:
+        lines.append(
+            _speed(limits, _sampled_use(limits, samples.speeds, limits.speed, limits.speed_units), where)
+        )
     return lines
+
+
+def _sampled_use(
+    limits: JointLimits, values: np.ndarray, most: np.ndarray, units: tuple[str, ...]
+) -> LimitUse:
+    """Of the values (N, n) that one that uses most of its limit."""
+    if not np.isfinite(values).all():  # a run diverged
+        joint = int(np.argmin(most))
+        return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
+    row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
+    return LimitUse(float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None)
 
 
 # Status: what a reader must know first ------------------------------------------------------------------
@@ -280,6 +366,7 @@ def _missed(line: Requirement, places: bool) -> str:
     sign = "≤" if line.at_most else "≥"
     unit = f" {line.unit}" if line.unit else ""
     joint = f" in {line.joint}" if line.joint else ""
+    joint += "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
@@ -300,18 +387,24 @@ def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found = []
+    found, several = [], len(evaluation.setup.joints) > 1
+
+    def of(joint: str) -> str:
+        return f" ({joint})" if several and joint else ""
+
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
         found.append(
-            f"the estimation error oscillates at {worst.frequency:.3g} Hz with a damping of {worst.damping:.2g}"
+            f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
+            f"{worst.damping:.2g}"
         )
     damping = evaluation.margins.damping
     judged = any(line.what.startswith("damping") for line in lines)
     if damping < RINGS and not slow and not judged:
         found.append(
-            f"an oscillation of the running loop is damped by {damping:.2g} only, and no damping is required"
+            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by {damping:.2g} only, "
+            "and no damping is required"
         )
     margins, period = evaluation.margins, evaluation.setup.specification.period
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
@@ -326,7 +419,11 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
         found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:
-        found.append(f"sensor noise at a motor is {100.0 * noise / peak:.2g} % of the step's peak input, rms")
+        noises = evaluation.input_noises
+        joint = "" if noises is None else of(evaluation.setup.joints[int(np.argmax(noises))])
+        found.append(
+            f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
+        )
     corners = evaluation.corners
     if corners is not None and not corners.unstable and (most := corners.most_unstable):
         found.append(f"another Rᵛ makes up to {most} of {corners.count} corners unstable")

@@ -83,6 +83,12 @@ class Response:
         return self.run.signals["input"]
 
     @property
+    def velocities(self) -> np.ndarray:
+        """True link velocities (N, n)."""
+        n = len(self.goal)
+        return self.run.signals["state"][:, n : 2 * n]
+
+    @property
     def peak_input(self) -> float:
         """Largest |input| of all motors; infinite where the run diverged."""
         return np.inf if self.diverged_at is not None else float(np.abs(self.inputs).max())
@@ -92,7 +98,7 @@ class Response:
         """Figures of each joint's true link position; an empty list where the run diverged.
 
         Keys: joint, overshoot_percent, settling_time_s, rise_time_s (these three only of joints that move; None: not
-        within the run), steady_state_error, peak_input, input_noise.
+        within the run), steady_state_error, peak_input, peak_speed, input_noise.
         """
         if self.diverged_at is not None:
             return []
@@ -107,6 +113,7 @@ class Response:
                     **(shape if begin != end else {}),
                     "steady_state_error": steady_state_error(position, np.full(len(position), end)),
                     "peak_input": float(np.abs(u).max()),
+                    "peak_speed": float(np.abs(self.velocities[:, k]).max()),
                     "input_noise": float(u[-tail:].std()),
                 }
             )

@@ -219,6 +219,7 @@ def compare_rigid(
     start: tuple[np.ndarray, np.ndarray],
     goal: np.ndarray,
     duration: float,
+    saturation: np.ndarray | None = None,
 ) -> RigidComparison | None:
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
@@ -236,7 +237,7 @@ def compare_rigid(
     loops: list[Any] = []
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
-        controller = Controller(law, None, specification.period, specification.saturation, start="bumpless")
+        controller = Controller(law, None, specification.period, saturation, start="bumpless")
         loop = Loop(true_plant, controller)
         x, u = start
         response = run_response(

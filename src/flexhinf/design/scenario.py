@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
@@ -136,12 +137,12 @@ def plan_move(
     slowest_vibration: float,
     held: Sequence[np.ndarray],
 ) -> JerkLimited:
-    """The move from start to goal as fast as the loop follows, slower until its feedforward keeps the effort limit.
+    """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
 
     Parameters
     ----------
     robot, s
-        The effort limit is the specification's.
+        Limits of effort and speed are the specification's, or the robot's.
     start, goal, bandwidth : (n,)
         Link positions, rad or m, and rad/s.
     slowest_vibration : float
@@ -152,11 +153,12 @@ def plan_move(
     Raises
     ------
     InvalidInput
-        If the move leaves the joints' limits, or no slower move keeps the effort limit.
+        If the move leaves the joints' ranges, or no slower move keeps the other limits.
     """
     way = np.abs(goal - start)
     way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
-    limit = _feedforward_limit(s, held)
+    limits = joint_limits(robot, s)
+    limit = _feedforward_limit(limits, held)
     for k in range(STRETCHES):
         rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
         plan = JerkLimited(
@@ -164,19 +166,18 @@ def plan_move(
             smoothing=2.0 * math.pi / slowest_vibration,
         )  # fmt: skip
         try:
-            check_reference(robot, plan, plan.duration, limit, period=s.period)
+            check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
         except InvalidInput:
-            if limit is None or k == STRETCHES - 1:
+            if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
                 raise
             continue
         return plan
     raise AssertionError("unreachable")
 
 
-def _feedforward_limit(s: Specification, held: Sequence[np.ndarray]) -> float | None:
-    """The largest input that the feedforward may use; None without an effort limit."""
-    limit = s.effort_limit
-    if limit is None:
+def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The largest input (n,) that the feedforward may use of each motor; None without an effort limit."""
+    if not limits.limits_effort:
         return None
-    needed = max(float(np.abs(u).max()) for u in held)
-    return needed + EFFORT_FRACTION * max(0.0, limit - needed)
+    needed = np.abs(held).max(axis=0)
+    return needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)

@@ -26,21 +26,26 @@ from flexhinf.design.units import (
     NotNegative,
     Number,
     Period,
+    PerJoint,
+    PerJointSpeed,
     Pose,
     Poses,
     Positive,
+    Quanta,
     Ratio,
     Seconds,
     Seed,
     Weights,
     angle_unit_of,
     choice,
+    reading_kind,
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification",
+    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "About",
+    "Specification",
     "SpecificationError", "json_schema",
 ]  # fmt: skip
 
@@ -73,6 +78,12 @@ MOST = {
     "gamma_ratio": (1e6, "from there on the disturbance has no weight in the law, and it no longer changes"),
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }
+
+#: A step of a sensor by what it measures, for advice.
+EXAMPLES = {"position": "0.01deg", "velocity": "0.1deg/s", "torque": "0.1Nm"}
+
+#: What 0 stands for at the command line where a limit is stated: infinity, also over a limit of the robot.
+NO_LIMIT = "no limit"
 
 BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
 SYNTHESIS, LOOP, REPORT = "Synthesis", "Sensors, estimator and true plant", "Report"
@@ -161,8 +172,12 @@ class Specification:
     damping: Annotated[Ratio | None, About(BEHAVIOUR,
         "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
         default="0.2 where weights are searched")] = None
-    peak_effort: Annotated[Positive | None, About(BEHAVIOUR, "Largest input of every motor in the step.", "60",
-        "V, N·m or N", zero="no limit", default="no limit")] = None
+    peak_effort: Annotated[PerJoint | None, About(BEHAVIOUR,
+        "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
+        "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")] = None
+    peak_speed: Annotated[PerJointSpeed | None, About(BEHAVIOUR,
+        "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
+        "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")] = None
     overshoot: Annotated[Positive, About(BEHAVIOUR,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%")] = 5.0
     peak_sensitivity: Annotated[AboveOne | None, About(BEHAVIOUR,
@@ -204,16 +219,17 @@ class Specification:
         default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")] = None
     measurement_noise: Annotated[Positive, About(LOOP,
         "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")] = 1e-8
-    saturation: Annotated[Positive | None, About(LOOP, "Limit ± of every input.", "24", "V, N·m or N",
-        zero="no limit", default="no limit")] = None
+    saturation: Annotated[PerJoint | None, About(LOOP, "Limit ± of every input, or one per joint 87,87,12.", "24",
+        "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")] = None
     extras: Annotated[Names, About(LOOP,
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")] = ()
     delay: Annotated[Seconds, About(LOOP,
         "Delay of the inputs, a multiple of the period, at most 200 samples over the number of motors; the estimator "
         "does not know of it.", "5ms", "s")] = 0.0
-    quantisation: Annotated[NotNegative, About(LOOP,
-        "Step of every measurement, in its unit; the estimator does not know of it.", "1e-4")] = 0.0
+    quantisation: Annotated[Quanta, About(LOOP,
+        "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
+        "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")] = 0.0
     load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")] = None
     draws: Annotated[Count | None, About(REPORT,
@@ -263,12 +279,6 @@ class Specification:
             )
         if abs(samples - round(samples)) > WHOLE:
             raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
-
-    @property
-    def effort_limit(self) -> float | None:
-        """The largest allowed input, the smaller of requirement and saturation; None for no limit."""
-        limits = [limit for limit in (self.peak_effort, self.saturation) if limit is not None]
-        return min(limits, default=None)
 
     @property
     def peak_sensitivity_limit(self) -> float:
@@ -336,6 +346,7 @@ def _checked(make: Any) -> Any:
             fields["angle_unit"] = angle_unit_of(*(fields.get(name) for name in ("pose", "start", "via")))
         try:
             make(self, **fields)
+            _check_sensor_units(self, fields.get("quantisation"))
         except ValidationError as error:
             raise _specification_error(error, fields) from None
         except UnicodeEncodeError as error:
@@ -346,6 +357,27 @@ def _checked(make: Any) -> Any:
             ) from None
 
     return init
+
+
+def _check_sensor_units(s: Specification, stated: Any) -> None:
+    """Refuse a step in a unit that its sensor does not have; a number without a unit fits every sensor."""
+    parts = (
+        stated.split(",") if isinstance(stated, str) else stated if isinstance(stated, (list, tuple)) else []
+    )
+    if len(parts) not in (1, len(s.measured)):
+        return
+    for part, name in zip(len(s.measured) * list(parts) if len(parts) == 1 else parts, s.measured):
+        kind = reading_kind(part)
+        if kind and kind not in name:
+            raise _refusal(
+                "quantisation",
+                f"expected a step for each of {list(s.measured)} in its own unit, got {value_text(part)} for {name!r}",
+                ",".join(EXAMPLES.get(k, "1e-4") for k in map(_kind_of, s.measured)),
+            )
+
+
+def _kind_of(name: str) -> str:
+    return next((kind for kind in EXAMPLES if kind in name), "")
 
 
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright

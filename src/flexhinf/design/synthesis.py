@@ -11,18 +11,20 @@ import numpy as np
 from flexhinf.analysis import tolerance_corners
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.effort_limit import problem_within_effort
-from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances
+from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
+from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.loop.simulation.channel import check_delay
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
-from flexhinf.robot import Robot, check_holding
+from flexhinf.robot import Robot
+from flexhinf.robot.plausibility import check_fast
 
 __all__ = ["Synthesis", "synthesise"]
 
@@ -91,6 +93,7 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     n = len(robot.joint_names)
     goal = robot.operating_point(s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+    check_fast(robot, s.period)
     _refuse_early(robot, s, goal, start)
     problem, noise = _robust_problem(robot, goal, start, s, progress)
     levels = None if noise is None else noise.chosen.levels
@@ -217,11 +220,30 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         s.estimator, model, robot.operating_point(goal), robot.operating_point(start)[0], s.period,
         EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
     )  # fmt: skip
+    sensor_steps(robot, s)
+    limits = joint_limits(robot, s)
     for pose in (goal, start, *s.via):
-        if s.effort_limit is not None:
-            check_holding(robot, pose, s.effort_limit)
-        else:
-            robot.operating_point(pose)
+        _check_holding(robot, pose, limits)
+
+
+def _check_holding(robot: Robot, pose: Any, limits: JointLimits) -> None:
+    """`check_holding`, with advice in fields of the specification."""
+    x, u = robot.operating_point(pose)
+    worst = int(np.argmax(np.abs(u) / limits.effort))
+    if abs(u[worst]) <= limits.effort[worst]:
+        return
+    unit, joint, value = limits.effort_units[worst], robot.joint_names[worst], float(limits.effort[worst])
+    required = limits.peak[worst] <= limits.saturation[worst]
+    name, source = (
+        ("peak_effort", limits.peak_source) if required else ("saturation", limits.saturation_source)
+    )
+    stated = f"; {ROBOT} states it" if source == ROBOT else ""
+    raise InvalidInput(
+        f"The motor of joint {joint!r} cannot hold this pose.",
+        f"expected a holding input of at most {value:g} {unit}, got {u[worst]:.4g} {unit} at the pose "
+        f"{[float(f'{q:.4g}') for q in x[: len(u)]]}{stated}",
+        f"a pose nearer to where the arm hangs, a lighter load, or a larger `{name}`",
+    )
 
 
 def _checked_penalty(s: Specification, problem: DesignProblem) -> Any:

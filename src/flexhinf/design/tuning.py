@@ -6,8 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
 from flexhinf.design.criterion import Criterion, Figures, pareto_front
+from flexhinf.design.estimators import other_sensors
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
@@ -205,11 +208,21 @@ def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:
     jump = evaluation.jump
     return replace(
         linear,
-        peak_input=jump.peak_input,
+        peak_input=_equivalent_peak(evaluation),
         settling=jump.settling.value,
         load_deviation=worst_of(evaluation.load_response.metrics, "peak_deviation").value,
         move_error=worst_of(evaluation.move.metrics, "largest_error").value,
     )
+
+
+def _equivalent_peak(evaluation: LawEvaluation) -> float:
+    """Largest input of the jump; where motors have different limits, in terms of the strongest one: the largest share
+    of a limit times the largest limit."""
+    limits, jump = evaluation.setup.limits, evaluation.jump
+    effort = limits.effort
+    if np.all(effort == effort[0]) or not np.isfinite(effort).all():
+        return jump.peak_input
+    return limits.input_use(jump, effort).share * float(effort.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +357,7 @@ class Tuner:
             own,
             law=self.factory.make(kind, values, degree),
             law_at_goal=None,
-            specification=replace(own.specification, measured=sensors),
+            specification=other_sensors(own.robot, own.specification, sensors),
             estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
         )

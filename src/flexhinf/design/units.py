@@ -20,13 +20,20 @@ from flexhinf.plant import Penalty
 
 __all__ = [
     "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
-    "Number", "Period", "Pose", "Poses", "Positive", "Ratio", "Seconds", "Seed", "Weights", "angle_unit_of",
-    "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "poses", "seconds",
-    "weights",
+    "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio", "Seconds", "Seed",
+    "Weights", "angle_unit_of",
+    "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta",
+    "reading_kind", "seconds", "speeds", "weights",
 ]  # fmt: skip
 
 _ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _FREQUENCIES = {"": 1.0, "rad/s": 1.0, "hz": 2.0 * math.pi}
+_SPEEDS = {
+    "": 1.0, "rad/s": 1.0, "m/s": 1.0, "mm/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0,
+    "rpm": math.pi / 30.0,
+}  # fmt: skip
+_TORQUES = {"nm": 1.0, "n·m": 1.0, "n*m": 1.0, "n": 1.0}
+_READINGS = {**_SPEEDS, **_ANGLES, **_TORQUES}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(\S*)\s*\Z")
 
@@ -80,7 +87,53 @@ def frequencies(value: Any) -> float | tuple[float, ...]:
     >>> frequencies("4, 6rad/s")
     (4.0, 6.0)
     """
-    read = tuple(_quantity(one, _FREQUENCIES) for one in _several(value))
+    return _one_or_several(value, _FREQUENCIES)
+
+
+def numbers(value: Any) -> float | tuple[float, ...]:
+    """One number, or one per joint."""
+    return _one_or_several(value, {"": 1.0})
+
+
+def speeds(value: Any) -> float | tuple[float, ...]:
+    """One speed, or one per joint, in rad/s or m/s; as text with rad/s, deg/s, °/s, rpm, m/s or mm/s.
+
+    Examples
+    --------
+    >>> speeds("2.5, 0.5m/s")
+    (2.5, 0.5)
+    """
+    return _one_or_several(value, _SPEEDS)
+
+
+def quanta(value: Any) -> float | tuple[float, ...]:
+    """One step of a sensor, or one per measured signal, in SI units; as text with a unit of an angle, a length, a
+    velocity, a torque or a force.
+
+    Examples
+    --------
+    >>> quanta("0.18deg, 0.05Nm")
+    (0.0031415926535897933, 0.05)
+    """
+    return _one_or_several(value, _READINGS)
+
+
+def reading_kind(value: Any) -> str:
+    """What a reading's unit measures: position, velocity or torque; empty without a unit, or for no text.
+
+    Examples
+    --------
+    >>> reading_kind("0.1Nm")
+    'torque'
+    """
+    match = _QUANTITY.match(value) if isinstance(value, str) else None
+    unit = match[2].lower() if match else ""
+    kinds = {"position": _ANGLES, "velocity": _SPEEDS, "torque": _TORQUES}
+    return next((kind for kind, units in kinds.items() if unit and unit in units), "")
+
+
+def _one_or_several(value: Any, units: Mapping[str, float]) -> float | tuple[float, ...]:
+    read = tuple(_quantity(one, units) for one in _several(value))
     return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
 
 
@@ -224,6 +277,18 @@ Poses = Annotated[
 Frequencies = Annotated[
     Annotated[float, _POSITIVE] | tuple[Annotated[float, _POSITIVE], ...], BeforeValidator(frequencies),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
+]  # fmt: skip
+_Limit = Annotated[float, Field(gt=0.0)]
+PerJoint = Annotated[
+    _Limit | tuple[_Limit, ...], BeforeValidator(numbers), Allowed("a number > 0, or one per joint; inf for none"),
+]  # fmt: skip
+PerJointSpeed = Annotated[
+    _Limit | tuple[_Limit, ...], BeforeValidator(speeds),
+    Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
+]  # fmt: skip
+Quanta = Annotated[
+    Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(quanta),
+    Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
 ]  # fmt: skip
 Degrees = Annotated[
     tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-__all__ = ["nonzero", "switches", "varying"]
+__all__ = ["linear", "nonzero", "switches", "varying"]
 
 #: Points per radius, and the radii about the origin, at which entries are compared.
 POINTS, RADII = 8, (0.3, 1.0, 3.0)
@@ -56,6 +56,17 @@ def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[function.instruction_output(k)[0]] = value
     return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+
+
+def linear(function: ca.Function) -> bool:
+    """Whether the results are linear (with a constant) in the first argument, proved from their graph.
+
+    Where an operation is not smooth they are not: the derivative of floor(x) is zero.
+    """
+    arguments = [ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
+    values = ca.vertcat(*function.call(arguments))
+    smooth = not switches(values, ca.vertcat(*arguments)).numel()
+    return smooth and not ca.depends_on(ca.jacobian(values, arguments[0]), arguments[0])
 
 
 def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:

@@ -12,21 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.estimation.filter import RecursiveFilter, correction
+from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Gaussian
-from flexhinf.scalars import apply, jacobian, trace
+from flexhinf.scalars import apply, trace
 
 __all__ = ["ExtendedKalmanFilter"]
 
 
 class ExtendedKalmanFilter(RecursiveFilter):
     """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""
-
-    @cached_property
-    def _measured(self) -> Any:
-        """H and ∂H/∂x of (x, u, parameter vector)."""
-        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return jacobian(self.output, *sizes, name="measurement")
 
     @property
     def estimator_key(self) -> str:
@@ -67,12 +61,4 @@ class ExtendedKalmanFilter(RecursiveFilter):
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
-        expected, c = run.call(self._measured, belief.mean, u, p)
-        root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
-        shown = run.columns(applied, root, c)
-        return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
-
-
-def applied(vector: Any, matrix: Any) -> Any:
-    """A matrix times a vector."""
-    return matrix @ vector
+        return self.linear_innovation(run, belief, y, u, p, measurement_noise)

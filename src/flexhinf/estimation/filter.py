@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, solve_lower, solve_lower_transposed
+from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.untrusted import read_only, real_array, value_text
 
 __all__ = ["RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
@@ -122,6 +123,11 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
+def applied(vector: Any, matrix: Any) -> Any:
+    """A matrix times a vector."""
+    return matrix @ vector
+
+
 class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
@@ -220,6 +226,21 @@ class RecursiveFilter(Estimator):
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
+
+    @cached_property
+    def measured(self) -> Any:
+        """H and C = ∂H/∂x of (x, u, vector of parameters)."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return jacobian(self.output, *sizes, name="measurement")
+
+    def linear_innovation(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
+        """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
+        expected, c = run.call(self.measured, belief.mean, u, p)
+        root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
+        shown = run.columns(applied, root, c)
+        return correction(run, (belief.mean, root), (expected, shown), weights, y, measurement_noise)
 
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """`time_stages`."""

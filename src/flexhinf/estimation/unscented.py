@@ -6,16 +6,18 @@ Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoint
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
+from flexhinf.estimation.dependence import linear
 from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
-from flexhinf.scalars import cholesky, clip
+from flexhinf.scalars import cholesky, clip, trace
 from flexhinf.untrusted import read_only, real_array
 
 __all__ = ["UnscentedKalmanFilter"]
@@ -118,7 +120,13 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def innovation_stages(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
-        """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance)."""
+        """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance).
+
+        Where the output is linear in x, the sums over sigma points (steps 7 to 9) are those over the columns of L,
+        P = L Lᵀ, whatever the weights: Σ wᵢ dᵢ dᵢᵀ = P, and the points' mean is x̂. Half as many columns then do.
+        """
+        if self.linear_output and self.redraw and not self.bounds:
+            return self.linear_innovation(run, belief, y, u, p, measurement_noise)
         weights = self.sigma.covariance_weights
         points, deviations, centre = self.redrawn(run, belief)  # 5
         outputs = run.columns(self.output, points, u, p)  # 6
@@ -136,6 +144,12 @@ class UnscentedKalmanFilter(RecursiveFilter):
             mean = run.call(self.bounded, mean)
         corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
         return corrected, innovation, p_yy
+
+    @cached_property
+    def linear_output(self) -> bool:
+        """Whether H is linear in x, whatever the input and the parameters."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return linear(trace(self.output, *sizes))
 
     def points(self, run: Any, mean: Any, root: Any) -> Any:
         """Sigma points inside the bounds, (n, 2n + 1)."""

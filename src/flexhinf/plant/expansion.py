@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
-from flexhinf.polynomial.truncated import size
+from flexhinf.polynomial.truncated import degree_slice, size
 from flexhinf.scalars.jet import jets, terms
 
-__all__ = ["ControlAffineExpansion", "expand", "expand_control_affine"]
+__all__ = ["ControlAffineExpansion", "expand", "expand_control_affine", "expand_problem"]
 
 STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
 
@@ -87,6 +88,39 @@ def _check_finite(rows: np.ndarray, values: np.ndarray, shape: tuple[int, ...], 
             f"expected finite coefficients, got NaN or infinity in component {component}",
             "finite parameters, and a point where no term overflows",
         )
+
+
+def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
+    """A `GeneralisedPlant` about its operating point, at the nominal parameters; see its `expand`."""
+    n, table = len(problem.state_names), problem.plant.parameters
+    parameters = table.named(table.vector())
+    flow = expand_control_affine(
+        problem.flow,
+        problem.operating_point,
+        problem.operating_input,
+        np.zeros(len(problem.disturbance_names)),
+        parameters,
+        degree,
+        input_names=problem.input_names,
+        disturbance_names=problem.disturbance_names,
+    )
+    h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
+
+    def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
+        return {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
+
+    return PolynomialPlant.from_parts(
+        n,
+        parts(flow.f, degree),
+        parts(flow.g1, degree - 1),
+        parts(flow.g2, degree - 1),
+        parts(h, degree),
+        problem.r2,
+        state_names=problem.state_names,
+        operating_point=problem.operating_point,
+        input_names=problem.input_names,
+        operating_input=problem.operating_input,
+    )
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import digest, function_arrays, trace
+from flexhinf.scalars import digest, function_arrays, pack, serial, symbols, trace
 from flexhinf.untrusted import LONGEST_NAME, checked_name, distinct, real_array, value_text
 
 __all__ = ["Model"]
@@ -44,6 +44,9 @@ class Model(Summarised):
         Names that stand for several signals, for example one per joint; understood by `with_objective`.
     limits : mapping of str to (float, float), optional
         Range of a state: a command beyond it is refused by `Loop.run`.
+    engaged : callable, optional
+        ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
+        backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Model(Summarised):
     units: Mapping[str, str] = field(default_factory=dict)
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    engaged: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):
@@ -151,12 +155,26 @@ class Model(Summarised):
         InvalidInput
             If the flow reads something that has changed since.
         """
-        if not isinstance(self.flow, StoredCode) and digest(self._trace_flow()) != self._content[0]:
+        if isinstance(self.flow, StoredCode):
+            return
+        arguments, columns = self._flow_symbols
+        text = serial(columns, self._flow_text(*arguments))
+        if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
+            return
+        if digest(self._trace_flow()) != self._content[0]:
             raise InvalidInput(
                 "flow(x, u, d, p) computes something else than when its plant was built.",
                 "expected the same operations and constants: a global or an attribute that it reads has changed",
                 "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
             )
+        vars(self)["_checked"] = text
+
+    @cached_property
+    def _flow_symbols(self) -> tuple[list[np.ndarray], list[Any]]:
+        """Symbols for x, u, d and the parameter vector, as arrays and as columns."""
+        sizes = (len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size)
+        arrays = [symbols(name, size) for name, size in zip("xudp", sizes)]
+        return arrays, [pack(array) for array in arrays]
 
     def with_parameters(self, **changes: Any) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
@@ -203,12 +221,12 @@ class Model(Summarised):
         return self._trace_flow()
 
     def _trace_flow(self) -> Any:
-        table = self.parameters
-        sizes = (len(self.states), len(self.inputs), len(self.disturbances), table.size)
-        return trace(
-            lambda x, u, d, p: signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, table.named(p))),
-            *sizes, name="flow", names=("x", "u", "d", "p"),
-        )  # fmt: skip
+        sizes = (len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size)
+        return trace(self._flow_text, *sizes, name="flow", names=("x", "u", "d", "p"))
+
+    def _flow_text(self, x: Any, u: Any, d: Any, p: Any) -> np.ndarray:
+        """What the text of flow computes of symbols."""
+        return signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, self.parameters.named(p)))
 
     @cached_property
     def traced_output(self) -> Any:
@@ -297,20 +315,26 @@ class Model(Summarised):
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default), rad/s.
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s.
 
         Raises
         ------
         InvalidInput
             If the plant has no finite Jacobian there.
         """
+        points = [np.zeros(self.n) if x is None else real_array(x)]
+        if self.engaged is not None:
+            points.append(self.engaged(points[0], self.parameters.named(self.parameters.vector())))
+        return max(self._fastest_at(point, u) for point in points)
+
+    def _fastest_at(self, x: np.ndarray, u: Any) -> float:
         a = self.linearise(x, u)[0]
         if not np.all(np.isfinite(a)):
             row, column = np.argwhere(~np.isfinite(a))[0]
             raise InvalidInput(
                 "The plant has no linearisation at this point.",
                 f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
-                f"{a[row, column]} at x = {[0.0] * self.n if x is None else np.asarray(x).tolist()}",
+                f"{a[row, column]} at x = {x.tolist()}",
                 "a point where the model is smooth",
             )
         return float(np.abs(np.linalg.eigvals(a)).max())

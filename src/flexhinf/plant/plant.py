@@ -16,12 +16,11 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.equilibrium import equilibrium as equilibrium_of
 from flexhinf.plant.equilibrium import pose_values
-from flexhinf.plant.expansion import expand, expand_control_affine
+from flexhinf.plant.expansion import expand_problem
 from flexhinf.plant.model import Model
 from flexhinf.plant.model_code import StoredCode, TracedCode, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.polynomial.truncated import degree_slice
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.untrusted import read_only, real_array
 
@@ -283,6 +282,8 @@ class GeneralisedPlant(Summarised):
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
 
+        The last one is kept: another γ for the same problem asks whether its code has changed, and expands nothing.
+
         Parameters
         ----------
         degree : int
@@ -294,35 +295,20 @@ class GeneralisedPlant(Summarised):
             As `flexhinf.plant.expansion.expand_control_affine`.
         """
         self.check_unchanged()
-        n, table = len(self.state_names), self.plant.parameters
-        parameters = table.named(table.vector())
-        flow = expand_control_affine(
-            self.flow,
-            self.operating_point,
-            self.operating_input,
-            np.zeros(len(self.disturbance_names)),
-            parameters,
-            degree,
-            input_names=self.input_names,
-            disturbance_names=self.disturbance_names,
-        )
-        h = expand(self.penalty_output, np.zeros(n), parameters, degree)
+        if degree not in self._expansion:
+            expansion = expand_problem(self, degree)
+            self._expansion.clear()
+            self._expansion[degree] = expansion
+        return self._expansion[degree]
 
-        def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
-            return {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
+    @cached_property
+    def _expansion(self) -> dict[int, PolynomialPlant]:
+        """The last expansion, by its degree."""
+        return {}
 
-        return PolynomialPlant.from_parts(
-            n,
-            parts(flow.f, degree),
-            parts(flow.g1, degree - 1),
-            parts(flow.g2, degree - 1),
-            parts(h, degree),
-            self.r2,
-            state_names=self.state_names,
-            operating_point=self.operating_point,
-            input_names=self.input_names,
-            operating_input=self.operating_input,
-        )
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: without the last expansion, which may be large."""
+        return {name: value for name, value in vars(self).items() if name != "_expansion"}
 
     @cached_property
     def _traced_fields(self) -> Any:

@@ -19,8 +19,10 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 __all__ = [
     "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "figure_to_svg", "house_style", "label", "legend",
@@ -332,12 +334,24 @@ def figure_to_svg(figure: Figure) -> str:
 
 def _take_literally(figure: Figure) -> None:
     """Set names with dollar signs as they are, not as formulas; powers of ten beside logarithmic axes stay formulas."""
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
+    for text in _texts(figure):
         if "$" in text.get_text() and not _POWER.fullmatch(text.get_text()):
             text.set_parse_math(False)
+
+
+def _texts(artist: Artist) -> Iterator[Text]:
+    """Texts of an artist and what it holds, without the numbers beside an axis: its marks are slow to make."""
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+    from matplotlib.ticker import FixedLocator
+
+    if isinstance(artist, Text):
+        yield artist
+    if isinstance(artist, Axis) and not isinstance(artist.get_major_locator(), FixedLocator):
+        yield artist.label
+    else:
+        for child in artist.get_children():
+            yield from _texts(child)
 
 
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:

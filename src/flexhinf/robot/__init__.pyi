@@ -13,6 +13,7 @@ from .parameter import Parameter as Parameter
 from .parts import ElasticJoint as ElasticJoint
 from .parts import Link as Link
 from .parts import SingleLink as SingleLink
+from .payload import Payload as Payload
 from .robot import Robot as Robot
 from .robot_file import catalogue as catalogue
 from .robot_file import load_robot as load_robot

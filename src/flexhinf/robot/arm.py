@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics
+from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics, matrix_of, six_of
+from flexhinf.robot.payload import carried
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint
 from flexhinf.untrusted import HUGE, real_array, value_text
 
@@ -77,20 +78,20 @@ class Arm:
         return tuple(names)
 
     def packed(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """The links' parameters as the plant has them."""
-        rows = self.tree.names
-
-        def table(quantity: str, components: tuple[str, ...]) -> np.ndarray:
-            return np.array(
-                [[values[name] for name in self._names(row, quantity, components)] for row in rows]
-            )
-
-        return {
-            "gravity": values["gravity"],
-            "mass": np.array([values[per_joint("mass", row, len(rows))] for row in rows]),
-            "centre_of_mass": table("centre_of_mass", VECTOR),
-            "inertia": table("inertia", INERTIA),
-        }
+        """The links' parameters as the plant has them: each link with its payload."""
+        rows, count = self.tree.names, len(self.tree)
+        mass = np.array([values[per_joint("mass", row, count)] for row in rows])
+        centre, inertia = (
+            np.array([[values[name] for name in self._names(row, quantity, components)] for row in rows])
+            for quantity, components in (("centre_of_mass", VECTOR), ("inertia", INERTIA))
+        )
+        for i, row in enumerate(rows):
+            inertia[i] *= values.get(per_joint("inertia_scale", row, count), 1.0)
+            if per_joint("payload_mass", row, count) in values:
+                body = float(mass[i]), centre[i].copy(), matrix_of(inertia[i])
+                mass[i], centre[i], whole = carried(values, row, count, body)
+                inertia[i] = six_of(whole)
+        return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
 
     def joint_array(self, column: list[float]) -> Any:
         """An array (n,)."""

@@ -64,13 +64,14 @@ def reflected(values: Mapping[str, float], drive: str, joints: Sequence[str]) ->
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
+    dry = _dry(values)
     packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
     packed |= {quantity: [] for quantity in (MOTOR if drive == "voltage" else ())}
     packed |= {
         quantity: []
         for quantity in OPTIONAL
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
-        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and _dry(values))
+        or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
     }
     for joint in joints:
         ratio = of("gear_ratio", joint, 1.0)

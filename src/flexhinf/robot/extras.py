@@ -18,6 +18,7 @@ as long as the torque is below F_c. Backlash is not smooth: a synthesis refuses 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip
 
-__all__ = ["DEFAULTS", "EXTRAS", "checked_extras", "friction_torque", "spring_torque"]
+__all__ = ["DEFAULTS", "EXTRAS", "Engaged", "checked_extras", "friction_torque", "spring_torque"]
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -81,6 +82,20 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
     if "joint_damping" in extras:
         torque = torque + p.damping * rate
     return torque
+
+
+@dataclass(frozen=True)
+class Engaged:
+    """A state with every spring of n joints beyond its backlash: what `Model.engaged` wants of a robot."""
+
+    joints: int
+
+    def __call__(self, x: Any, p: Any) -> Any:
+        """The motors turned on by the whole width: out of the dead zone from anywhere inside."""
+        n = self.joints
+        moved = np.array(x, dtype=float)
+        moved[2 * n : 3 * n] += np.asarray(p.backlash, dtype=float)
+        return moved
 
 
 def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:

@@ -1,7 +1,9 @@
 """The same robot in MuJoCo: physics that is not ours, as a true plant for `flexhinf.Loop`.
 
 MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with
-`armature` making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring.
+`armature` making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the
+tendon's own dead band. Dry friction is MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`):
+the rotor sticks but for a creep that is far below the one of our smoothed friction.
 """
 
 from __future__ import annotations
@@ -20,13 +22,24 @@ from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, signal_names, units_of
 from flexhinf.untrusted import real_array
 
-__all__ = ["MuJoCoPlant", "mujoco_xml"]
+__all__ = ["MuJoCoPlant", "check_expressed", "mujoco_xml"]
 
 #: The part of a rotor's inertia that MuJoCo's body has; the rest is its armature.
 ROTOR_SHARE = 1e-3
 
-#: What a real joint adds and MuJoCo's tendon and joint can express exactly.
-EXPRESSED = ("joint_damping",)
+#: What a real joint adds and MuJoCo's tendons and joints express; dry friction by a model of its own.
+EXPRESSED = ("joint_damping", "backlash", "coulomb_friction")
+
+#: What MuJoCo has no element for.
+MISSING = {
+    "inductance": "its motors have no coil",
+    "spring_hardening": "its tendons are linear outside their dead band",
+    "stribeck_friction": "its friction loss is the same at every speed",
+}
+
+#: Time constant (s), damping ratio and impedance of MuJoCo's friction constraint. Under a torque τ below F_c it creeps
+#: with τ (1 − d) / (d J b), b = 2 / (d · time constant): 5e-6 rad/s for 1 N·m and 1 kg·m².
+STICKING = 'solreffriction="0.01 1" solimpfriction="0.999 0.999 0.001"'
 
 
 class MuJoCoPlant(BlackBox):
@@ -43,7 +56,7 @@ class MuJoCoPlant(BlackBox):
     step : float
         Longest step of integration, s.
     extras : sequence of str
-        ``joint_damping`` or nothing.
+        Out of joint_damping, backlash and coulomb_friction.
     parameters : mapping, optional
         Of the plant, for example `Robot.draw`; nominal by default.
 
@@ -69,12 +82,7 @@ class MuJoCoPlant(BlackBox):
     ) -> None:
         packed = robot.plant_parameters() if parameters is None else dict(parameters)
         on = checked_extras(extras, False, packed, robot.name)
-        if set(on) - set(EXPRESSED):
-            raise InvalidInput(
-                "MuJoCo does not express all of these extras.",
-                f"expected names out of {list(EXPRESSED)}, got {list(on)}",
-                "robot.plant(extras=...) as the true plant",
-            )
+        check_expressed(on)
         if not (np.isfinite(step) and step > 0.0):
             raise InvalidInput("The step of integration is not positive.", f"got {step!r} s", "1e-3")
         self._mujoco: Any = _imported()
@@ -131,6 +139,24 @@ class MuJoCoPlant(BlackBox):
         return x if self._sensors is None else np.asarray(self._sensors(x, None, self._p), dtype=float)
 
 
+def check_expressed(extras: Sequence[str]) -> None:
+    """Refuse what a run on MuJoCo's plant would need and does not have, before any work.
+
+    Raises
+    ------
+    InvalidInput
+        If MuJoCo is not installed, or for an extra that it does not express.
+    """
+    missing = [name for name in extras if name not in EXPRESSED]
+    if missing:
+        raise InvalidInput(
+            f"MuJoCo does not express {missing[0]!r}: {MISSING.get(missing[0], 'it is unknown')}.",
+            f"expected extras out of {list(EXPRESSED)}, got {list(extras)}",
+            "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
+        )
+    _imported()
+
+
 def _positions(n: int) -> np.ndarray:
     return np.r_[0:n, 2 * n : 3 * n]
 
@@ -159,7 +185,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     parameters : mapping
         Of its plant.
     extras : sequence of str
-        ``joint_damping`` or nothing.
+        Out of joint_damping, backlash and coulomb_friction.
     """
     p = Parameters(dict(parameters))
     rigid = robot.links.rigid(p)
@@ -169,18 +195,20 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     if robot.drive == "voltage":
         friction = friction + p.torque_constant * p.back_emf_constant / p.resistance
     damping = p.damping if "joint_damping" in extras else 0.0
-    inertia, stiffness, friction, damping = (
-        np.broadcast_to(value, len(tree)) for value in (p.motor_inertia, p.stiffness, friction, damping)
-    )
+    loss = p.coulomb_friction if "coulomb_friction" in extras else 0.0
+    gap = p.backlash if "backlash" in extras else 0.0
+    numbers = (p.motor_inertia, p.stiffness, friction, damping, loss, gap)
+    columns = [np.broadcast_to(value, len(tree)).tolist() for value in numbers]
     rotors = [
         f"<body><joint name={quoteattr(name)} type={_kind(joint.slides)} {_across(robot)} "
-        f'armature="{_n(j * (1.0 - ROTOR_SHARE))}" damping="{_n(b)}"/>{_rotor(joint.slides, j)}</body>'
-        for name, joint, j, b in zip(motors, tree.joints, inertia, friction)
+        f'armature="{_n(j * (1.0 - ROTOR_SHARE))}" damping="{_n(b)}" frictionloss="{_n(dry)}" {STICKING}/>'
+        f"{_rotor(joint.slides, j)}</body>"
+        for name, joint, j, _, b, _, dry, _ in zip(motors, tree.joints, *columns)
     ]
     springs = [
-        f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="0"><joint joint={quoteattr(motor)} coef="1"/>'
-        f'<joint joint={quoteattr(link)} coef="-1"/></fixed>'
-        for k, c, motor, link in zip(stiffness, damping, motors, links)
+        f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-0.5 * width)} {_n(0.5 * width)}">'
+        f'<joint joint={quoteattr(motor)} coef="1"/><joint joint={quoteattr(link)} coef="-1"/></fixed>'
+        for motor, link, _, k, _, c, _, width in zip(motors, links, *columns)
     ]
     return (
         f'<mujoco><compiler angle="radian"/><option integrator="RK4" gravity="{_row(robot.links.fall(p))}">'

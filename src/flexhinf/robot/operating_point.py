@@ -13,6 +13,9 @@ from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["checked_pose", "operating_point"]
 
+#: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
+ROUNDING = 1e-12
+
 
 def operating_point(
     links: Links, drive: str, q: np.ndarray, p: Any, extras: Collection[str]
@@ -35,7 +38,9 @@ def operating_point(
     if "spring_hardening" in extras:
         twist = _hardened_twist(weight, np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening))
     if "backlash" in extras:
-        twist = twist + 0.5 * np.sign(weight) * p.backlash
+        # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
+        carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
+        twist = twist + 0.5 * np.sign(weight) * carries * p.backlash
     still = np.zeros(len(q))
     states = [q, still, q + twist, still]
     if drive == "torque":

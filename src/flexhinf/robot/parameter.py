@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text
@@ -24,11 +25,14 @@ class Parameter:
         Half width of the interval of possible values, in per cent of the nominal value.
     unit, source : str
         Where the number comes from, or "assumption".
+    range : (lower, upper), optional
+        Instead of a tolerance: the interval itself, in `unit`. It need not be symmetric, and the nominal value may be
+        zero or at an end: a payload of 0 to 3 kg.
 
     Raises
     ------
     InvalidInput
-        For a value that is not finite, or a tolerance outside 0 ≤ tolerance < 100.
+        For a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range without the value.
     """
 
     name: str
@@ -36,6 +40,7 @@ class Parameter:
     tolerance: float = 0.0
     unit: str = ""
     source: str = "assumption"
+    range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         checked_text("the name of a parameter", self.name)
@@ -60,11 +65,41 @@ class Parameter:
                 "12 for ±12 %",
             )
 
+        if self.range is not None:
+            object.__setattr__(self, "range", self._checked_range(self.range))
+
+    def _checked_range(self, given: Any) -> tuple[float, float]:
+        """Two numbers with the nominal value between them."""
+        ends = real_array(given)
+        if ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE:
+            raise InvalidInput(
+                f"The range of {self.name!r} does not hold its value.",
+                f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(given)}",
+                f"a range about the nominal value, in {self.unit or 'SI units'}",
+            )
+        if self.tolerance:
+            raise InvalidInput(
+                f"The parameter {self.name!r} has a tolerance and a range.",
+                f"expected one of them, got {self.tolerance:g} per cent and {value_text(given)}",
+                "one of the two",
+            )
+        lower, upper = ends.tolist()
+        return lower, upper
+
     def at(self, sign: float) -> float:
-        """The value at −1 (lower end), 0 (nominal), 1 (upper end) or between."""
-        return self.value + sign * abs(self.value) * self.tolerance / 100.0
+        """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
+        if self.range is None:
+            return self.value + sign * abs(self.value) * self.tolerance / 100.0
+        return self.value + abs(sign) * (self.range[sign > 0.0] - self.value)
 
     @property
     def interval(self) -> tuple[float, float]:
         """Smallest and largest possible value."""
         return self.at(-1.0), self.at(1.0)
+
+    @property
+    def spread(self) -> str:
+        """The interval as text: "± 12 %", "0 to 3"; empty for an exact number."""
+        if self.range is not None:
+            return f"{self.range[0]:g} to {self.range[1]:g}"
+        return f"± {self.tolerance:g} %" if self.tolerance else ""

@@ -43,6 +43,13 @@ QUANTITIES: dict[str, Quantity] = {
     **{f"inertia_{axes}": _same("kg·m²") for axes in INERTIA},
     "length": _same("m"),  # of a single link: from the axis to the centre of mass
     "link_inertia": _same("kg·m²", "positive"),  # of a single link: about the axis
+    "inertia_scale": _same(
+        "1", "positive"
+    ),  # factor of all moments of a link: a tolerance that keeps it a body
+    # what a link carries
+    "payload_mass": _same("kg", "not negative"),
+    **{f"payload_centre_of_mass_{axis}": _same("m") for axis in VECTOR},
+    **{f"payload_inertia_per_mass_{axes}": _same("m²") for axes in INERTIA},
     # joints, seen from the link
     "stiffness": Quantity("N·m/rad", "N/m", "positive"),
     "motor_inertia": Quantity("kg·m²", "kg", "positive"),

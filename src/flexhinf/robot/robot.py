@@ -14,7 +14,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Links
-from flexhinf.robot.extras import checked_extras
+from flexhinf.robot.extras import Engaged, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
@@ -173,9 +173,23 @@ class Robot(Summarised):
         InvalidInput
             For unknown names, numbers of the wrong sign, or an extra whose number the robot does not state.
         """
-        joints, parameters = self.joint_names, self.plant_parameters()
-        on = checked_extras(extras, inductance, parameters, self.name)
-        sensors = expanded(measured, SENSORS, joints)
+        on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
+        sensors = expanded(measured, SENSORS, self.joint_names)
+        if (sensors, on) not in self._plants:
+            self._plants[sensors, on] = self._built(sensors, on)
+        return self._plants[sensors, on]
+
+    @cached_property
+    def _plants(self) -> dict[tuple[tuple[str, ...], tuple[str, ...]], Plant]:
+        """Those that were built, by sensors and extras: each is traced once, and none can be changed."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and pickles: without plants, which are built again where they are needed."""
+        return {name: value for name, value in vars(self).items() if name != "_plants"}
+
+    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...]) -> Plant:
+        joints = self.joint_names
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
             ElasticFlow(self.links, self.drive, on),
@@ -183,7 +197,7 @@ class Robot(Summarised):
             states=[name for quantity in states for name in signal_names(quantity, joints)],
             inputs=signal_names(DRIVES[self.drive], joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
-            parameters=parameters,
+            parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, self.links.slides),
             groups=groups_of(joints),
@@ -192,6 +206,7 @@ class Robot(Summarised):
                 for name, limits in zip(signal_names("link_position", joints), self.links.limits)
                 if limits is not None
             },
+            engaged=Engaged(len(joints)) if "backlash" in on else None,
         )
 
     def operating_point(
@@ -364,7 +379,8 @@ class Robot(Summarised):
                 )
             signs = {p.name: s for p, s in zip(self.uncertain, signs, strict=True)}
         for name, sign in signs.items():
-            self[name]
+            if name not in self.nominal:
+                self[name]  # refuses it
             if not -1.0 <= sign <= 1.0:
                 raise InvalidInput(
                     f"The sign for {name!r} leaves its tolerance.",

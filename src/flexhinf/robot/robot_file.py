@@ -11,12 +11,13 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot.assembly import assembled, single_link_robot
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.file_errors import check_tolerance, file_error
-from flexhinf.robot.parameter import Parameter
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink
-from flexhinf.robot.quantities import INERTIA
+from flexhinf.robot.file_errors import file_error
+from flexhinf.robot.file_parts import PartsReader, own_frames
+from flexhinf.robot.parts import SingleLink
+from flexhinf.robot.payload import Frame, Payload
+from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, RobotTable
+from flexhinf.robot.schema import JointTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
 from flexhinf.untrusted import checked_path, distinct, read_toml, value_text
 
@@ -31,6 +32,7 @@ def load_robot(
     *,
     joints: Sequence[str] | None = None,
     locked: Mapping[str, float] | None = None,
+    payload: str | Payload | Sequence[str | Payload] | None = None,
 ) -> Robot:
     """A robot from a file, or from the catalogue by name.
 
@@ -44,6 +46,8 @@ def load_robot(
         For a URDF: the joints that move; the others are locked. By default all that are not fixed.
     locked : mapping of str to float, optional
         For a URDF: joints that do not move, and where they stand, rad or m.
+    payload : str, Payload or sequence of these, optional
+        What the robot carries, instead of the file's own payload: ``"0..3kg@hand"``, see `payload_from_text`.
 
     Raises
     ------
@@ -61,8 +65,8 @@ def load_robot(
             )
         table, file = _read(path)
         if table.urdf is None:
-            return _own(table, file, joints, locked)
-        return _with_urdf(table, file, _found(path.parent / table.urdf), joints, locked)
+            return _own(table, file, joints, locked, payload)
+        return _with_urdf(table, file, _found(path.parent / table.urdf), joints, locked, payload)
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF says nothing about elastic joints.",
@@ -70,7 +74,7 @@ def load_robot(
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
     table, file = _read(_found(elastic))
-    return _with_urdf(table, file, path, joints, locked)
+    return _with_urdf(table, file, path, joints, locked, payload)
 
 
 def _found(source: str | Path) -> Path:
@@ -112,7 +116,11 @@ def _read(path: Path) -> tuple[RobotTable, str]:
 
 # A robot file on its own --------------------------------------------------------------------------
 def _own(
-    table: RobotTable, file: str, chosen: Sequence[str] | None, locked: Mapping[str, float] | None
+    table: RobotTable,
+    file: str,
+    chosen: Sequence[str] | None,
+    locked: Mapping[str, float] | None,
+    payload: Any,
 ) -> Robot:
     if chosen is not None or locked or table.joints is not None or table.locked:
         raise InvalidInput(
@@ -120,64 +128,31 @@ def _own(
             "expected neither joints nor locked without urdf",
             "leave the joint out of the file",
         )
-    joints, links, springs = [], [], []
+    parts = PartsReader(table, file)
+    joints = []
     for row in table.joint:
-        if row.link is None:
-            raise InvalidInput(
-                f"{file}: the joint {row.name!r} has no link.",
-                "expected [joint.link], or urdf = '…' at the top of the file",
-                "mass, centre_of_mass and inertia",
-            )
+        check_angles(f"{file}: joint {row.name!r}", tuple(row.rpy or ()))
         placement = Placement.of(row.xyz or (0.0, 0.0, 0.0), row.rpy or (0.0, 0.0, 0.0))
         limits: Any = None if row.limits is None else tuple(row.limits)
         axis = row.axis or (0.0, 0.0, 1.0)
         joints.append(Joint(row.name, row.kind or "revolute", axis, placement, limits, row.parent))
-        links.append(_blamed(file, row.name, lambda row=row: _link(row.link, file, row.name)))
-        springs.append(_blamed(file, row.name, lambda row=row: _elastic(row, file)))
-    common = _common(table, file) | _limits(table.joint)
-    rigid = [link for link in links if isinstance(link, Link)]
-    if len(rigid) < len(links):
+    links: list[Any] = [parts.link(row) for row in table.joint]
+    springs = [parts.elastic(row) for row in table.joint]
+    common = _common(table, parts) | _limits(table.joint)
+    if any(isinstance(link, SingleLink) for link in links):
         if len(joints) > 1 or table.down is not None:
             raise InvalidInput(
                 f"{file}: axis_inertia is for a single link about a horizontal axis.",
                 f"expected one joint and no 'down', got {len(joints)} joints",
                 "mass, centre_of_mass and inertia of each link",
             )
-        return single_link_robot(table.name, joints[0], links[0], springs[0], **common)
-    down = {} if table.down is None else {"down": table.down}
-    return assembled(table.name, joints, rigid, springs, **down, **common)
-
-
-def _link(table: LinkTable | None, file: str, joint: str) -> Link | SingleLink:
-    assert table is not None
-    whole = {"mass": table.mass, "centre_of_mass": table.centre_of_mass, "inertia": table.inertia}
-    single = {"axis_inertia": table.axis_inertia, "length": table.length}
-    if table.axis_inertia is not None and table.inertia is None and table.centre_of_mass is None:
-        stated = {"inertia": table.axis_inertia, "mass": table.mass, "length": table.length}
-        return SingleLink(
-            **{k: _number(v, file, f"{joint}, link, {k}") for k, v in stated.items() if v is not None}
-        )
-    missing = [name for name, value in whole.items() if value is None]
-    if missing or any(value is not None for value in single.values()):
-        raise InvalidInput(
-            "A link is stated in part, or twice.",
-            f"expected {list(whole)}, or axis_inertia with mass and length, got "
-            f"{[name for name, value in {**whole, **single}.items() if value is not None]}",
-            f"add {missing}" if missing else "one of the two ways",
-        )
-    assert table.inertia is not None
-    assert table.centre_of_mass is not None
-    centre, six = table.centre_of_mass, table.inertia
-    for name, part in (("centre_of_mass", centre), ("inertia", six)):
-        check_tolerance(file, f"{joint}, link, {name}", part.tolerance)
-    return Link(
-        _number(table.mass, file, f"{joint}, link, mass"),
-        [
-            Parameter("centre_of_mass", value, centre.tolerance, source=centre.source)
-            for value in centre.value
-        ],
-        [Parameter("inertia", getattr(six, axes), six.tolerance, source=six.source) for axes in INERTIA],
-    )
+        robot = single_link_robot(table.name, joints[0], links[0], springs[0], **common)
+    else:
+        down = {} if table.down is None else {"down": table.down}
+        robot = assembled(table.name, joints, links, springs, **down, **common)
+    robot = parts.loaded(robot, *own_frames(joints, links), payload)
+    parts.check_tolerances()
+    return check_plausible(robot, file)
 
 
 # With a URDF --------------------------------------------------------------------------------------
@@ -187,6 +162,7 @@ def _with_urdf(
     urdf: Path,
     joints: Sequence[str] | None,
     locked: Mapping[str, float] | None,
+    payload: Any,
 ) -> Robot:
     for row in table.joint:
         twice = [
@@ -223,20 +199,26 @@ def _with_urdf(
         Joint(j.name, j.kind, j.axis, j.placement, tuple(r.limits) if r.limits else j.limits, j.parent)  # type: ignore[arg-type]
         for j, r in zip(arm.joints, kept)
     ]
-    springs = [_blamed(file, row.name, lambda row=row: _elastic(row, file)) for row in kept]
+    parts = PartsReader(table, file)
+    springs = [parts.elastic(row) for row in kept]
+    links = [parts.tolerated(link, name, urdf.name) for link, name in zip(arm.links, names)]
     down = {} if table.down is None else {"down": table.down}
     # <limit effort> is a torque: it says nothing about a motor whose input is a voltage.
     torque_driven = springs[0].drive == "torque"
     stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
-    return assembled(table.name, placed, arm.links, springs, **down, **stated, **_common(table, file))
+    robot = assembled(table.name, placed, links, springs, **down, **stated, **_common(table, parts))
+    frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
+    robot = parts.loaded(robot, frames, arm.tips, payload)
+    parts.check_tolerances()
+    return check_plausible(robot, file)
 
 
 # Parts --------------------------------------------------------------------------------------------
-def _common(table: RobotTable, file: str) -> dict[str, Any]:
+def _common(table: RobotTable, parts: PartsReader) -> dict[str, Any]:
     penalty = None
     if table.penalty is not None:
         penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
-    gravity = GRAVITY if table.gravity is None else _number(table.gravity, file, "gravity")
+    gravity = GRAVITY if table.gravity is None else parts.number(table.gravity, "gravity")
     return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
 
 
@@ -251,30 +233,6 @@ def _limits(
         "effort_limits": [row.effort_limit or other for row, other in zip(rows, efforts or nothing)],
         "speed_limits": [row.speed_limit or other for row, other in zip(rows, speeds or nothing)],
     }
-
-
-def _elastic(row: JointTable, file: str) -> ElasticJoint:
-    stated = {**dict(row.spring), **dict(row.motor)}
-    numbers = {
-        name: _number(value, file, f"{row.name}, {name}")
-        for name, value in stated.items()
-        if value is not None
-    }
-    return ElasticJoint(**numbers)
-
-
-def _number(table: NumberTable | None, file: str, where: str) -> Parameter:
-    assert table is not None
-    check_tolerance(file, where, table.tolerance)
-    return Parameter(where.rsplit(", ", 1)[-1], table.value, table.tolerance, source=table.source)
-
-
-def _blamed(file: str, joint: str, make: Any) -> Any:
-    """What `make` makes; its error says which joint of which file is meant."""
-    try:
-        return make()
-    except InvalidInput as error:
-        raise InvalidInput(f"{file}: joint {joint!r}: {error.what}", error.found, error.advice) from error
 
 
 def catalogue() -> dict[str, Path]:

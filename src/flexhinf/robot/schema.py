@@ -13,11 +13,18 @@ __all__ = [
     "LinkTable",
     "MotorTable",
     "NumberTable",
+    "PayloadTable",
     "PenaltyTable",
     "RobotTable",
     "SpringTable",
+    "TolerancesTable",
     "VectorTable",
 ]
+
+
+Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Percent = Annotated[float, Field(ge=0.0, lt=100.0)]
 
 
 class _Table(BaseModel):
@@ -27,18 +34,22 @@ class _Table(BaseModel):
 
 
 class NumberTable(_Table):
-    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; the tolerance is in per cent."""
+    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; the tolerance is in per cent.
+
+    A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
+    """
 
     value: float
-    tolerance: float = Field(0.0, ge=0.0, lt=100.0)
+    tolerance: Percent | None = None
+    range: Two | None = None
     source: str = "assumption"
 
 
 class VectorTable(_Table):
     """``[x, y, z]`` or ``{value = [x, y, z], tolerance = 3, source = "CAD"}``."""
 
-    value: Annotated[list[float], Field(min_length=3, max_length=3)]
-    tolerance: float = Field(0.0, ge=0.0, lt=100.0)
+    value: Three
+    tolerance: Percent | None = None
     source: str = "assumption"
 
 
@@ -48,7 +59,6 @@ def _spelled_out(value: Any) -> Any:
 
 Number = Annotated[NumberTable, BeforeValidator(_spelled_out)]
 Vector = Annotated[VectorTable, BeforeValidator(_spelled_out)]
-Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class InertiaTable(_Table):
@@ -60,7 +70,7 @@ class InertiaTable(_Table):
     xy: float = 0.0
     xz: float = 0.0
     yz: float = 0.0
-    tolerance: float = Field(0.0, ge=0.0, lt=100.0)
+    tolerance: Percent | None = None
     source: str = "assumption"
 
 
@@ -103,21 +113,61 @@ class MotorTable(_Table):
     back_emf_constant: Number | None = None
 
 
+class TolerancesTable(_Table):
+    """Tolerances in per cent of numbers that state none themselves: of one joint and its link, or of all.
+
+    That of the inertia is one number for all moments of a link, so that what is drawn is the inertia of a body; that of
+    the motor inertia holds for a rotor inertia too.
+    """
+
+    mass: Percent | None = None
+    centre_of_mass: Percent | None = None
+    inertia: Percent | None = None
+    stiffness: Percent | None = None
+    damping: Percent | None = None
+    spring_hardening: Percent | None = None
+    backlash: Percent | None = None
+    motor_inertia: Percent | None = None
+    gear_efficiency: Percent | None = None
+    motor_efficiency: Percent | None = None
+    friction: Percent | None = None
+    coulomb_friction: Percent | None = None
+    static_friction: Percent | None = None
+    stribeck_velocity: Percent | None = None
+    resistance: Percent | None = None
+    inductance: Percent | None = None
+    torque_constant: Percent | None = None
+    back_emf_constant: Percent | None = None
+
+
 class JointTable(_Table):
-    """One joint with its link, spring, motor and limits. With a URDF only name, limits, spring and motor."""
+    """One joint with its link, spring, motor and limits. With a URDF only name, limits, spring, motor, tolerances."""
 
     name: str
     kind: Literal["revolute", "continuous", "prismatic"] | None = None
     axis: Three | None = None
     xyz: Three | None = None
     rpy: Three | None = None
-    limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    limits: Two | None = None
     speed_limit: Annotated[float, Field(gt=0.0)] | None = None
     effort_limit: Annotated[float, Field(gt=0.0)] | None = None
     parent: str | None = None
     link: LinkTable | None = None
     spring: SpringTable
     motor: MotorTable
+    tolerances: TolerancesTable = Field(default_factory=TolerancesTable)
+
+
+class PayloadTable(_Table):
+    """What a link carries: mass, where, and its inertia (of its largest mass) or a shape; a point without both."""
+
+    at: str | None = None
+    mass: Number
+    centre_of_mass: Vector | None = None
+    inertia: InertiaTable | None = None
+    sphere: float | None = None
+    box: Three | None = None
+    cylinder: Two | None = None
 
 
 class PenaltyTable(_Table):
@@ -139,11 +189,14 @@ class RobotTable(_Table):
     joints: list[str] | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     penalty: PenaltyTable | None = None
+    tolerances: TolerancesTable = Field(default_factory=TolerancesTable)
+    payload: list[PayloadTable] = Field(default_factory=list)
     joint: Annotated[list[JointTable], Field(min_length=1)]
 
 
 #: The table behind each key, to name what is allowed there.
 TABLES: dict[str, type[BaseModel]] = {
     "": RobotTable, "joint": JointTable, "link": LinkTable, "spring": SpringTable, "motor": MotorTable,
-    "inertia": InertiaTable, "penalty": PenaltyTable, "centre_of_mass": VectorTable,
+    "tolerances": TolerancesTable, "payload": PayloadTable, "inertia": InertiaTable, "penalty": PenaltyTable,
+    "centre_of_mass": VectorTable,
 }  # fmt: skip

@@ -50,8 +50,22 @@ class Pendulum:
         return ("mass", "length", "gravity", "link_inertia")
 
     def packed(self, values: Any) -> dict[str, Any]:
-        """The link's parameters as the plant has them."""
-        return {name: values[name] for name in self.required()}
+        """The link's parameters as the plant has them, with its payload.
+
+        Of a payload only what is in the plane of motion counts: its distance x from the axis along the link, and its
+        moment zz.
+        """
+        own = {name: values[name] for name in self.required()}
+        own["link_inertia"] *= values.get("inertia_scale", 1.0)
+        if load := values.get("payload_mass", 0.0):
+            arm, about = (
+                values.get(f"payload_{name}", 0.0) for name in ("centre_of_mass_x", "inertia_per_mass_zz")
+            )
+            mass = own["mass"] + load
+            own["length"] = (own["mass"] * own["length"] + load * arm) / mass
+            own["link_inertia"] += load * (arm * arm + about)
+            own["mass"] = mass
+        return own
 
     def joint_array(self, column: list[float]) -> Any:
         """A plain number."""

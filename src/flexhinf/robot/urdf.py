@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.dynamics import Joint, Placement, lumped, six_of
 from flexhinf.robot.dynamics.tree import KINDS
 from flexhinf.robot.parts import Link
 from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, largest_of, limits_of, origin_of
@@ -37,6 +37,11 @@ class RigidArm:
         One per joint, with everything that is fixed to it.
     movable : tuple of str
         All joints of the file that could move, the locked ones too.
+    frames : dict
+        Of each link behind a moving joint, and of that joint itself: the joint that carries it, and its place in the
+        frame of that joint's link.
+    tips : tuple of str
+        Links that carry no other.
     efforts, speeds : tuple of float
         Largest torque (N·m) or force (N), and velocity (rad/s, m/s), of each joint; infinite where none is stated.
     """
@@ -44,6 +49,8 @@ class RigidArm:
     joints: tuple[Joint, ...]
     links: tuple[Link, ...]
     movable: tuple[str, ...]
+    frames: dict[str, tuple[str, Placement]]
+    tips: tuple[str, ...]
     efforts: tuple[float, ...]
     speeds: tuple[float, ...]
 
@@ -98,7 +105,9 @@ def read_urdf(
         tuple(largest_of(path.name, j.name, file.joints[j.name], key) for j in walk.joints)
         for key in ("effort", "velocity")
     )
-    return RigidArm(tuple(walk.joints), tuple(links), file.movable, efforts, speeds)
+    return RigidArm(
+        tuple(walk.joints), tuple(links), file.movable, walk.frames, tuple(walk.tips), efforts, speeds
+    )
 
 
 def _root(path: Path) -> ElementTree.Element:
@@ -201,6 +210,8 @@ class _Walk:
     locked: Mapping[str, float]
     joints: list[Joint] = field(default_factory=list)
     bodies: list[list[Any]] = field(default_factory=list)
+    frames: dict[str, tuple[str, Placement]] = field(default_factory=dict)
+    tips: list[str] = field(default_factory=list)
 
     def visit(self, base: str) -> None:
         """The tree from its base on, each link before those behind it, without recursion: chains may be long."""
@@ -211,6 +222,10 @@ class _Walk:
             link = self.file.end(self.file.joints[name], "child")
             if carrier is not None:
                 self.bodies[carrier] += body_of(self.file.name, link, self.file.links[link], placement)
+                self.frames[link] = place = self.joints[carrier].name, placement
+                self.frames.setdefault(name, place)
+                if link not in self.file.children:
+                    self.tips.append(link)
             ahead += [(after, carrier, placement) for after in reversed(self.file.children.get(link, []))]
 
     def cross(self, name: str, carrier: int | None, placement: Placement) -> tuple[int | None, Placement]:
@@ -310,14 +325,9 @@ def _merged(bodies: list[Any], joint: str, file: str) -> Link:
             f"expected <inertial> in the link behind it, got {mass:g} kg",
             "a URDF with inertials (some are made for display only), or lock the joint",
         )
-    centre: Any = sum(body[1] * body[2] for body in bodies) / mass
-    inertia = np.zeros((3, 3))
-    for _, m, c, about in bodies:
-        r = c - centre
-        inertia += about + m * (r @ r * np.eye(3) - np.outer(r, r))
-    six = [inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 1], inertia[1, 2], inertia[2, 2]]
+    mass, centre, inertia = lumped([body[1:] for body in bodies])
     try:
-        return Link(float(mass), [float(c) for c in centre], [float(i) for i in six])
+        return Link(mass, [float(c) for c in centre], six_of(inertia))
     except InvalidInput as error:
         names = [body[0] for body in bodies]
         raise InvalidInput(f"{file}: link {names}: {error.what}", error.found, error.advice) from error

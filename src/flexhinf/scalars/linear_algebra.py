@@ -56,8 +56,9 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
         pivot = matrix[j, j] - factor[j, :j] @ factor[j, :j]
         singular = abs(pivot) <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = where(singular, 0.0, 1.0 / np.sqrt(pivot))
-        factor[j, j] = pivot * inverse
+            root = np.sqrt(pivot)
+            inverse = where(singular, 0.0, 1.0 / root)
+        factor[j, j] = where(singular, 0.0, root)
         for i in range(j + 1, n):
             factor[i, j] = (matrix[i, j] - factor[i, :j] @ factor[j, :j]) * inverse
     return factor

@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 
-__all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "symbols", "trace", "unpack"]
+__all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "serial", "symbols", "trace", "unpack"]
 
 Shape = int | tuple[int, ...]
 
@@ -92,6 +92,11 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
         return tuple(unpack(r, (r.numel(),)) for r in results)
     numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
+
+
+def serial(columns: Sequence[ca.SX], result: Any) -> str:
+    """What code computed of symbols, in CasADi's serial form: the same symbols, code and numbers give the same."""
+    return ca.Function("serial", list(columns), [pack(result)]).serialize()
 
 
 def digest(function: ca.Function) -> str:

@@ -364,3 +364,10 @@ def test_random_functions_do_not_depend_on_the_lanes(function, x):
     together = evaluate(compile_program, function, x)
     apart = [evaluate(compile_program, function, x[:, [lane]]) for lane in range(4)]
     np.testing.assert_array_equal(together, np.hstack(apart))
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_a_guard_compares_once(lanes):
+    """0·x is summed: one operation for each number, where a comparison takes four."""
+    program = Program("guarded", (Buffer("x", 30, "in"),), (Guard(Slice("x", 0, 30), 1),))
+    assert emit_module(program, lanes).text.count("fcmp") == 1

@@ -1,5 +1,6 @@
 """Nothing that happens at one sample makes a controller unusable: refused and missing measurements, copies, threads."""
 
+import _ctypes
 import copy
 import os
 import pickle
@@ -306,6 +307,14 @@ def test_two_threads_at_once_are_told(made):
     np.testing.assert_array_equal(results[0], clean.step(0.01))
     controller._ready = (run, *rest)
     np.testing.assert_array_equal(controller.step(0.03), clean.step(0.03))
+
+
+def test_a_small_step_is_shorter_than_an_exchange_of_the_interpreters_lock(made):
+    """It would cost a tenth of the call, and up to 5 ms where another thread computes."""
+    controller = controllers(made, "ukf")
+    controller.step(0.0, 0.1)
+    assert not controller.composed
+    assert controller._ready[0].func._flags_ & _ctypes.FUNCFLAG_PYTHONAPI
 
 
 def test_a_step_that_is_interrupted_does_not_lock_the_controller(made):

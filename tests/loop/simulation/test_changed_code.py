@@ -226,3 +226,23 @@ def test_a_region_whose_inequality_fails_at_once_has_level_zero(monkeypatch):
     heavier = plant.with_objective(Penalty(weighted), disturbances=("push",))
     region: Any = dataclasses.replace(solution, problem=heavier).sampled_region()
     assert region.level == 0.0
+
+
+def test_another_gamma_expands_and_traces_nothing_but_asks(monkeypatch):
+    """The last expansion is kept, and whether the text has changed is told without a trace."""
+    spring, traces = Spring(4.0), []
+    problem = plant_of(spring.flow, spring.output).with_objective({"a": 3.0}, disturbances=("push",))
+    first = problem.expand(3)
+    traced = type(problem.plant)._trace_flow
+    monkeypatch.setattr(type(problem.plant), "_trace_flow", lambda self: traces.append(self) or traced(self))
+    assert problem.expand(3) is first
+    assert not traces
+    for same in (copy.copy(problem), copy.deepcopy(problem)):
+        assert "_expansion" not in vars(same)
+        np.testing.assert_array_equal(same.expand(3).f_parts[1], first.f_parts[1])
+    spring.stiffness = 40.0
+    with pytest.raises(InvalidInput, match="something else than when its plant was built"):
+        problem.expand(3)
+    spring.stiffness = 4.0
+    assert problem.expand(3) is first
+    assert problem.expand(1).f_parts[1][1, 0] == first.f_parts[1][1, 0]

@@ -151,6 +151,6 @@ def test_interpreter_and_lanes_delay_alike(made, samples):
     eight = [loop.prepared(Step(0.5 + 0.1 * k), duration=0.05, initial_input=[0.1 * k]) for k in range(8)]
     for name in ("state", "input", "output"):
         np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
-    for run, wide in zip(eight, _side_by_side(eight, {}), strict=True):
+    for run, wide in zip(eight, _side_by_side(eight), strict=True):
         for name in ("state", "input", "output"):
             np.testing.assert_array_equal(wide.signals[name], run.alone().signals[name])

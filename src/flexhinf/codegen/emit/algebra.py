@@ -105,7 +105,7 @@ class Algebra:
                 factor = writer.real("fmul", factor, self._load(weights, k, 1))
             value = self._load(right, self._at(k, columns, column), together)
             so_far = writer.let(f"load {wide.lanes.real}, ptr {part}, align 8")
-            total = self._multiply_add(wide, self._spread(factor, together), value, so_far)
+            total = self.multiply_add(wide, self._spread(factor, together), value, so_far)
             writer.do(f"store {wide.lanes.real} {total}, ptr {part}, align 8")
 
         def block(turn: str) -> None:
@@ -174,7 +174,7 @@ class Algebra:
                     value = self._load(Operand(work), self._at(j, pitch, column), together)
                     place = self._at(k, pitch, column)
                     old = self._load(Operand(work), place, together)
-                    new = self._multiply_add(self.writer_of(together), spread, value, old)
+                    new = self.multiply_add(self.writer_of(together), spread, value, old)
                     self._store(work, place, new, together)
 
                 self.loop(writer.let(f"udiv i64 {k}, {together}"), str(pitch // together), some)
@@ -215,7 +215,8 @@ class Algebra:
     def _spread(self, value: str, together: int) -> str:
         return self.writer_of(together).splat(value) if self.single else value
 
-    def _multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:
+    def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:
+        """a·b + c, rounded once where the target can."""
         if self.fused:
             return writer.intrinsic("fma", a, b, c)
         return writer.real("fadd", writer.real("fmul", a, b), c)

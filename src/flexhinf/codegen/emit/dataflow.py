@@ -1,13 +1,15 @@
 """A traced function as operations in single-assignment form, products fused into the sums that use them.
 
 Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag): the same
-text for any number of lanes then gives the same bits, at any optimisation level.
+text for any number of lanes then gives the same bits, at any optimisation level. So is the other liberty that is
+taken: several quotients by one number are products with its reciprocal, which costs one division instead of many.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Container
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi
 
@@ -97,9 +99,46 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
             )
         register[results[0]] = len(operations)
         operations.append(operation)
+    operations, outputs = _share_reciprocals(operations, outputs)
     if fused:
         _fuse(operations, outputs)
     return Dataflow(operations, outputs)
+
+
+def _share_reciprocals(
+    operations: list[Operation | None], outputs: list[tuple[int, int, int]]
+) -> tuple[list[Operation | None], list[tuple[int, int, int]]]:
+    """The same values with one division for all quotients by one number.
+
+    Only by an argument of the function (a mass, an inertia) and by a square root (a pivot of Cholesky's), which may
+    have been replaced by zero: the reciprocal of a number that is below 6e-309 is infinite, which a square root other
+    than zero never is, and no argument should be.
+    """
+    quotients = Counter(
+        operation.arguments[1] for operation in operations if operation and operation.code == casadi.OP_DIV
+    )
+
+    def shared(divisor: int) -> bool:
+        operation = operations[divisor]
+        if operation is not None and operation.code == casadi.OP_IF_ELSE_ZERO:
+            operation = operations[operation.arguments[1]]
+        return operation is not None and operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+
+    written: list[Operation | None] = []
+    places: list[int] = []
+    reciprocals: dict[int, int] = {}
+    for operation in operations:
+        if operation is not None and operation.code != casadi.OP_INPUT:
+            divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
+            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            if quotients[divisor] > 1 and shared(divisor):
+                if divisor not in reciprocals:
+                    reciprocals[divisor] = len(written)
+                    written.append(Operation(casadi.OP_INV, operation.arguments[1:]))
+                operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
+        places.append(len(written))
+        written.append(operation)
+    return written, [(result, element, places[value]) for result, element, value in outputs]
 
 
 def _fuse(operations: list[Operation | None], outputs: list[tuple[int, int, int]]) -> None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING
 
 from flexhinf.codegen.emit.algebra import Algebra, Operand
@@ -36,6 +37,7 @@ _UNROLLED = 32  # elements of a guard or of a broadcast copy that are written ou
 _PLACES = (
     2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
 )
+_SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
 
@@ -335,22 +337,25 @@ class _Emitter:
                 body(str(element))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        """Collect what is not finite, and leave the straight path only if something is."""
+        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then."""
         writer, lanes = self.writer, self.lanes
         source = self._address(step.source, turns)
         shared = self._shared(step.source)
-        found = writer.allocate(lanes.boolean)
-        writer.do(f"store {lanes.boolean} zeroinitializer, ptr {found}, align 8")
+        zero, algebra = lanes.constant(0.0), self._algebra
+        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
+        for place in sums:
+            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
 
         def test(element: str) -> None:
-            size = writer.intrinsic("fabs", load(writer, source, element, shared))
-            bad = writer.compare("ueq", size, lanes.constant(float("inf")))
-            sofar = writer.let(f"load {lanes.boolean}, ptr {found}, align 8")
-            joined = writer.let(f"or {lanes.boolean} {sofar}, {bad}")
-            writer.do(f"store {lanes.boolean} {joined}, ptr {found}, align 8")
+            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
+            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
+            total = algebra.multiply_add(writer, load(writer, source, element, shared), zero, so_far)
+            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
 
         self._each(step.source.size, test)
-        bad = writer.let(f"load {lanes.boolean}, ptr {found}, align 8")
+        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
+        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
+        bad = writer.compare("uno", total, zero)
         failed, go_on = writer.label("failed"), writer.label("on")
         writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
         writer.place(failed)

@@ -76,19 +76,24 @@ def vertical_line(axes: Axes, value: float, name: str | None = None) -> None:
         axes.axvline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5, label=name)
 
 
-def limit_lines(axes: Axes, limit: float | None, values: np.ndarray, name: str) -> bool:
-    """± a limit, dashed, on the sides where the values come near it; returns whether it was drawn.
+def limit_lines(axes: Axes, limits: np.ndarray | None, values: np.ndarray, name: str) -> bool:
+    """± limits (n,) of signals (N, n), dashed, on the sides where a signal comes near its own; returns whether any was
+    drawn. Limits that differ have the colours of their joints.
 
     A limit that is far away would leave the values flat.
     """
     low, high = framed(values)
-    if limit is None:
+    if limits is None:
         return False
-    reach = {limit: high, -limit: -low}
-    sides = [side for side, size in reach.items() if size > NEAR * limit]
+    same, sides = len(set(limits.tolist())) == 1, {}
+    for joint in np.flatnonzero(np.isfinite(limits)).tolist():
+        limit, (least, most) = float(limits[joint]), framed(values[:, joint])
+        for side, size in ((limit, most), (-limit, -least)):
+            if size > NEAR * limit:
+                sides.setdefault(side, INK if same else line_style(joint)["color"])
     with house_style():
-        for k, side in enumerate(sides):
-            axes.axhline(side, color=INK, linewidth=1.0, dashes=DASHED, label=None if k else name)
+        for k, (side, color) in enumerate(sides.items()):
+            axes.axhline(side, color=color, linewidth=1.0, dashes=DASHED, label=None if k else name)
     axes.set_ylim(*framed(np.array([low, high, *sides])))
     return bool(sides)
 

@@ -18,7 +18,7 @@ from flexhinf.robot.signals import signal_names
 
 __all__ = [
     "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite",
-    "joint_count", "joint_table", "law_name", "listed", "notes_of", "pose_text", "range_text", "rounded",
+    "joint_count", "joint_table", "law_name", "limit_text", "listed", "notes_of", "pose_text", "range_text", "rounded",
     "settling_text", "units_of",
 ]  # fmt: skip
 
@@ -131,6 +131,12 @@ def range_text(values: Any, digits: int = 3) -> str:
         return "–"
     ends = number(ordered[0], digits), number(ordered[-1], digits)
     return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+
+
+def limit_text(limits: np.ndarray) -> str:
+    """Limits ± of several joints: ``±60``, or ``±87, ±87, ±12``."""
+    words = [f"±{limit:g}" if math.isfinite(limit) else "none" for limit in limits.tolist()]
+    return words[0] if len(set(words)) == 1 else ", ".join(words)
 
 
 def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degrees: bool = False) -> str:

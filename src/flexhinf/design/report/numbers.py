@@ -10,6 +10,7 @@ import numpy as np
 from flexhinf.analysis import FrequencyResponse, Margins
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.formatting import finite
 from flexhinf.design.report.page import notes, verdict
@@ -112,7 +113,8 @@ def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
 
 def _requirement(line: Requirement) -> dict[str, Any]:
     names = ("what", "found", "unit", "at_most", "where", "criterion", "stated_by", "joint", "met")
-    return {**_picked(line, *names, asked="limit"), "asked_for": line.stated_by != "default"}
+    stated = line.stated_by not in ("default", ROBOT)
+    return {**_picked(line, *names, asked="limit", at_s="at"), "asked_for": stated}
 
 
 def _mode(m: Mode) -> dict[str, Any]:

@@ -177,10 +177,11 @@ def _headline(design: Design) -> str:
     if not e.margins.stable:
         parts.append("The sampled loop is unstable at the goal.")
     before, after = (poles.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
+    least = f" ({e.least_damped_joint})" if len(e.setup.joints) > 1 and e.least_damped_joint else ""
     if after:
         parts.append(
             f"Damping ratio of the vibrations: {range_text(before, 2)} without control, {range_text(after, 2)} with "
-            f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}."
+            f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}{least}."
         )
     if samples is not None and len(samples):
         parts.append(_sampled(design, units))
@@ -213,24 +214,45 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
     response, m, samples, units = e.step, e.margins, e.step_samples, units_of(e)
     period, settling = design.specification.period, rounded(response.settling.value)
 
-    def worst(figure: str, unit: str) -> str:
+    several = len(e.setup.joints) > 1
+
+    def of(joint: str) -> str:
+        return f" ({joint})" if several and joint else ""
+
+    def worst(figure: str, unit: str, joint: str) -> str:
+        nominal = f"nominal robot{of(joint)}"
         if samples is None or not len(samples):
-            return "nominal robot"
+            return nominal
+        return f"{nominal}; {sampled(figure, unit)}" if several else sampled(figure, unit)
+
+    def sampled(figure: str, unit: str) -> str:
+        assert samples is not None
         values = getattr(samples, figure)
         if not np.isfinite(values).all():
             bad = "do not settle" if figure == "settling" else "diverge"
             return f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-        return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}"
+        joint = of(getattr(samples, f"{figure}_joints")[int(np.argmax(values))])
+        return f"worst of {len(values)} sampled robots: {number(float(np.max(values)), 3)} {unit}{joint}"
 
     found = [
         KeyNumber(
             "settling time",
             "not settled" if settling is None else settling,
             "s" if settling else "",
-            worst("settling", "s"),
+            worst("settling", "s", response.settling.joint),
         ),
-        KeyNumber("overshoot", rounded(response.overshoot.value, 2), "%", worst("overshoot", "%")),
-        KeyNumber("peak input", rounded(response.peak_input), units.effort, worst("peak", units.effort)),
+        KeyNumber(
+            "overshoot",
+            rounded(response.overshoot.value, 2),
+            "%",
+            worst("overshoot", "%", response.overshoot.joint),
+        ),
+        KeyNumber(
+            "peak input",
+            rounded(response.peak_input),
+            units.effort,
+            worst("peak", units.effort, response.peak.joint),
+        ),
     ]
     if not m.stable:
         return [*found, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
@@ -240,7 +262,8 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
         KeyNumber(
             "gain margin", f"× {number(m.gain_margin, 3)}",
-            note=f"one input; all at once × {number(low, 2)} to × {number(high, 3)}",
+            note=f"one input{of(e.setup.joints[m.weakest_input])}; "
+            f"all at once × {number(low, 2)} to × {number(high, 3)}",
         ),
         KeyNumber("delay margin", rounded(1e3 * m.delay_margin_s), "ms", delay),
     ]  # fmt: skip

@@ -10,6 +10,8 @@ import numpy as np
 
 from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, Levels, noise_variances
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import ROBOT
+from flexhinf.design.report.formatting import limit_text, units_of
 from flexhinf.design.report.sections.weights import effort_unit, state_weights
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
@@ -56,8 +58,8 @@ def _groups(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
 def _robot(robot: Robot) -> list[Setting]:
     rows = [Setting("joints", list(robot.joint_names), "", robot.name)]
     for p in robot.parameters:
-        tolerance = f" ± {p.tolerance:g} %" if p.tolerance else ""
-        rows.append(Setting(p.name.replace("_", " "), f"{p.value:g}{tolerance}", p.unit, p.source))
+        spread = f" ({p.spread})" if p.range is not None else f" {p.spread}"
+        rows.append(Setting(p.name.replace("_", " "), f"{p.value:g}{spread}".rstrip(), p.unit, p.source))
     return rows
 
 
@@ -147,7 +149,11 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
     s, runs, filter = e.setup.specification, e.scenario, e.loop.filter
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    limits = "none" if s.saturation is None else f"± {s.saturation:g}"
+    limits = e.setup.limits
+    inputs, speeds = (
+        limit_text(one) if np.isfinite(one).any() else "none" for one in (limits.saturation, limits.speed)
+    )
+    quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows = [
         ("start pose", e.setup.start, _units(e),
@@ -158,7 +164,12 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
          "ours: their slope at standstill holds only for the smallest velocities"),
         ("sampling period", s.period, "s", _option(s, "period")),
         ("delay of the inputs", s.delay, "s", _option(s, "delay")),
-        ("limits of the inputs", limits, "", _option(s, "saturation")),
+        ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
+         _option(s, "quantisation")),
+        ("limits of the inputs", inputs, units_of(e).effort if limits.saturated is not None else "",
+         _stated(limits.saturation_source)),
+        ("limits of the speeds", speeds, units_of(e).speed if limits.limits_speed else "",
+         _stated(limits.speed_source)),
         ("length of the step", runs.step_duration, "s",
          "by the slowest mode, 0.5 to 20 s" if s.duration is None else "option --duration"),
         ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
@@ -169,6 +180,10 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
     if filter is not None:
         rows.append((steps, filter.sub_steps, "", "estimator's model: step × fastest mode ≤ 0.25"))
     return [Setting(*row) for row in rows]
+
+
+def _stated(source: str) -> str:
+    return source if source == ROBOT else f"option {source}"
 
 
 def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:

@@ -40,9 +40,9 @@ from flexhinf.analysis import (
     FilteredLoop,
     bandwidth_of,
     compliance_of,
+    corner_plants,
     frequency_response,
     gain_margins_of,
-    tolerance_corners,
 )
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
@@ -353,9 +353,8 @@ class _Search:
             / scales.per_input
             * np.abs(setup.goal - setup.start)
         )
-        limit = setup.specification.effort_limit
-        most = np.minimum(float((held + moved).max()), np.inf if limit is None else limit)
-        return np.minimum(most, setup.robot.effort_limits)
+        limits = setup.limits.effort
+        return np.minimum(float((held + moved).max()), limits)
 
     # Single levels --------------------------------------------------------------------------------------
     def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
@@ -409,7 +408,7 @@ class _Search:
     def corners(self) -> np.ndarray:
         """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
-        found = tolerance_corners(self.loop, robot.corner, robot.uncertain, ()).population
+        found, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
         return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 

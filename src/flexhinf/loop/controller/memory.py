@@ -187,10 +187,12 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
     shape, array_type = buffer.shape, np.ndarray
 
     def fill_one(value: Any) -> None:
-        if isinstance(value, float):
+        if type(value) is array_type:
+            memory[0] = value.item()
+        elif isinstance(value, float):
             memory[0] = value
         else:
-            memory[0] = (value if type(value) is array_type else real_array(value, strict=True)).item()
+            memory[0] = real_array(value, strict=True).item()
 
     def fill(value: Any) -> None:
         array = real_array(value, strict=True)

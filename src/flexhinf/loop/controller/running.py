@@ -21,8 +21,14 @@ from flexhinf.plant import Estimator, Law
 
 __all__ = ["Running"]
 
-#: A compiled step on arrays: run it, fill y, fill r, where u appears, and whether to keep the memory of this sample.
-Bound = tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], np.ndarray, Callable[[], bool]]
+#: A compiled step on arrays: run it, fill y, fill r, copy u, and whether to keep the memory of this sample.
+Bound = tuple[
+    Callable[[], int],
+    Callable[[Any], None],
+    Callable[[Any], None],
+    Callable[[], np.ndarray],
+    Callable[[], bool],
+]
 
 
 class Running(Summarised):
@@ -65,6 +71,11 @@ class Running(Summarised):
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes the code of the step."""
 
+    @property
+    @abc.abstractmethod
+    def composed(self) -> bool:
+        """Whether the code of the step is composed of pieces, and takes long."""
+
     @abc.abstractmethod
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """One step as a part of a program."""
@@ -106,7 +117,8 @@ class Running(Summarised):
             filler(now.reference[: len(self.commanded)]),
         )
         due = cycle([False] * (SPACING - 1) + [True]).__next__
-        return kernel.bind(arrays, {}), fill, fill_reference, u, due
+        # What is one trace takes less than the threads' exchange of the interpreter's lock would.
+        return kernel.bind(arrays, {}, short=not self.composed), fill, fill_reference, u.copy, due
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
@@ -135,7 +147,9 @@ class Running(Summarised):
         ready = self._ready or self._prepared()
         self._ready = None  # no other thread was let in since: Python changes threads at calls only
         try:
-            run, fill_measurement, fill_reference, u, due = ready if y is not None else self._predicted_step
+            run, fill_measurement, fill_reference, copy_of_input, due = (
+                ready if y is not None else self._predicted_step
+            )
             try:
                 fill_measurement(y)
                 if reference is not None:
@@ -148,7 +162,7 @@ class Running(Summarised):
                 raise step_failure(code, self._failed(code), y, reference)
             if due():
                 self._remembered.keep()
-            return u.copy()
+            return copy_of_input()
         finally:
             self._ready = ready
 

@@ -148,7 +148,7 @@ def sample_disturbance(
             "a shorter run; or Loop(..., sub_steps=...) with fewer",
         )
     if signal is None:
-        return np.zeros((count, len(channels)))
+        return np.broadcast_to(0.0, (count, len(channels)))  # no memory for zeros
     step = period / parts
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]

@@ -241,7 +241,16 @@ class Loop(Summarised):
             "disturbance": d.reshape(samples, -1)[:, : code.sizes.d].copy(),
         }
         return PreparedRun(
-            code, plant, controller, times, arrays, recorded, parts, self.channel.delay, settings
+            code,
+            plant,
+            controller,
+            times,
+            arrays,
+            recorded,
+            parts,
+            self.channel.delay,
+            settings,
+            disturbed=disturbance is not None,
         )
 
     def _sampled(

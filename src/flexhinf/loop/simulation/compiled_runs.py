@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Kernel, compile_program
+from flexhinf.codegen import Kernel, Program, compile_program
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.channel import Channel
@@ -66,14 +66,19 @@ class LoopCode:
         key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
 
-    def kernel(self, lanes: int = 1) -> Kernel:
-        """The whole run, of so many loops at once."""
-        return share((*self.key, lanes), lambda: compile_program(self._program, lanes))
+    def kernel(self, lanes: int = 1, shared: tuple[str, ...] = ()) -> Kernel:
+        """The whole run, of so many loops at once; of some buffers all lanes read one copy."""
+        return share((*self.key, lanes, shared), lambda: compile_program(self._sharing(shared), lanes))
 
     @property
-    def _program(self) -> Any:
+    def program(self) -> Program:
+        """What runs."""
         build = lambda: loop_program(self.plant, self.controller, self.sizes, self.channel)  # noqa: E731
         return share((*self.key, "program"), build)
+
+    def _sharing(self, names: tuple[str, ...]) -> Program:
+        buffers = (replace(buffer, shared=buffer.name in names) for buffer in self.program.buffers)
+        return replace(self.program, buffers=tuple(buffers)) if names else self.program
 
     def roomy(self, d: np.ndarray, samples: int, parts: int) -> np.ndarray:
         """Disturbances with room for `capacity` sub-steps a sample: a power of two, so that plants of a campaign
@@ -85,7 +90,7 @@ class LoopCode:
         return room.ravel()
 
     def undisturbed(self, samples: int) -> np.ndarray:
-        """The same of no disturbance, as one array for all runs."""
+        """The same of no disturbance, as one array for all runs: pages that are never written take no memory."""
         return _zeros(samples * self.sizes.capacity * 3 * self.sizes.d)
 
 
@@ -110,6 +115,8 @@ class PreparedRun:
         Samples between an input and its effect.
     settings : mapping
         For the trajectory.
+    disturbed : bool
+        Without a disturbance, runs side by side read one array of zeros, most of what they would read otherwise.
     """
 
     code: LoopCode
@@ -121,11 +128,17 @@ class PreparedRun:
     parts: int
     delay: int
     settings: dict[str, Any]
+    disturbed: bool
 
     @property
     def fits(self) -> tuple[object, ...]:
         """Runs for which this is equal can be made side by side."""
-        return self.code.key, len(self.times), self.parts, self.delay
+        return self.code.key, len(self.times), self.parts, self.delay, self.disturbed
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Buffers of which runs side by side read one copy."""
+        return () if self.disturbed else ("disturbance",)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -145,7 +158,7 @@ class PreparedRun:
     def inputs(self) -> dict[str, np.ndarray]:
         """Arrays that the kernel reads, by buffer; those that it writes to are new."""
         found = {}
-        for buffer in self.code.kernel().program.buffers:
+        for buffer in self.code.program.buffers:
             if buffer.name in self.arrays:
                 given = self.arrays[buffer.name]
                 found[buffer.name] = given.copy() if buffer.role == "state" else given
@@ -183,53 +196,72 @@ class PreparedRun:
 def run_many(runs: Iterable[PreparedRun]) -> Iterator[Trajectory]:
     """Make many runs, in their order: what `PreparedRun.alone` gives for each, bit by bit, in less time.
 
-    Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them.
-    The runs may be prepared on the way: `WINDOW` of them are asked for at a time.
+    Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them,
+    on `THREADS` threads. The runs may be prepared on the way: `WINDOW` of them are asked for at a time.
     """
-    rest, worth, common = iter(runs), set(), {}
+    rest, worth = iter(runs), set()
     with ThreadPoolExecutor(THREADS) as pool:
         while window := list(islice(rest, WINDOW)):
-            waiting: dict[tuple[object, ...], deque[int]] = {}
-            for k, run in enumerate(window):
-                waiting.setdefault(run.fits, deque()).append(k)
-            worth |= {fits for fits, which in waiting.items() if _worth_lanes(window[which[0]], len(which))}
-            made: dict[int, Trajectory] = {}
-            for k, run in enumerate(window):
-                if k not in made:  # with the next ones that fit to it
-                    lanes, alike = run.fits in worth, waiting[run.fits]
-                    batch = [alike.popleft() for _ in range(min(LANES if lanes else THREADS, len(alike)))]
-                    chosen = [window[place] for place in batch]
-                    found = _side_by_side(chosen, common) if lanes else pool.map(PreparedRun.alone, chosen)
-                    made.update(zip(batch, found, strict=True))
-                yield made.pop(k)
+            yield from _in_order(window, _batches(window, worth), pool)
 
 
-def _worth_lanes(run: PreparedRun, count: int) -> bool:
-    return count >= LANES and count * len(run.times) >= WORTH
+def _batches(window: Sequence[PreparedRun], worth: set[tuple[object, ...]]) -> list[list[int]]:
+    """Places of the runs that are made together; kinds of runs that lanes are worth are kept for later windows."""
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for place, run in enumerate(window):
+        alike.setdefault(run.fits, []).append(place)
+    found = []
+    for fits, places in alike.items():
+        if len(places) >= LANES and len(places) * len(window[places[0]].times) >= WORTH:
+            worth.add(fits)
+        width = LANES if fits in worth else 1
+        found += [places[k : k + width] for k in range(0, len(places), width)]
+    return sorted(found)
 
 
-def _side_by_side(runs: Sequence[PreparedRun], common: dict[int, Any]) -> Iterator[Trajectory]:
-    """Up to `LANES` runs at once; lanes without a run repeat the last one. What all runs have in common is kept."""
+def _in_order(
+    window: Sequence[PreparedRun], batches: Sequence[Sequence[int]], pool: ThreadPoolExecutor
+) -> Iterator[Trajectory]:
+    """The runs of a window, while at most `THREADS` batches are being made: a run takes megabytes."""
+    rest, begun = iter(batches), deque()
+    made: dict[int, Trajectory] = {}
+
+    def begin() -> None:
+        for batch in islice(rest, THREADS - len(begun)):
+            begun.append((batch, pool.submit(_together, [window[place] for place in batch])))
+
+    for place in range(len(window)):
+        while place not in made:
+            begin()
+            batch, runs = begun.popleft()
+            made.update(zip(batch, runs.result(), strict=True))
+            begin()
+        yield made.pop(place)
+
+
+def _together(runs: Sequence[PreparedRun]) -> list[Trajectory]:
+    return [runs[0].alone()] if len(runs) == 1 else _side_by_side(runs)
+
+
+def _side_by_side(runs: Sequence[PreparedRun]) -> list[Trajectory]:
+    """Up to `LANES` runs at once; lanes without a run repeat the last one."""
+    first = runs[0]
     filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
     each = [run.inputs for run in filled]
-    inputs = {name: _stacked([one[name] for one in each], common) for name in each[0]}
+    inputs = {
+        name: each[0][name] if name in first.shared else np.stack([one[name] for one in each], axis=-1)
+        for name in each[0]
+    }
     outputs = PreparedRun.outputs(filled)
-    status = runs[0].code.kernel(LANES).run({**inputs, **outputs}, runs[0].counts)
+    status = first.code.kernel(LANES, first.shared).run({**inputs, **outputs}, first.counts)
     codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
-    rows = {name: np.ascontiguousarray(array.T) for name, array in outputs.items()}
-    for lane, run in enumerate(runs):
-        own = {name: array[lane] for name, array in rows.items()}
-        yield run.trajectory(own, int(codes[lane]), int(steps[lane]))
-
-
-def _stacked(arrays: Sequence[np.ndarray], common: dict[int, Any]) -> np.ndarray:
-    """One lane for each array, (size, lanes); where all are one object, made once and kept with it by its id."""
-    first = arrays[0]
-    if any(array is not first for array in arrays):
-        return np.stack(arrays, axis=-1)
-    if id(first) not in common:
-        common[id(first)] = first, np.repeat(first[:, None], len(arrays), axis=1)
-    return common[id(first)][1]
+    rows = {name: np.ascontiguousarray(outputs.pop(name).T) for name in list(outputs)}
+    return [
+        run.trajectory(
+            {name: array[lane] for name, array in rows.items()}, int(codes[lane]), int(steps[lane])
+        )
+        for lane, run in enumerate(runs)
+    ]
 
 
 @lru_cache(4)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from flexhinf.robot.dynamics.folded import (
     Matrix,
@@ -17,7 +20,7 @@ from flexhinf.robot.dynamics.folded import (
 )
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["Body", "bodies_of"]
+__all__ = ["Body", "bodies_of", "lumped", "matrix_of", "six_of"]
 
 
 class Body(NamedTuple):
@@ -70,3 +73,37 @@ def _body(alignment: Matrix, mass: Any, centre: Vector, six: Vector) -> Body:
     e = minus(e, times(moment[1], z))
     a, d, f = plus(a, plus(myy, mzz)), plus(d, plus(mxx, mzz)), plus(f, plus(mxx, myy))
     return Body(mass, moment, ((a, b, c), (b, d, e), (c, e, f)))
+
+
+# Numbers ----------------------------------------------------------------------------------------------
+def lumped(bodies: Sequence[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Several bodies that move together as one.
+
+    Parameters
+    ----------
+    bodies : sequence of (mass, centre, inertia)
+        kg; (3,) m in a common frame; (3, 3) kg·m² about the own centre. The masses have a positive sum.
+
+    Returns
+    -------
+    mass, centre, inertia
+        The same of the whole.
+    """
+    mass = sum(body[0] for body in bodies)
+    centre: Any = sum(body[0] * np.asarray(body[1]) for body in bodies) / mass
+    inertia = np.zeros((3, 3))
+    for m, c, about in bodies:
+        r = np.asarray(c) - centre
+        inertia += about + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return float(mass), centre, inertia
+
+
+def matrix_of(six: Any) -> np.ndarray:
+    """xx, xy, xz, yy, yz, zz as a symmetric matrix."""
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
+
+
+def six_of(matrix: np.ndarray) -> list[float]:
+    """The inverse of `matrix_of`."""
+    return [float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]

@@ -18,7 +18,7 @@ from flexhinf.design.report.drawing import (
     vertical_line,
 )
 from flexhinf.design.report.formatting import Units, joint_table, units_of
-from flexhinf.design.report.sections.step import effort_limit
+from flexhinf.design.report.sections.step import effort_limit, peak_text
 from flexhinf.design.result import Design
 from flexhinf.report import (
     MUTED,
@@ -30,7 +30,6 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
-    number,
 )
 
 __all__ = ["load_blocks", "load_remarks", "move_blocks", "move_remarks"]
@@ -127,12 +126,11 @@ def move_remarks(design: Design) -> Iterator[str]:
 
 
 def _text(e: LawEvaluation, units: Units) -> str:
-    step, move = e.step.peak_input, e.move.response.peak_input
+    step, move = peak_text(e.step, units), peak_text(e.move.response, units)
     return (
         "Robots follow plans more often than steps. Here the plan covers the way of the step with limited jerk in "
         f"{e.move.plan.duration:.3g} s, its feedforward comes from the elastic inverse dynamics, and the law acts on "
-        f"the error that is left. The move needs at most {number(move, 3)} {units.effort}, the step "
-        f"{number(step, 3)} {units.effort}."
+        f"the error that is left. The move needs at most {move}, the step {step}."
     )
 
 

@@ -102,6 +102,7 @@ def margin_rows(e: LawEvaluation) -> list[tuple[str, ...]]:
     period, joints = e.setup.specification.period, e.setup.joints
     several = len(joints) > 1
     tracked = ", ".join(name.removeprefix("link_position_") for name in e.margins.positions)
+    damped = f" ({e.least_damped_joint})" if several and e.least_damped_joint else ""
     of = f" ({tracked})" if 1 < len(e.margins.positions) <= FEW_JOINTS else ""
 
     def row(what: str, value: Callable[[Margins], str]) -> tuple[str, ...]:
@@ -120,23 +121,22 @@ def margin_rows(e: LawEvaluation) -> list[tuple[str, ...]]:
         row("peak sensitivity", lambda m: number(m.peak_sensitivity, 3)),
         row("peak sensitivity at, Hz", lambda m: hertz(m.sensitivity_frequency)),
         row("peak complementary", lambda m: number(m.peak_complementary, 3)),
-        row("smallest damping ratio", lambda m: number(m.damping, 3)),
+        row("smallest damping ratio", lambda m: number(m.damping, 3) + (damped if m is e.margins else "")),
         row("smallest damping at, Hz", lambda m: hertz(m.damping_frequency)),
-        row(f"bandwidth{of}, rad/s", lambda m: _bandwidths(m.bandwidth)),
+        row(f"bandwidth{of}, rad/s", lambda m: _bandwidths(m.bandwidth, tuple(tracked.split(", ")))),
     ]
 
 
-def _bandwidths(found: np.ndarray) -> str:
-    """Of every joint, or their range where there are many."""
+def _bandwidths(found: np.ndarray, joints: tuple[str, ...]) -> str:
+    """Of every joint; where there are many their range, and the slowest."""
     if len(found) > FEW_JOINTS and np.isfinite(found).all():
-        return range_text(found)
+        return f"{range_text(found)} (slowest: {joints[int(np.argmin(found))]})"
     return ", ".join(number(float(w), 3) for w in found)
 
 
 def _gains(m: Margins, joints: tuple[str, ...]) -> str:
     """Factors of the gain of the input with the smallest margin."""
-    with np.errstate(divide="ignore"):
-        worst = int(np.argmin(np.minimum(m.gain_margins[:, 1], 1.0 / m.gain_margins[:, 0])))
+    worst = m.weakest_input
     low, high = (float(value) for value in m.gain_margins[worst])
     name = f" ({joints[worst]})" if len(m.gain_margins) > 1 else ""
     return f"× {number(low, 3)}, × {number(high, 3)}{name}"

@@ -148,7 +148,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
     figures = (
         ("overshoot", "%", samples.overshoot, step.overshoot.value, s.overshoot),
         ("settling time", "s", samples.settling, step.settling.value, None),
-        ("peak input", units.effort, samples.peak, step.peak_input, s.peak_effort),
+        ("peak input", units.effort, samples.peak, step.peak_input, _common(e.setup.limits.peak)),
     )
     if len(samples) < FEW or not any(np.isfinite(values).any() for _, _, values, _, _ in figures[:2]):
         return []
@@ -165,6 +165,11 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Fig
             "Spread of the sampled robots",
         )
     ]  # fmt: skip
+
+
+def _common(limits: np.ndarray) -> float | None:
+    """The limit that all motors have; None where they differ, or have none."""
+    return float(limits[0]) if np.isfinite(limits[0]) and len(set(limits.tolist())) == 1 else None
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:

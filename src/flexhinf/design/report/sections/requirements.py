@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.report.formatting import Units, units_of
+from flexhinf.design.report.formatting import limit_text as effort_text
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
@@ -38,7 +40,8 @@ def found_text(line: Requirement) -> str:
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
     unit = f" {line.unit}" if line.unit else ""
-    joint = f" ({line.joint})" if line.joint else ""
+    words = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
+    joint = f" ({', '.join(word for word in words if word)})" if any(words) else ""
     return f"{number(line.found, 3)}{unit}{joint}"
 
 
@@ -90,11 +93,11 @@ def input_rows(design: Design) -> list[InputRow]:
     """The largest inputs of everything that was run, until the run diverged where it did."""
     e, setup = design.evaluation, design.setup
     joints, samples = setup.joints, e.step_samples
-    units = [setup.model.unit(name) for name in setup.model.inputs]
+    units, effort = [setup.model.unit(name) for name in setup.model.inputs], setup.limits.effort
 
     def row(what: str, values: np.ndarray) -> InputRow:
         sizes = np.abs(np.asarray(values, dtype=float)).reshape(-1, len(joints)).max(axis=0)
-        worst = int(np.argmax(sizes))
+        worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
         return InputRow(what, float(sizes[worst]), joints[worst], units[worst])
 
     def run(what: str, response: Response) -> InputRow:
@@ -106,11 +109,8 @@ def input_rows(design: Design) -> list[InputRow]:
         run("step, nominal robot", e.step),
     ]
     if samples is not None and len(samples):
-        worst = int(np.argmax(samples.peak))
-        what = f"step, worst of {len(samples)} sampled robots"
-        joint = samples.peak_joints[worst]
-        unit = units[joints.index(joint)] if joint else units[0]
-        rows.append(InputRow(what, float(samples.peak[worst]), joint, unit))
+        worst = row(f"step, worst of {len(samples)} sampled robots", samples.inputs)
+        rows.append(worst if np.isfinite(worst.value) else worst._replace(joint=""))
     if design.mujoco is not None:
         rows.append(run("step on MuJoCo's plant", design.mujoco))
     rows += [
@@ -121,18 +121,24 @@ def input_rows(design: Design) -> list[InputRow]:
     return rows if noise is None else [*rows, row("sensor noise in equilibrium (rms)", noise)]
 
 
+def _percent(row: InputRow, limits: JointLimits) -> float | None:
+    """Of the limit of the row's joint; None where it has none, or the run diverged."""
+    limit = float(limits.effort[limits.joints.index(row.joint)]) if row.joint else np.inf
+    return 100.0 * row.value / limit if np.isfinite(row.value) and np.isfinite(limit) else None
+
+
 def _inputs(design: Design, units: Units) -> Table:
-    limit, several = design.specification.effort_limit, len(design.setup.joints) > 1
+    limits, several = design.setup.limits, len(design.setup.joints) > 1
     columns: list[Any] = ["in", "largest input", *(["joint"] if several else [])]
-    columns += [Column("of the limit", "%", 1)] if limit is not None else []
+    columns += [Column("of its limit", "%", 1)] if limits.limits_effort else []
     rows = [
         (
             row.what,
             row.text if np.isfinite(row.value) else "diverges",
             *([row.joint or "–"] if several else []),
-            *([100.0 * row.value / limit if np.isfinite(row.value) else None] if limit is not None else []),
+            *([_percent(row, limits)] if limits.limits_effort else []),
         )
         for row in input_rows(design)
     ]
-    given = "" if limit is None else f"; the limit is {limit:g} {units.effort}"
+    given = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limits.limits_effort else ""
     return Table(columns, rows, f"Inputs of the motors{given}", "table-cost")

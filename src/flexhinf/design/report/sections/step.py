@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.report.drawing import (
     figure_block,
     framed,
@@ -18,7 +19,15 @@ from flexhinf.design.report.drawing import (
     thin,
     widened,
 )
-from flexhinf.design.report.formatting import ESTIMATORS, Units, joint_table, listed, settling_text, units_of
+from flexhinf.design.report.formatting import (
+    ESTIMATORS,
+    Units,
+    joint_table,
+    limit_text,
+    listed,
+    settling_text,
+    units_of,
+)
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.report import (
@@ -41,7 +50,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = [
-    "arm_figure", "blocks", "difference_text", "effort_limit", "fed_text", "instants", "remarks",
+    "arm_figure", "blocks", "difference_text", "effort_limit", "fed_text", "instants", "peak_text", "remarks",
     "spring_torques", "step_text",
 ]  # fmt: skip
 
@@ -104,16 +113,19 @@ def _left_out(design: Design) -> list[str]:
 
 def _estimator_start(e: LawEvaluation, units: Units) -> str:
     """A sentence where the peak input falls into the estimator's first samples."""
-    s, sizes = e.setup.specification, np.abs(e.step.inputs).max(axis=1)
+    s, each = e.setup.specification, np.abs(e.step.inputs)
+    sizes = each.max(axis=1)
     at = int(np.argmax(sizes))
+    joint = f" ({e.setup.joints[int(np.argmax(each[at]))]})" if each.shape[1] > 1 else ""
     if s.estimator == "none" or not 0 < at < STARTING or len(sizes) <= STARTING:
         return ""
     later = float(sizes[STARTING:].max())
     if sizes[at] < MUCH * later:
         return ""
     return (
-        f"The peak input of {number(float(sizes[at]), 3)} {units.effort} occurs {number(1e3 * at * s.period, 2)} ms "
-        "after the start, while the gain of the estimator is still settling and noise passes to the input. From "
+        f"The peak input of {number(float(sizes[at]), 3)} {units.effort}{joint} occurs "
+        f"{number(1e3 * at * s.period, 2)} ms after the start, while the gain of the "
+        "estimator is still settling and noise passes to the input. From "
         f"{number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} {units.effort}. "
         "Let the estimator run before the law takes over."
     )
@@ -128,13 +140,19 @@ def step_text(response: Response, units: Units) -> str:
         return "No joint moves in this step."
     several = len(response.joints) > 1
     passed = f"overshoots by {number(overshoot.value, 2)} %{f' ({overshoot.joint})' if several else ''}"
-    peak = f"needs at most {number(response.peak_input, 3)} {units.effort}"
+    peak = f"needs at most {peak_text(response, units)}"
     last = float(response.run.time[-1])
     if not np.isfinite(settling.value):
         where = f" ({settling.joint})" if several else ""
         return f"The step does not settle within {number(last, 3)} s{where}, {passed} and {peak}."
     where = f" ({settling.joint})" if several else ""
     return f"The step settles in {number(settling.value, 3)} s{where}, {passed} and {peak}."
+
+
+def peak_text(response: Response, units: Units) -> str:
+    """The largest input of a run, with its joint where there are several."""
+    text, several = f"{number(response.peak_input, 3)} {units.effort}", len(response.joints) > 1
+    return f"{text} ({response.peak.joint})" if several and response.diverged_at is None else text
 
 
 def fed_text(e: LawEvaluation) -> str:
@@ -156,15 +174,15 @@ def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
     return stiffness * (state[:, 2 * n : 3 * n] - state[:, :n])
 
 
-def effort_limit(e: LawEvaluation, units: Units) -> tuple[float | None, str]:
-    """The tighter of the requested peak and the saturation, with its name for a legend."""
-    s = e.setup.specification
-    limits = [(s.peak_effort, "required: at most"), (s.saturation, "saturation at")]
-    known = [(limit, name) for limit, name in limits if limit is not None]
-    if not known:
+def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str]:
+    """The tighter of the required peak and the saturation (n,), with its name for a legend."""
+    limits = e.setup.limits
+    if not limits.limits_effort:
         return None, ""
-    limit, name = min(known)
-    return limit, f"{name} ±{limit:g} {units.effort}"
+    required = bool(np.all(limits.peak <= limits.saturation))
+    source = limits.peak_source if required else limits.saturation_source
+    name = "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
+    return limits.effort, f"{name} {limit_text(limits.effort)} {units.effort}"
 
 
 def _figure(e: LawEvaluation, units: Units) -> Figure:
@@ -276,8 +294,9 @@ def difference_text(design: Design, units: Units) -> str:
     assert theirs is not None
     if theirs.diverged_at is not None or ours.diverged_at is not None:
         return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
-    apart = units.scale * float(np.abs(theirs.positions - ours.positions).max())
-    return f"link positions differ by at most {number(apart, 2)} {units.angle}"
+    apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
+    where = f" ({ours.joints[int(np.argmax(apart))]})" if len(ours.joints) > 1 else ""
+    return f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}{where}"
 
 
 # The arm ---------------------------------------------------------------------------------------------

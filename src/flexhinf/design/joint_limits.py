@@ -1,0 +1,183 @@
+"""What each joint must keep: the limits of inputs, speeds and positions, from the specification or the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.design.responses import Response
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.robot import Robot
+from flexhinf.robot.drive import DRIVES
+from flexhinf.robot.signals import UNITS
+
+__all__ = ["ROBOT", "JointLimits", "LimitUse", "joint_limits"]
+
+#: Who states a limit that no option does.
+ROBOT = "the robot's file"
+
+
+class LimitUse(NamedTuple):
+    """How much of a limit a run uses, in the joint and at the moment where it uses most of it.
+
+    Attributes
+    ----------
+    value, limit : float
+        In `unit`; the value is infinite where the run diverged.
+    joint : str
+    unit : str
+    at : float or None
+        s.
+    """
+
+    value: float
+    limit: float
+    joint: str
+    unit: str
+    at: float | None
+
+    @property
+    def share(self) -> float:
+        """Value over limit."""
+        return self.value / self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """One number per joint, infinite where there is no limit.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    peak : (n,)
+        Largest absolute input that is required, V, or N·m (N).
+    saturation : (n,)
+        Limits ± of controller and motors.
+    speed : (n,)
+        Largest absolute velocity of the links, rad/s or m/s.
+    lower, upper : (n,)
+        Ranges of the link positions, rad or m.
+    effort_units, speed_units, position_units : tuple of str
+    peak_source, saturation_source, speed_source : str
+        The option that states them, or `ROBOT`.
+    """
+
+    joints: tuple[str, ...]
+    peak: np.ndarray
+    saturation: np.ndarray
+    speed: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    effort_units: tuple[str, ...]
+    speed_units: tuple[str, ...]
+    position_units: tuple[str, ...]
+    peak_source: str
+    saturation_source: str
+    speed_source: str
+
+    @property
+    def effort(self) -> np.ndarray:
+        """The smaller of requirement and saturation (n,)."""
+        return np.minimum(self.peak, self.saturation)
+
+    @property
+    def saturated(self) -> np.ndarray | None:
+        """The saturation (n,) for a controller; None where no motor has one."""
+        return self.saturation if np.isfinite(self.saturation).any() else None
+
+    @property
+    def limits_peak(self) -> bool:
+        """Whether the peak input of any joint has a limit."""
+        return bool(np.isfinite(self.peak).any())
+
+    @property
+    def limits_effort(self) -> bool:
+        """Whether any input has a limit, required or by saturation."""
+        return bool(np.isfinite(self.effort).any())
+
+    @property
+    def limits_speed(self) -> bool:
+        """Whether the speed of any joint has a limit."""
+        return bool(np.isfinite(self.speed).any())
+
+    # What a run uses of them --------------------------------------------------------------------------
+    def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
+        """Of the peak, or other limits (n,) of the inputs."""
+        limits = self.peak if limits is None else limits
+        return self._use(response, lambda run: run.inputs, limits, self.effort_units)
+
+    def speed_use(self, response: Response) -> LimitUse:
+        """Of the speed."""
+        return self._use(response, lambda run: run.velocities, self.speed, self.speed_units)
+
+    def beyond_range(self, response: Response) -> LimitUse:
+        """How far outside of its range (lower, upper) a joint gets, rad or m: at most the limit 0 for none.
+
+        The joint is the one that is furthest outside.
+        """
+        if response.diverged_at is not None:
+            return LimitUse(np.inf, 0.0, "", self.position_units[0], None)
+        q = response.positions
+        beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
+        row, joint = divmod(int(np.argmax(beyond)), beyond.shape[1])
+        found, at = float(beyond[row, joint]), float(response.run.time[row])
+        return LimitUse(found, 0.0, self.joints[joint], self.position_units[joint], at)
+
+    def _use(
+        self,
+        response: Response,
+        signal: Callable[[Response], np.ndarray],
+        limits: np.ndarray,
+        units: tuple[str, ...],
+    ) -> LimitUse:
+        if response.diverged_at is not None:
+            tightest = int(np.argmin(limits))
+            return LimitUse(np.inf, float(limits[tightest]), "", units[tightest], None)
+        values = np.abs(signal(response))
+        row, joint = divmod(int(np.argmax(values / limits)), values.shape[1])
+        value, limit = float(values[row, joint]), float(limits[joint])
+        return LimitUse(value, limit, self.joints[joint], units[joint], float(response.run.time[row]))
+
+
+def joint_limits(robot: Robot, s: Specification) -> JointLimits:
+    """The limits of a specification, and those of the robot where it states none.
+
+    Raises
+    ------
+    SpecificationError
+        For a number of limits that is not the number of joints.
+    """
+    slides, joints = robot.links.slides, robot.joint_names
+    ranges = np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits])
+
+    def units(signal: str) -> tuple[str, ...]:
+        return tuple(UNITS[signal][sliding] for sliding in slides)
+
+    def stated(name: str, own: Any) -> tuple[np.ndarray, str]:
+        value = getattr(s, name)
+        if value is None:
+            return np.array(own, dtype=float), ROBOT
+        return _per_joint(robot, name, value), FIELDS[name].options[0]
+
+    peak, peak_source = stated("peak_effort", robot.effort_limits)
+    saturation, saturation_source = stated("saturation", robot.effort_limits)
+    speed, speed_source = stated("peak_speed", robot.speed_limits)
+    return JointLimits(
+        joints, peak, saturation, speed, ranges[:, 0], ranges[:, 1], units(DRIVES[robot.drive]),
+        units("link_velocity"), units("link_position"), peak_source, saturation_source, speed_source,
+    )  # fmt: skip
+
+
+def _per_joint(robot: Robot, name: str, value: Any) -> np.ndarray:
+    limits, joints = np.asarray(value, dtype=float), robot.joint_names
+    if limits.shape not in ((), (1,), (len(joints),)):
+        raise SpecificationError(
+            name,
+            f"The {name.replace('_', ' ')} does not fit the joints.",
+            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
+            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
+        )
+    return np.array(np.broadcast_to(limits, (len(joints),)))

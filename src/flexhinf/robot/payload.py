@@ -1,0 +1,221 @@
+"""What a robot carries: a body of unknown mass that is fixed to one of its links.
+
+A payload is part of its link's mass, centre of mass and inertia in every plant (`carried`), so that dynamics,
+estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
+number, and the inertia of the payload is in proportion to its mass.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
+from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
+from flexhinf.untrusted import value_text
+
+__all__ = ["SHAPES", "Frame", "Payload", "carried", "inertia_of_shape", "payload_from_text"]
+
+#: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.
+SHAPES = {
+    "sphere": ("radius",),
+    "box": ("length in x", "length in y", "length in z"),
+    "cylinder": ("radius", "height"),
+}
+
+#: A number, or two or three that grow, a unit, and where: 3kg@hand, 0..3@hand, 0..1..3kg@hand:0,0,0.1.
+TEXT = re.compile(r"\s*([^@:\s]+?)\s*(?:kg)?\s*(?:@\s*([^:]*?)\s*)?(?::\s*(.+?)\s*)?")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A place that can carry a payload.
+
+    Attributes
+    ----------
+    joint : str
+        The joint whose link it is fixed to.
+    placement : Placement
+        In that link's frame.
+    tip : (3,), optional
+        Where a payload is that states no centre of mass, m, in this frame; its origin by default.
+    """
+
+    joint: str
+    placement: Placement
+    tip: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body fixed to a link, in a frame of that link.
+
+    Parameters
+    ----------
+    mass : Parameter
+        kg; its range or tolerance is the uncertainty.
+    at : str
+        Name of the frame: a joint, standing for the link behind it, or a link of a URDF.
+    centre_of_mass : three Parameter, optional
+        m; None for the frame's own place for payloads.
+    inertia_per_mass : six numbers
+        xx, xy, xz, yy, yz, zz about its centre of mass over its mass, m²; zero for a point.
+
+    Raises
+    ------
+    InvalidInput
+        For a mass that is never positive, or an inertia that no body has.
+    """
+
+    mass: Parameter
+    at: str = ""
+    centre_of_mass: tuple[Parameter, ...] | None = None
+    inertia_per_mass: tuple[float, ...] = (0.0,) * 6
+
+    def __post_init__(self) -> None:
+        lower, upper = self.mass.interval
+        if lower < 0.0 or not upper > 0.0:
+            raise InvalidInput(
+                "The mass of a payload is not usable.",
+                f"expected 0 kg or more, and more than 0 at the upper end, got {lower:g} to {upper:g} kg",
+                "mass = { value = 0.0, range = [0.0, 3.0] }",
+            )
+        moments = np.linalg.eigvalsh(matrix_of(self.inertia_per_mass))
+        slack = 1e-9 * abs(moments[2])
+        if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
+            raise InvalidInput(
+                "The inertia of a payload is that of no rigid body.",
+                "expected principal moments >= 0 of which none exceeds the sum of the others, got "
+                f"{[float(f'{moment * upper:.6g}') for moment in moments]} kg·m²",
+                "inertia = {xx, yy, zz, xy, xz, yz} about the payload's centre of mass, or a shape",
+            )
+
+    def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
+        """The robot's parameters for it, in the frame of the link that carries it."""
+
+        def named(number: Parameter, quantity: str) -> Parameter:
+            label = per_joint(f"payload_{quantity}", frame.joint, joints)
+            return replace(number, name=label, unit=unit_of(f"payload_{quantity}"))
+
+        turn = np.array(frame.placement.rotation)
+        found = [named(self.mass, "mass")]
+        centre = self.centre_of_mass
+        if centre is None:
+            centre = tuple(
+                Parameter("tip", x, source="assumption: where the link is drawn to end") for x in frame.tip
+            )
+        source, tolerance = centre[0].source, max(one.tolerance for one in centre)
+        place = np.array(frame.placement.translation) + turn @ [one.value for one in centre]
+        for axis, value in zip(VECTOR, place):
+            found.append(
+                named(Parameter("", float(value), tolerance, source=source), f"centre_of_mass_{axis}")
+            )
+        six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
+        for axes, value in zip(INERTIA, six):
+            if value:
+                found.append(named(Parameter("", value, source=self.mass.source), f"inertia_per_mass_{axes}"))
+        return found
+
+
+def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
+    """Moments of a uniform body over its mass, m²: xx, xy, xz, yy, yz, zz about its centre.
+
+    Parameters
+    ----------
+    kind : {"sphere", "box", "cylinder"}
+    sizes : sequence of float
+        As `SHAPES` lists them, m.
+
+    Raises
+    ------
+    InvalidInput
+        For another number of sizes, or sizes that are not positive.
+    """
+    names = SHAPES[kind]
+    if len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes):
+        raise InvalidInput(
+            f"The {kind} of a payload has no size.",
+            f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
+            f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
+        )
+    if kind == "sphere":
+        x = y = z = 0.4 * sizes[0] ** 2
+    elif kind == "box":
+        a, b, c = (size**2 / 12.0 for size in sizes)
+        x, y, z = b + c, a + c, a + b
+    else:
+        radius, height = sizes
+        x = y = radius**2 / 4.0 + height**2 / 12.0
+        z = radius**2 / 2.0
+    return (x, 0.0, 0.0, y, 0.0, z)
+
+
+def payload_from_text(text: str) -> Payload:
+    """The payload of a command line: ``3kg@hand``, ``0..3kg@hand``, ``0..1..3@hand:0,0,0.1``.
+
+    One number is a known mass. Two are its range, with the lower end as the nominal mass; three are lower end,
+    nominal mass and upper end. Behind ``@`` stands what carries it, behind ``:`` its centre of mass there (m).
+
+    Raises
+    ------
+    InvalidInput
+        For a text that says something else.
+    """
+    match = TEXT.fullmatch(text)
+    try:
+        if match is None:
+            raise ValueError
+        numbers = [float(word) for word in match[1].split("..")]
+        centre = None if match[3] is None else [float(word) for word in match[3].split(",")]
+        if (
+            not all(np.isfinite([*numbers, *(centre or ())]))
+            or len(numbers) > 3
+            or (centre and len(centre) != 3)
+        ):
+            raise ValueError
+    except ValueError:
+        raise InvalidInput(
+            "The payload cannot be read.",
+            f"expected MASS, LOWER..UPPER or LOWER..NOMINAL..UPPER in kg, then @LINK and :x,y,z (m), got "
+            f"{value_text(text, 60)}",
+            "0..3kg@hand, or 0..3kg@hand:0,0,0.1",
+        ) from None
+    source = "option --payload"
+    if len(numbers) == 1:
+        mass = Parameter("mass", numbers[0], source=source)
+    else:
+        mass = Parameter("mass", numbers[-2], range=(numbers[0], numbers[-1]), source=source)
+    place = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
+    return Payload(mass, match[2] or "", place)
+
+
+def carried(
+    values: Mapping[str, float], joint: str, joints: int, body: tuple[float, np.ndarray, np.ndarray]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """A link's mass, centre of mass (3,) and inertia (3, 3) about it, with what it carries.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        The robot's parameters by name.
+    joint : str
+    joints : int
+        How many there are.
+    body : (mass, centre, inertia)
+        The link alone.
+    """
+
+    def of(quantity: str) -> float:
+        return float(values.get(per_joint(f"payload_{quantity}", joint, joints), 0.0))
+
+    mass = of("mass")
+    if mass == 0.0:  # the link's own numbers, to the last bit
+        return body
+    centre = np.array([of(f"centre_of_mass_{axis}") for axis in VECTOR])
+    about = mass * matrix_of([of(f"inertia_per_mass_{axes}") for axes in INERTIA])
+    return lumped([body, (mass, centre, about)])

@@ -1,0 +1,273 @@
+"""Numbers that can be computed with and are probably in another unit: questions, and refusals of what is surely wrong.
+
+Each check compares a number with what it does to the robot: a twist under the robot's own weight, the size of a body of
+that inertia, a range in turns. Between what machines have and what none has lies a factor of ten or more, where a
+question is asked (a `RobotFileWarning`) and the number is used as it stands.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant import Parameters
+from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
+from flexhinf.robot.file_errors import RobotFileWarning
+from flexhinf.robot.quantities import per_joint
+from flexhinf.robot.robot import Robot
+from flexhinf.robot.single_link import Pendulum
+
+__all__ = ["check_angles", "check_fast", "check_plausible"]
+
+DEGREES = 180.0 / np.pi
+
+#: Twist of a spring under the robot's own weight, rad: robots with elastic joints have less than 0.15.
+TWIST = (0.25, 1.5)
+
+#: Distance of a joint or a centre of mass in the frame before it, m.
+LENGTH = (5.0, 20.0)
+
+#: Radius of gyration of a link, m.
+GYRATION = (2.0, 10.0)
+
+#: Reflected inertia of a motor over the inertia that it moves; the wrist of a light arm with strong gears has 1000.
+MOTOR = (1e4, 1e6)
+
+#: The same where a motor's inertia is stated as if it were reflected and is not.
+NOT_REFLECTED = 1e-4
+
+#: A joint turns by two turns at most, unless it is continuous.
+TURNS = 4.0 * np.pi
+
+#: Free fall, m/s²: the largest of a planet is 25.
+GRAVITY = 30.0
+
+#: Poses at which weight is looked for, beside home.
+POSES = 16
+
+#: A vibration of more than this times the sampling rate, rad per sample, is far beyond what samples show (π): the runs
+#: would take a thousand sub-steps a sample, and the law could not act on it.
+FASTEST = 10.0
+
+#: A joint with this phase per sample behaves as a rigid one in the loop, at a few hundred sub-steps a sample.
+AS_RIGID = 3.0
+
+#: Units in which inertias are tabulated, and what they are in kg·m².
+INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²": 1e-9}
+
+
+class Question(NamedTuple):
+    """What is odd, the three parts of a message, and whether it is surely wrong."""
+
+    what: str
+    found: str
+    advice: str
+    wrong: bool = False
+
+
+def check_plausible(robot: Robot, file: str) -> Robot:
+    """The same robot; asks about numbers that are probably in another unit.
+
+    Raises
+    ------
+    InvalidInput
+        For a number that no robot has, with the unit that was probably meant.
+    """
+    for question in _questions(robot):
+        if question.wrong:
+            raise InvalidInput(f"{file}: {question.what}", question.found, question.advice)
+        warnings.warn(
+            f"{file}: {question.what}\n  found: {question.found}\n  try:   {question.advice}",
+            RobotFileWarning,
+            stacklevel=3,
+        )
+    return robot
+
+
+def check_angles(where: str, angles: tuple[float, ...]) -> None:
+    """Refuse roll, pitch and yaw of more than a turn.
+
+    Raises
+    ------
+    InvalidInput
+        Where degrees were probably meant.
+    """
+    worst = max(map(abs, angles), default=0.0)
+    if worst > 2.0 * np.pi * (1.0 + 1e-6):
+        raise InvalidInput(
+            f"{where}: roll, pitch and yaw turn by more than once around.",
+            f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
+            f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {list(angles)}°",
+        )
+
+
+def check_fast(robot: Robot, period: float) -> None:
+    """Refuse springs that vibrate so fast that a loop with this period neither sees nor damps them.
+
+    Parameters
+    ----------
+    robot : Robot
+    period : float
+        Sampling period, s.
+
+    Raises
+    ------
+    InvalidInput
+        With the joint, its frequency, and a stiffness that is rigid for this loop.
+    """
+    p = Parameters(robot.plant_parameters())
+    stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
+    root = np.sqrt(stiffness)
+    inverse = np.linalg.inv(_mass_matrix(robot, p)) + np.diag(1.0 / motors)
+    squares, vectors = np.linalg.eigh(
+        root[:, None] * inverse * root
+    )  # energies of the springs, all else free
+    frequency = float(np.sqrt(squares[-1]))
+    if frequency * period <= FASTEST:
+        return
+    joint = int(np.argmax(np.abs(vectors[:, -1])))
+    softer = stiffness[joint] * (AS_RIGID / (frequency * period)) ** 2
+    raise InvalidInput(
+        f"The spring of joint {robot.joint_names[joint]!r} vibrates at {frequency / (2.0 * np.pi):.4g} Hz, "
+        f"{frequency * period / (2.0 * np.pi):.3g} periods within one sample.",
+        f"expected at most {FASTEST / (2.0 * np.pi * period):.4g} Hz for a period of {period:g} s, got a stiffness of "
+        f"{stiffness[joint]:.4g} N·m/rad (N/m)",
+        f"stiffness = {softer:.2g}, which is rigid for this loop; or --period {FASTEST / frequency:.1g}",
+    )
+
+
+def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
+    """M (n, n) at home."""
+    tree, masses, centres, inertias = robot.links.rigid(p)
+    bodies = bodies_of(tree, masses, centres, inertias)
+    return np.array(mass_matrix(tree, bodies, np.asarray(robot.home)), dtype=float)
+
+
+def _questions(robot: Robot) -> Iterator[Question]:
+    p = Parameters(robot.plant_parameters())
+    yield from _ranges(robot)
+    yield from _lengths_and_inertias(robot, p)
+    yield from _gravity(robot)
+    yield from _springs_and_motors(robot, p)
+    yield from _friction(robot)
+
+
+def _ranges(robot: Robot) -> Iterator[Question]:
+    for joint, limits, slides in zip(robot.joint_names, robot.links.limits, robot.links.slides):
+        if limits is None or slides or max(map(abs, limits)) <= TURNS:
+            continue
+        whole = all(float(limit).is_integer() for limit in limits)
+        meant = [float(f"{limit / DEGREES:.5g}") for limit in limits]
+        yield Question(
+            f"the limits of joint {joint!r} are many turns apart.",
+            f"expected rad, got {limits[0]:g} to {limits[1]:g}; were degrees meant?",
+            f"{meant[0]:g} to {meant[1]:g} rad; or a continuous joint, which has no limits",
+            whole,
+        )
+
+
+def _lengths_and_inertias(robot: Robot, p: Parameters) -> Iterator[Question]:
+    tree, masses, centres, inertias = robot.links.rigid(p)
+    for i, joint in enumerate(tree.joints):
+        lengths = {
+            "place of joint": float(np.linalg.norm(joint.placement.translation)),
+            "centre of mass of the link behind joint": float(np.linalg.norm(centres[i])),
+        }
+        for what, length in lengths.items():
+            if length > LENGTH[0]:
+                yield Question(
+                    f"the {what} {joint.name!r} is far away.",
+                    f"expected metres, got {length:.4g} m; were millimetres meant?",
+                    f"{length / 1000.0:.4g} for {length:.4g} mm",
+                    length > LENGTH[1],
+                )
+        largest = float(np.linalg.eigvalsh(matrix_of(inertias[i]))[-1])
+        size = np.sqrt(max(largest, 0.0) / masses[i]) if masses[i] > 0.0 else 0.0
+        if size > GYRATION[0] and not (isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0):
+            unit, factor = min(
+                INERTIA_UNITS.items(), key=lambda one: abs(np.log(size * np.sqrt(one[1]) / 0.1))
+            )
+            yield Question(
+                f"the inertia of the link behind joint {joint.name!r} is that of a very large body.",
+                f"expected kg·m², got {largest:.4g} kg·m² for {masses[i]:.4g} kg, a radius of gyration of {size:.3g} m",
+                f"{largest * factor:.4g} if {largest:.4g} {unit} were meant",
+                size > GYRATION[1],
+            )
+
+
+def _gravity(robot: Robot) -> Iterator[Question]:
+    gravity = robot.nominal["gravity"]
+    if abs(gravity) > GRAVITY:
+        yield Question(
+            "gravity is stronger than on any planet.",
+            f"expected m/s², got {gravity:g}; were cm/s² or mm/s² meant?",
+            f"{gravity / (100.0 if abs(gravity) < 5000.0 else 1000.0):g}",
+        )
+    if isinstance(robot.links, Pendulum) or gravity == 0.0:
+        return
+    p = Parameters(robot.plant_parameters())
+    weight = float(np.sum(p.mass)) * abs(gravity)
+    if _weights(robot, p).max() < 1e-9 * weight:
+        yield Question(
+            "no joint carries any weight: gravity acts along the axes of all joints.",
+            f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
+            "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
+        )
+
+
+def _weights(robot: Robot, p: Parameters) -> np.ndarray:
+    """Largest |G| of each joint (n,) over home and random poses, N·m or N."""
+    rng, n = np.random.default_rng(0), len(robot.joint_names)
+    poses = [np.asarray(robot.home), *rng.uniform(-np.pi, np.pi, (POSES, n))]
+    return np.max(
+        [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses], axis=0
+    )
+
+
+def _springs_and_motors(robot: Robot, p: Parameters) -> Iterator[Question]:
+    tree = robot.links.rigid(p)[0]
+    moved, weights = np.diag(_mass_matrix(robot, p)), _weights(robot, p)
+    stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
+    for i, joint in enumerate(tree.joints):
+        twist, ratio = weights[i] / stiffness[i], motors[i] / moved[i]
+        if not joint.slides and twist > TWIST[0]:
+            yield Question(
+                f"the spring of joint {joint.name!r} twists by {twist * DEGREES:.3g}° under the robot's own weight.",
+                f"expected N·m/rad, got {stiffness[i]:g} for {weights[i]:.3g} N·m; was N·m/deg meant?",
+                f"stiffness = {stiffness[i] * DEGREES:.5g} for {stiffness[i]:g} N·m/deg",
+                twist > TWIST[1],
+            )
+        if ratio > MOTOR[0]:
+            gear = robot.nominal.get(per_joint("gear_ratio", joint.name, len(tree)), 1.0)
+            own = motors[i] / gear**2
+            yield Question(
+                f"the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
+                f"expected kg·m², got {own:.4g}, seen from the link {motors[i]:.4g}, for {moved[i]:.3g}",
+                f"{own * 1e-7:.4g} if {own:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
+                ratio > MOTOR[1],
+            )
+        stated = per_joint("motor_inertia", joint.name, len(tree)) in robot.nominal
+        if stated and ratio < NOT_REFLECTED:
+            yield Question(
+                f"the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
+                f"expected it seen from the link, got motor_inertia = {motors[i]:g}; is it that of the rotor alone?",
+                f"rotor_inertia = {motors[i]:g} and gear_ratio; a direct drive has gear_ratio = 1",
+            )
+
+
+def _friction(robot: Robot) -> Iterator[Question]:
+    count = len(robot.joint_names)
+    for joint in robot.joint_names:
+        static, moving = (
+            robot.nominal.get(per_joint(f"{kind}_friction", joint, count)) for kind in ("static", "coulomb")
+        )
+        if static is not None and moving is not None and static < moving:
+            yield Question(
+                f"joint {joint!r} sticks less than it slides.",
+                f"expected static_friction >= coulomb_friction, got {static:g} and {moving:g}",
+                "exchange them, or static_friction as measured at standstill",
+            )

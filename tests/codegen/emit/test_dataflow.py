@@ -1,0 +1,42 @@
+"""What is decided before any text is written: which divisions are made, and which products are fused."""
+
+import casadi
+import numpy as np
+import pytest
+
+from flexhinf.codegen.emit.dataflow import read_dataflow
+from flexhinf.codegen.emit.opcodes import OPCODES
+
+X, Y, Z = casadi.SX.sym("x"), casadi.SX.sym("y"), casadi.SX.sym("z")
+
+
+def divisions(*results):
+    flow = read_dataflow(casadi.Function("f", [X, Y, Z], list(results), {"cse": True}), OPCODES, fused=True)
+    return sum(o is not None and o.code in (casadi.OP_DIV, casadi.OP_INV) for o in flow.operations)
+
+
+@pytest.mark.parametrize(
+    ("results", "expected"),
+    [
+        ((X / Z, Y / Z, (X + Y) / Z), 1),
+        ((X / casadi.sqrt(Z), Y / casadi.sqrt(Z)), 1),
+        ((X / casadi.if_else(Y > 0, casadi.sqrt(Z), 0), 3 / casadi.if_else(Y > 0, casadi.sqrt(Z), 0)), 1),
+        ((X / Z, X / Y), 2),  # one quotient each: rounded once
+        ((X / (Y * Z), 2 / (Y * Z)), 2),  # a product may be too small to have a reciprocal
+    ],
+)
+def test_quotients_by_one_argument_or_root_share_a_division(results, expected):
+    assert divisions(*results) == expected
+
+
+def test_shared_divisions_follow_casadi(pointwise):
+    """Within the roundings of a reciprocal and a product; zero, infinities and NaN as a division has them."""
+    function = casadi.Function("f", [X, Z], [X / Z - 3 / Z])
+    z = [0.0, 0.7, -3e-30, 1e30, np.inf, np.nan]
+    x, z = np.meshgrid([0.0, -0.0, 1.0, 3.7, -1e-200, 1e200, np.inf, np.nan], z)
+    got = pointwise(function, x.ravel(), z.ravel())
+    expected = np.array(function.map(x.size)(x.reshape(1, -1), z.reshape(1, -1))).ravel()
+    both = np.isfinite(expected)
+    assert np.array_equal(both, np.isfinite(got))
+    scale = (np.abs(x.ravel()) + 3.0)[both] / np.abs(z.ravel()[both])
+    assert (np.abs(got[both] - expected[both]) <= 4e-16 * scale).all()
