@@ -134,11 +134,19 @@ class NoiseCandidate:
 
     @property
     def score(self) -> float:
-        """What is minimised: decades of noise, and mainly what is missed."""
-        missed = sum(
-            excess * (NOISE_COUNTS if limit == "noise" else 1.0) for limit, excess in self.avoidable.items()
+        """What is minimised: decades of noise, and mainly what is missed of what can be kept."""
+        return self._cost(self.avoidable)
+
+    @property
+    def whole_score(self) -> float:
+        """The same with all that is missed: of different laws, for which different limits are out of reach."""
+        return self._cost(self.missed)
+
+    def _cost(self, missed: Mapping[str, float]) -> float:
+        counted = sum(
+            excess * (NOISE_COUNTS if limit == "noise" else 1.0) for limit, excess in missed.items()
         )
-        return MISSED_WEIGHT * missed + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
+        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
     @property
     def feasible(self) -> bool:
@@ -333,7 +341,9 @@ class _Search:
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
-            (self.damping or 0.0) / max(damping, NOTHING),
+            (1.0 + 0.9 * TOLERANCE)
+            * (self.damping or 0.0)
+            / max(damping, NOTHING),  # aimed at without allowance
             *others,
         )
         return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.9 * TOLERANCE}

@@ -30,6 +30,9 @@ FITS, TURNS, HALVINGS = 0.01, 30, 6
 #: the powers of the ratio of the required to the found damping that are tried.
 ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
 
+#: Factors on the ζ of another behaviour that are tried one after the other.
+PROPORTIONS = (1.0, 1.1, 1.25, 1.5, 2.0)
+
 #: A target frequency is multiplied by this power of the ratio: with 1, coupled joints would swing about the fit.
 CAUTION = 0.6
 
@@ -97,7 +100,12 @@ Synthesis = Callable[[np.ndarray, np.ndarray], LinearDesign]
 
 
 def search(
-    target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, held: float, each: bool = True
+    target: TargetBehaviour,
+    family: LinearFamily,
+    synthesis: Synthesis,
+    held: float,
+    each: bool = True,
+    near: Candidate | None = None,
 ) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
@@ -111,6 +119,8 @@ def search(
         Lowest vibration with held motors, rad/s.
     each : bool
         Whether the ζ of single joints are lowered at the end.
+    near : Candidate, optional
+        For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
 
     Raises
     ------
@@ -118,7 +128,9 @@ def search(
         If it cannot be met: which limit binds, and the best that was found.
     """
     inside = _Inside(family, synthesis, held)
-    chosen = _damped(target, inside)
+    chosen = None if near is None else _from(near, target, inside)
+    if chosen is None:
+        chosen = _damped(target, inside)
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
         chosen = _each(target, inside, chosen)
     return SearchResult(chosen, tuple(inside.candidates))
@@ -130,13 +142,15 @@ class _Inside:
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
         self.candidates: list[Candidate] = []
+        self.start: np.ndarray | None = None
         # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
         self.reached = 0.0
 
     def fit(self, bandwidth: np.ndarray, damping_weight: float | np.ndarray) -> Candidate | None:
         """The candidate, or None if no target frequencies give the bandwidth."""
         weights = np.broadcast_to(np.asarray(damping_weight, dtype=float), len(bandwidth))
-        target_frequency = np.minimum(1.5 * bandwidth, FASTEST * self.held)
+        start = 1.5 * bandwidth if self.start is None else self.start
+        target_frequency = np.minimum(start, FASTEST * self.held)
         if self.candidates:
             target_frequency = self.candidates[-1].target_frequency
         for _ in range(TURNS):
@@ -158,6 +172,17 @@ class _Inside:
             return None
         self.candidates.append(Candidate(target_frequency, weights, design, found))
         return self.candidates[-1]
+
+
+def _from(near: Candidate, target: TargetBehaviour, inside: _Inside) -> Candidate | None:
+    """The ω and ζ of another behaviour, in proportion; None where they do not damp every oscillation as required."""
+    inside.start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
+    weights = near.damping_weights * target.damping / near.behaviour.damping
+    for more in PROPORTIONS:
+        tried = inside.fit(target.bandwidth, more * weights)
+        if tried is not None and tried.behaviour.damping >= target.damping:
+            return tried
+    return None
 
 
 def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:

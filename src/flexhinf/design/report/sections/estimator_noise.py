@@ -11,6 +11,7 @@ from flexhinf.design.report.formatting import range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import required_damping
 from flexhinf.design.weights.estimator_noise import MOST_NOISE, NoiseCandidate, NoiseSearch
+from flexhinf.design.weights.scales import JointScales
 from flexhinf.report import INK, Column, Figure, Paragraph, Table, house_style, label, number
 
 __all__ = ["blocks", "is_used", "selected"]
@@ -27,6 +28,8 @@ def blocks(design: Design) -> list[Any]:
         return [Paragraph(_levels_text(design))]
     found: list[Any] = [Paragraph(f"{_levels_text(design)} {_outcome(design.noise_search)}"), _figure(design)]
     found.append(_candidates(design))
+    if (why := _hardly_seen(design)) is not None:
+        found.append(Paragraph(why))
     return [*found, _by_joint(design)] if len(design.robot.joint_names) > 1 else found
 
 
@@ -75,6 +78,26 @@ def _outcome(search: NoiseSearch) -> str:
     )
 
 
+def _hardly_seen(design: Design) -> str | None:
+    """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
+    search, setup = design.noise_search, design.setup
+    assert search is not None
+    sensors = [name for name in setup.model.outputs if not name.startswith("motor")]
+    if sensors or "damping" not in search.chosen.missed:
+        return None
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
+    part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
+    worst = int(np.argmin(part))
+    held = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
+    return (
+        "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
+        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and where the link swings on its spring while the motor "
+        f"stands still ({held:.3g} Hz there) they show nothing of what the motor does. Near that zero the error of any "
+        "estimator stays undamped unless the link is taken to be strongly disturbed, which amplifies the noise of the "
+        "sensors. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
+    )
+
+
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
     """Whether it is the candidate whose levels the design has."""
     return candidate.levels is search.chosen.levels
@@ -109,8 +132,11 @@ def _figure(design: Design) -> Figure:
                     search.chosen.noises[joint], used, "s", markersize=7.0, mfc="none", mec=style["color"]
                 )
             axis.set_ylim(bottom=0.0)
-        if design.design_problem.target is not None:
-            left.axhline(required_damping(design.specification), color=INK, linewidth=1.0, dashes=(6.0, 3.0))
+        target = design.design_problem.target
+        if target is not None:
+            left.axhline(
+                required_damping(design.specification, target), color=INK, linewidth=1.0, dashes=(6.0, 3.0)
+            )
         if len(design.robot.joint_names) > 1:
             figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=7, frameon=False)
     for axis in (left, right):
