@@ -54,7 +54,7 @@ __all__ = ["COMPLIANCE", "LIMITS", "MOST_NOISE", "NoiseCandidate", "NoiseSearch"
 
 #: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
 #: least so much of the joint's own.
-SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0)
+SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
 RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
 
 #: Levels of the side that is not measured over those of the other, tried in both families.
@@ -65,7 +65,7 @@ FRACTIONS = (1.0, 0.1, 0.01)
 SLOWEST = 10.0
 
 #: Range of ρ/ω_v² of a single level.
-LEAST, MOST = 1e-4, 100.0
+LEAST, MOST = 1e-4, 1e4
 
 #: Single levels are moved by so many decades first, and until the steps are smaller than the second; most turns.
 FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
