@@ -83,8 +83,8 @@ def test_a_limit_that_no_levels_reach_is_left_out(
     assert (list(chosen.missed), chosen.unstable) == (["damping"], 0)
     assert not chosen.avoidable
     loudest = found.trade_off[-1]
-    assert loudest.damping < 1.3 * chosen.damping
-    assert loudest.input_noise > 2.5 * chosen.input_noise  # which would have been paid for in vain
+    assert loudest.damping < 1.5 * chosen.damping
+    assert loudest.input_noise > 5.0 * chosen.input_noise  # which would have been paid for in vain
 
 
 def test_the_default_levels_stay_where_they_keep_what_can_be_kept(

@@ -60,6 +60,10 @@ RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
 #: Levels of the side that is not measured over those of the other, tried in both families.
 FRACTIONS = (1.0, 0.1, 0.01)
 
+#: The same for up to so many joints, whose candidates cost a few milliseconds; and how many of them single levels are
+#: moved from.
+FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
+
 #: Smallest level on a motor's velocity, as a multiple of R^n per s². A slower estimator takes dry friction for a slow
 #: motion.
 SLOWEST = 10.0
@@ -92,6 +96,9 @@ NOISE_COUNTS = 0.25
 #: A limit out of reach counts as far as the best of the families times e to the first power; a damping that is missed
 #: by more than e to the second only as far as `RINGS`.
 SHORT_OF_BEST, FAR = 0.05, 0.2
+
+#: What the families miss by less than e to this power may be reached by single levels.
+NEAR = 0.1
 
 #: A gain margin, and the inverse of a figure, that stand for none.
 NOTHING = 1e-9
@@ -244,7 +251,12 @@ class _Search:
             chosen = self.with_corners(default)
             start = self.place(default.levels)
         else:
-            chosen, start = self.descend(min(begun, key=lambda one: self.counted(one[0]).score)[1])
+            begun.sort(key=lambda one: self.counted(one[0]).score)
+            several = STARTS if len(self.unit) <= FEW else 1
+            chosen, start = min(
+                (self.descend(x) for _, x in begun[:several]),
+                key=lambda one: (one[0].unstable or 0, one[0].score),
+            )
         for factor in SCALED:
             self.at(start + np.log10(factor))
         return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
@@ -255,7 +267,7 @@ class _Search:
             least = max(
                 min(one.missed.get(limit, 0.0) for one in self.tried), self.unavoidable.get(limit, 0.0)
             )
-            if least > 0.0:
+            if least > NEAR:
                 far = limit == "damping" and least > FAR
                 ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
                 self.unavoidable[limit] = max(least + SHORT_OF_BEST, ringing)
@@ -303,7 +315,7 @@ class _Search:
         # The side that is not measured disturbs the other less than its own torque would.
         less = np.minimum(1.0, seen / (link + motor - seen))
         for speed in every:
-            for fraction in FRACTIONS:
+            for fraction in MORE_FRACTIONS if len(link) <= FEW else FRACTIONS:
                 here, there = np.log10(speed / share), np.log10(speed / share * less * np.sqrt(fraction))
                 yield np.concatenate([here, there] if seen is link else [there, here])
 
