@@ -152,13 +152,10 @@ def gain_margins_of(loops: np.ndarray) -> np.ndarray:
 
 
 def _gain_margin(loop: np.ndarray) -> float:
-    before, after = loop[:-1], loop[1:]
-    crosses = (
-        (before.imag * after.imag <= 0.0) & (before.real + after.real < 0.0) & (before.imag != after.imag)
-    )
-    before, after = before[crosses], after[crosses]
-    weight = before.imag / (before.imag - after.imag)
-    at = np.abs(before.real + weight * (after.real - before.real))
+    real, imaginary = np.real(loop), np.imag(loop)
+    left, right = imaginary[:-1], imaginary[1:]
+    k = np.flatnonzero((left * right <= 0.0) & (real[:-1] + real[1:] < 0.0) & (left != right))
+    at = np.abs(real[k] + left[k] / (left[k] - right[k]) * (real[k + 1] - real[k]))
     at = at[at > 0.0]
     found = float(np.maximum(at, 1.0 / at).min(initial=np.inf))
     return found if found <= LARGEST_FACTOR else np.inf

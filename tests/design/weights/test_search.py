@@ -26,7 +26,7 @@ class Case:
         self.family = LinearFamily.of(robot, goal)
         self.scales = JointScales.of(robot.plant(), robot.operating_point(goal))
 
-    def synthesis(self, pace: np.ndarray, damping: float) -> LinearDesign:
+    def synthesis(self, pace: np.ndarray, damping: float | np.ndarray) -> LinearDesign:
         game = LinearProblem.of(self.family, self.scales.rows(pace, damping), True)
         star = game.gamma_star()
         return game.design(1.5 * star, star)

@@ -292,8 +292,8 @@ class _Search:
         n, s = len(self.unit), self.setup.specification
         links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
         motors = np.maximum(motors, SLOWEST * s.measurement_noise)
-        both = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
-        return EstimatorNoise(0.0, *both, "searched on the running loop")
+        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
+        return EstimatorNoise(0.0, link, motor, "searched on the running loop")
 
     def place(self, levels: EstimatorNoise) -> np.ndarray:
         """x (2 joints,) of levels on the velocities."""
