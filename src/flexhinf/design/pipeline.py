@@ -24,7 +24,6 @@ from flexhinf.design.requirements import (
     limit_requirements,
     margin_requirements,
     sample_requirements,
-    status_of,
     step_requirements,
 )
 from flexhinf.design.responses import Response
@@ -41,6 +40,7 @@ from flexhinf.design.scenario import (
     sample_robots,
 )
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
 from flexhinf.design.weights.choose import preset_of, required_damping

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from flexhinf.design.fields import About, info_of
 from flexhinf.design.units import (
     AboveOne,
     Allowed,
@@ -44,8 +45,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "About",
-    "Specification",
+    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "Specification",
     "SpecificationError", "json_schema",
 ]  # fmt: skip
 
@@ -87,35 +87,6 @@ NO_LIMIT = "no limit"
 
 BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
 SYNTHESIS, LOOP, REPORT = "Synthesis", "Sensors, estimator and true plant", "Report"
-
-
-@dataclasses.dataclass(frozen=True)
-class About:
-    """What people read about a field.
-
-    Attributes
-    ----------
-    group : str
-        Heading of its option in the help.
-    help : str
-    example : str
-        As on the command line; the same text is understood in Python and in a design file.
-    unit : str
-    options : tuple of str
-        Names of its option; by default the field's name with hyphens.
-    zero : str
-        What 0 stands for at the command line, where it is not a number of the range.
-    default : str
-        What is chosen where the default is None.
-    """
-
-    group: str
-    help: str
-    example: str
-    unit: str = ""
-    options: tuple[str, ...] = ()
-    zero: str = ""
-    default: str = ""
 
 
 class SpecificationError(InvalidInput):
@@ -296,44 +267,8 @@ class Specification:
         return self.angle_unit == "deg"
 
 
-@dataclasses.dataclass(frozen=True)
-class FieldInfo:
-    """One field, as the command line, the design file and the docs see it.
-
-    Attributes
-    ----------
-    name : str
-    about : About
-    allowed : str
-        Its range in words.
-    default : object
-    options : tuple of str
-        Names of its option; for a flag one text with both.
-    """
-
-    name: str
-    about: About
-    allowed: str
-    default: Any
-    options: tuple[str, ...]
-
-
-def _field(field: dataclasses.Field, annotation: Any) -> FieldInfo:
-    about = next(part for part in annotation.__metadata__ if isinstance(part, About))
-    options = about.options or (f"--{field.name.replace('_', '-')}",)
-    return FieldInfo(field.name, about, _allowed(annotation), field.default, options)
-
-
-def _allowed(annotation: Any) -> str:
-    """The first range in words that stands in a type."""
-    for part in getattr(annotation, "__metadata__", ()):
-        if isinstance(part, Allowed):
-            return part.words
-    return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
-
-
 _HINTS = get_type_hints(Specification, include_extras=True)
-FIELDS = {field.name: _field(field, _HINTS[field.name]) for field in dataclasses.fields(Specification)}
+FIELDS = {field.name: info_of(field, _HINTS[field.name]) for field in dataclasses.fields(Specification)}
 
 
 # Errors ---------------------------------------------------------------------------------------------

@@ -32,8 +32,8 @@ from flexhinf.design.report.sections import (
 from flexhinf.design.report.sections import law as law_section
 from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.requirements import Status as Judged
 from flexhinf.design.result import Design
+from flexhinf.design.status import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]

@@ -12,8 +12,8 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, joint_lines
 from flexhinf.design.report.formatting import Units, range_text, units_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
-from flexhinf.design.requirements import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.design.result import Design
+from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
 __all__ = ["blocks", "estimation_figure", "margin_rows", "remarks"]
