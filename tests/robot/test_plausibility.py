@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 
@@ -112,7 +113,7 @@ def test_a_joint_that_no_loop_of_this_period_can_follow_is_refused_before_any_wo
 
 def test_a_delay_longer_than_the_lowest_vibration_is_asked_for_its_unit() -> None:
     robot = fh.load_robot("paper")
-    longest = 2.0 * np.pi * np.sqrt(1.0 / 100.0)  # M and K of Table 1
+    longest = 2.0 * math.pi * math.sqrt(1.0 / 100.0)  # M and K of Table 1
     check_delay(robot, 0.999 * longest)
     with pytest.raises(InvalidInput, match=f"{longest:.3g} s, a period of the lowest vibration"):
         check_delay(robot, 1.001 * longest)
