@@ -23,7 +23,7 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
-from flexhinf.robot.plausibility import check_fast
+from flexhinf.robot.plausibility import check_delay, check_fast
 
 __all__ = ["Synthesis", "synthesise"]
 
@@ -100,6 +100,7 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     goal = robot.operating_point(s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
     check_fast(robot, s.period)
+    check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
     problem, noise = _robust_problem(robot, goal, start, s, progress)
     levels = None if noise is None else noise.chosen.levels
