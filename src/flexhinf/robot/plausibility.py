@@ -21,7 +21,7 @@ from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.single_link import Pendulum
 
-__all__ = ["check_angles", "check_fast", "check_plausible"]
+__all__ = ["check_angles", "check_delay", "check_fast", "check_plausible"]
 
 DEGREES = 180.0 / np.pi
 
@@ -141,6 +141,31 @@ def check_fast(robot: Robot, period: float) -> None:
         f"rigid = true instead of [joint.spring]; stiffness = {softer:.2g}, which is nearly rigid for this loop; or "
         f"--period {FASTEST / frequency:.1g}",
     )
+
+
+def check_delay(robot: Robot, delay: float) -> None:
+    """Refuse a delay of the inputs longer than a period of the lowest vibration: no loop damps what it answers so late.
+
+    Parameters
+    ----------
+    robot : Robot
+    delay : float
+        s.
+
+    Raises
+    ------
+    InvalidInput
+        With the period, of the links against held motors at home, and the unit that was probably meant.
+    """
+    p = Parameters(robot.plant_parameters())
+    squares = np.linalg.eigvals(np.linalg.solve(_mass_matrix(robot, p), np.diag(np.atleast_1d(p.stiffness))))
+    longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
+    if delay > longest:
+        raise InvalidInput(
+            "The delay of the inputs is out of proportion to the robot.",
+            f"expected at most {longest:.3g} s, a period of the lowest vibration with held motors, got {delay:g} s",
+            f"--delay {delay:g}ms, if milliseconds were meant",
+        )
 
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:

@@ -96,15 +96,15 @@ class JointScales:
         )
         return np.sqrt(k * (1.0 / links + 1.0 / motors))
 
-    def weights(self, target_frequency: np.ndarray, damping: float) -> dict[str, np.ndarray]:
+    def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
 
         Parameters
         ----------
         target_frequency : (n,)
             ω of each joint, rad/s.
-        damping : float
-            ζ; 0 leaves the rates of the springs' torques free.
+        damping : float or (n,)
+            ζ, of all joints or of each; 0 leaves the rates of the springs' torques free.
         """
         total = self.link_inertia + self.motor_inertia
         position = target_frequency * np.hypot(total * target_frequency, self.damping) / self.per_input
@@ -112,7 +112,8 @@ class JointScales:
         elastic, both = self.layout.elastic, np.ones(len(velocity))
         both[list(self.layout.rigid)] = np.sqrt(2.0)
         motors, per_input = self.motor_inertia[elastic], self.per_input[elastic]
-        twist_rate = 2.0 * damping * self.vibration * motors / per_input
+        ratio = np.broadcast_to(damping, len(velocity))[elastic]
+        twist_rate = 2.0 * ratio * self.vibration * motors / per_input
         return {
             "link_position": position,
             "link_velocity": both * velocity,
@@ -121,7 +122,7 @@ class JointScales:
             "link_position_integral": INTEGRAL_WEIGHT * position * target_frequency,
         }
 
-    def rows(self, target_frequency: np.ndarray, damping: float) -> np.ndarray:
+    def rows(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> np.ndarray:
         """h(x) = C x of the same weights, for (q1, q̇1, q2, q̇2, ∫); without rows of zeros."""
         n, e, w = self.layout.n, len(self.layout.elastic), self.weights(target_frequency, damping)
         ends = np.cumsum([0, n, n, e, e, n])
@@ -135,7 +136,7 @@ class JointScales:
         rows[own[2], n + np.array(self.layout.elastic)], rows[own[2], own[3]] = -rate, rate
         return rows[np.any(rows != 0.0, axis=1)]
 
-    def penalty(self, target_frequency: np.ndarray, damping: float) -> Penalty:
+    def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
         """The same as a penalty of the robot with R2 = 1."""
         named = {
             name: weight.tolist() if len(weight) > 1 else float(weight[0])
