@@ -11,6 +11,7 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot import MuJoCoPlant, Robot, load_robot
+from flexhinf.robot.plausibility import check_delay, check_fast
 
 
 def mixed(name: str, *rigid: str) -> Robot:
@@ -135,6 +136,14 @@ def test_feedforward_is_the_inverse_of_the_flow(case):
     np.testing.assert_allclose(rates[n : 2 * n], motion[2], rtol=1e-8, atol=1e-8)
     with pytest.raises(InvalidInput, match="rigid joints"):
         robot.flat_coordinates(x, None)
+
+
+def test_checks_before_a_design_count_springs_only():
+    robot = mixed("planar-two-link", "shoulder")
+    check_fast(robot, 1e-3)
+    check_delay(robot, 5e-3)
+    with pytest.raises(InvalidInput, match="out of proportion"):
+        check_delay(robot, 5.0)
 
 
 def test_what_a_rigid_joint_cannot_have_is_refused():

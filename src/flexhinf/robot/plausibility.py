@@ -158,7 +158,8 @@ def check_delay(robot: Robot, delay: float) -> None:
         With the period, of the links against held motors at home, and the unit that was probably meant.
     """
     p = Parameters(robot.plant_parameters())
-    squares = np.linalg.eigvals(np.linalg.solve(_mass_matrix(robot, p), np.diag(np.atleast_1d(p.stiffness))))
+    held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]
+    squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
     longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
     if delay > longest:
         raise InvalidInput(

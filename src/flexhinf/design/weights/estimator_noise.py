@@ -308,7 +308,7 @@ class _Search:
         slowest, vibration = self.scales.vibration.min(), self.scales.vibration
         every = [np.full(len(vibration), speed) for speed in SPEEDS]
         every += [np.maximum((rate * slowest / vibration) ** 2, floor) for rate in RATES for floor in FLOORS]
-        link, motor = self.scales.link_inertia, self.scales.motor_inertia
+        link, motor = self.scales.sides
         measured = " ".join(self.setup.model.outputs)
         seen = link if "link" not in measured and "joint_torque" not in measured else motor
         share = np.ones(len(link)) if "joint_torque" in measured else seen / (link + motor)

@@ -90,11 +90,18 @@ class JointScales:
 
     @property
     def vibration(self) -> np.ndarray:
-        """ω_v of the elastic joints (e,), rad/s."""
-        k, links, motors = (
-            v[self.layout.elastic] for v in (self.stiffness, self.link_inertia, self.motor_inertia)
-        )
-        return np.sqrt(k * (1.0 / links + 1.0 / motors))
+        """ω_v (n,), rad/s; of a rigid joint, which does not vibrate, the slowest of the others."""
+        elastic, found = self.layout.elastic, np.zeros(self.layout.n)
+        links, motors = self.link_inertia[elastic], self.motor_inertia[elastic]
+        found[elastic] = np.sqrt(self.stiffness[elastic] * (1.0 / links + 1.0 / motors))
+        return np.where(found > 0.0, found, found[elastic].min())
+
+    @property
+    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inertia before and behind each spring (n,); of a rigid joint half of its own each."""
+        both = self.link_inertia, self.motor_inertia
+        rigid = self.motor_inertia == 0.0
+        return tuple(np.where(rigid, 0.5 * (both[0] + both[1]), side) for side in both)  # type: ignore[return-value]
 
     def weights(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> dict[str, np.ndarray]:
         """Weight by name, (n,), or (e,) of what elastic joints have.
@@ -113,7 +120,7 @@ class JointScales:
         both[list(self.layout.rigid)] = np.sqrt(2.0)
         motors, per_input = self.motor_inertia[elastic], self.per_input[elastic]
         ratio = np.broadcast_to(damping, len(velocity))[elastic]
-        twist_rate = 2.0 * ratio * self.vibration * motors / per_input
+        twist_rate = 2.0 * ratio * self.vibration[elastic] * motors / per_input
         return {
             "link_position": position,
             "link_velocity": both * velocity,
