@@ -148,21 +148,30 @@ class DiscreteSystem(SampledSystem):
         return np.asarray(t), np.asarray(q)
 
     def rms(self) -> np.ndarray:
-        """RMS of each output for white noise of unit variance on one input at a time, (p, m).
+        """RMS of each output for white noise of unit variance on one input at a time, (p, m); see `spread`."""
+        return np.sqrt(self._variances(self.b.T[:, :, None] * self.b.T[:, None, :]).T + self.d**2)
 
-        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ for each column b, summed by doubling
-        [smith1968]: S ← S + P S Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large
-        ones, as they are in a solution of the Lyapunov equation as a whole. What grows is infinite.
+    def spread(self, deviations: np.ndarray) -> np.ndarray:
+        """RMS of each output (p,) for independent white noises of these standard deviations (m,) on all inputs at once.
+
+        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]:
+        S ← S + P S Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are
+        in a solution of the Lyapunov equation as a whole. What grows is infinite.
         """
-        power, spreads = self.a, self.b.T[:, :, None] * self.b.T[:, None, :]
+        b, d = self.b * deviations, self.d * deviations
+        return np.sqrt(self._variances(b @ b.T) + (d**2).sum(axis=1))
+
+    def _variances(self, spreads: np.ndarray) -> np.ndarray:
+        """Of the outputs, (…, p), where every sample adds `spreads` (…, n, n) to the covariance of the state."""
+        power = self.a
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(DOUBLINGS):
                 spreads = spreads + power @ spreads @ power.T
                 power = power @ power
                 if np.abs(power).max(initial=0.0) < FORGOTTEN:
                     break
-            variances = np.einsum("ij,mjk,ik->im", self.c, spreads, self.c) + self.d**2
-        return np.sqrt(np.where(np.isnan(variances), np.inf, np.maximum(variances, 0.0)))
+            variances = np.einsum("ij,...jk,ik->...i", self.c, spreads, self.c)
+        return np.where(np.isnan(variances), np.inf, np.maximum(variances, 0.0))
 
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.

@@ -214,7 +214,7 @@ def _requirements(
     s, target = evaluation.setup.specification, synthesis.design_problem.target
     lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
-        damping, joints = required_damping(s), evaluation.setup.joints
+        damping, joints = required_damping(s, target), evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits

@@ -45,8 +45,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "Specification", "SpecificationError",
-    "json_schema",
+    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "Specification",
+    "SpecificationError", "json_schema",
 ]  # fmt: skip
 
 Preset = Literal["paper", "damped", "robust"]
@@ -60,6 +60,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
+RINGS = 0.1
 
 #: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
 TOLERANCE = 0.02
@@ -136,10 +139,10 @@ class Specification:
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
         "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
         "judged on the running loop of the nominal robot.", "4", "rad/s",
-        default="0.3 of the lowest vibration with held motors")] = None
+        default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")] = None
     damping: Annotated[Ratio | None, About(BEHAVIOUR,
         "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
-        default="0.2 where weights are searched")] = None
+        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")] = None
     peak_effort: Annotated[PerJoint | None, About(BEHAVIOUR,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
         "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")] = None

@@ -147,12 +147,12 @@ def fed_text(e: LawEvaluation) -> str:
 
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
-    """Torques of the nominal springs along a run (N, n), N·m or N."""
-    n = len(e.setup.goal)
-    parameters = e.setup.model.parameters
-    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness)
-    state = response.run.signals["state"]
-    return stiffness * (state[:, 2 * n : 3 * n] - state[:, :n])
+    """Torques of the nominal springs along a run (N, n), N·m or N; none of a rigid joint: zero."""
+    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
+    stiffness = np.zeros(layout.n)
+    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
+    q, _, theta, _ = np.split(layout.whole(response.run.signals["state"].T), 4)
+    return stiffness * (theta - q).T
 
 
 def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str]:
