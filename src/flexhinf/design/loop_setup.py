@@ -61,6 +61,9 @@ class LoopSetup:
         R^v; by default what the specification states.
     linear_model : bool
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
+    quiet : bool
+        Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
+        motors, have it in any case.
     """
 
     robot: Robot
@@ -71,6 +74,7 @@ class LoopSetup:
     law_at_goal: Law | None = None
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
+    quiet: bool = False
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -339,6 +343,8 @@ class LoopSetup:
         if values is not None:
             plant = self._plant_with(values)
         begin, given = self._begun(at, duration, values, seed)
+        if self.quiet:
+            given["noise"] = None
         return run_response(
             self.loop(controller, plant, sub_steps), self.goal, begin, self.joints, **given, **options
         )

@@ -231,7 +231,7 @@ class Comparison(Summarised):
     criterion : Criterion
         What every law is tuned for, and the limits that it keeps.
     rows : tuple of ComparedLaw
-        The design's own law first.
+        The design as it is first, then nonlinear H∞ tuned as the others are.
     scenario : Scenario
     writer : callable
         (comparison, folder) → folder: writes the report.
@@ -253,8 +253,13 @@ class Comparison(Summarised):
 
     @property
     def own(self) -> ComparedLaw:
-        """The design's own law."""
+        """The design as it is, by whose figures the criterion divides."""
         return self.rows[0]
+
+    @property
+    def tuned_design(self) -> ComparedLaw:
+        """Nonlinear H∞ tuned for the criterion; the design as it is where there is no such law."""
+        return next((row for row in self.rows[1:2] if row.evaluation is not None), self.own)
 
     @property
     def compared(self) -> tuple[ComparedLaw, ...]:

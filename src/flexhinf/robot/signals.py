@@ -14,6 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.extras import spring_torque
+from flexhinf.untrusted import checked_names
 
 __all__ = ["MECHANICAL", "SENSORS", "Sensors", "expanded", "groups_of", "signal_names", "units_of"]
 
@@ -69,7 +70,7 @@ def expanded(names: str | Sequence[str], quantities: Sequence[str], joints: Sequ
     InvalidInput
         For no name, an unknown one, or the same signal twice.
     """
-    requested = (names,) if isinstance(names, str) else tuple(names)
+    requested = checked_names("The sensors", names)
     single = {name: (name,) for quantity in quantities for name in signal_names(quantity, joints)}
     known = {**single, **{quantity: signal_names(quantity, joints) for quantity in quantities}}
     unknown = [name for name in requested if name not in known]

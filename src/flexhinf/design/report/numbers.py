@@ -12,6 +12,7 @@ from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.modes import Mode
+from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
 from flexhinf.design.report.formatting import finite
 from flexhinf.design.report.page import notes, verdict
 from flexhinf.design.report.sections.corners import corner_rows
@@ -21,7 +22,6 @@ from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
 
 __all__ = ["comparison_numbers", "design_numbers"]
 
@@ -76,7 +76,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     found = {
-        "version": 2,
+        "version": 3,
         "robot": comparison.robot.name,
         "joints": list(comparison.robot.joint_names),
         "unit": comparison.units()["input"],

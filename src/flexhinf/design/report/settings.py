@@ -193,6 +193,7 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
             for limit in criterion.limits
         ),
         Setting("shared limit", criterion.mode, "", "option --tune"),
+        Setting("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         Setting("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
         Setting(
             "load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s long, in equilibrium at the goal"
@@ -203,8 +204,18 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
 
 
 def files_section(files: Sequence[str]) -> Section:
-    """One row for each file."""
-    rows = [(f"`{name}`", _meaning(name)) for name in sorted(files)]
+    """One row for each file; those of one folder that mean the same share a row."""
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for name in sorted(files):
+        folder, _, file = name.rpartition("/")
+        grouped.setdefault((folder, _meaning(name)), []).append(file)
+    rows = [
+        (
+            ", ".join(f"`{f'{folder}/' if folder and k == 0 else ''}{file}`" for k, file in enumerate(names)),
+            meaning,
+        )
+        for (folder, meaning), names in grouped.items()
+    ]
     return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")
 
 

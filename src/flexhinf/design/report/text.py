@@ -276,12 +276,12 @@ def _table(title: str, *columns: str) -> Table:
 # Comparison ----------------------------------------------------------------------------------------------
 def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Table]:
     """Tables of at most `width` columns, as many laws as fit, the design's own in each; * marks the best."""
-    first, found = comparison.own, []
+    first, found = comparison.tuned_design, []
     names = max(len(_label(line)) for line in table_lines(comparison, (first,), short=True))
     left = width - names - GAP - _width(comparison, first)
     part: list[ComparedLaw] = [first]
     room = left
-    for row in comparison.compared[1:]:
+    for row in (row for row in comparison.compared if row is not first):
         needed = _width(comparison, row)
         if needed > room and len(part) > 1:
             found.append(_part(comparison, part, not found))

@@ -19,7 +19,7 @@ from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = [
     "by_name",
@@ -89,7 +89,7 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
     if values.shape not in _shapes(callable(signal), len(times), len(channels)):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
-            f"expected {len(channels)} values for {list(channels)} at each time, got {signal!r}",
+            f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
             f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
         )
     values = values.reshape(len(times), -1) if callable(signal) else values
@@ -166,7 +166,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
-            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {seed!r}", "seed=0"
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
         )
     if noise is None:
         return np.zeros((samples, len(channels)))
@@ -176,7 +176,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     ):
         raise InvalidInput(
             "The measurement noise does not fit the measurements.",
-            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {noise!r}",
+            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
             "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
     return deviation * standard_normal(int(seed), samples, len(channels), sample)

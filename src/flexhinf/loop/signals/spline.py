@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order, checked_samples
+from flexhinf.untrusted import HUGE
 
 __all__ = ["Spline"]
 
@@ -41,6 +43,12 @@ class Spline:
     def __post_init__(self) -> None:
         for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
             object.__setattr__(self, name, array)
+        if np.abs(self.values).max() > HUGE:
+            raise InvalidInput(
+                "The values of a spline are out of all proportion.",
+                f"expected a magnitude of at most {HUGE:g}, got {np.abs(self.values).max():g}",
+                "values in SI units",
+            )
 
     @property
     def name(self) -> str:

@@ -24,6 +24,7 @@ from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sa
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, sub_steps
+from flexhinf.untrusted import value_text
 
 __all__ = ["Loop"]
 
@@ -71,7 +72,9 @@ class Loop(Summarised):
             isinstance(sub_steps, bool) or not isinstance(sub_steps, int) or sub_steps < 1
         ):
             raise InvalidInput(
-                "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
+                "The number of sub-steps is not usable.",
+                f"expected an integer >= 1, got {value_text(sub_steps)}",
+                "4",
             )
         self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, Plant):
