@@ -108,7 +108,8 @@ class LawEvaluation:
     @cached_property
     def move(self) -> Move:
         """The planned move with feedforward: the same reference for every law."""
-        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps)
+        runs = self._runs
+        return self.setup.move(runs.plan, sub_steps=runs.sub_steps, rest=runs.rest)
 
     @cached_property
     def load_response(self) -> LoadResponse:
@@ -130,7 +131,11 @@ class LawEvaluation:
     def move_sample_errors(self) -> np.ndarray | None:
         """Largest error (N,) along the move, on the same robots, rad or m."""
         runs = self._runs
-        return move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps) if runs.robots else None
+        return (
+            move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
+            if runs.robots
+            else None
+        )
 
     def _sampled(self, jump: bool) -> MonteCarlo | None:
         runs = self._runs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,10 +19,11 @@ from flexhinf.design.estimators import (
     sensor_steps,
 )
 from flexhinf.design.joint_limits import JointLimits, joint_limits
-from flexhinf.design.responses import LoadResponse, Move, Response, run_response
+from flexhinf.design.plans import step_command
+from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step, run_many
+from flexhinf.loop import Controller, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
@@ -232,6 +233,24 @@ class LoopSetup:
         """In error coordinates, its integrals at zero: for a jump of the command, and for a move."""
         return self.controller(self.start, moving=True)
 
+    @cached_property
+    def command(self) -> Plan | None:
+        """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
+        return (
+            step_command(self.robot, self.specification, self.start, self.goal)
+            if has_integrals(self.law)
+            else None
+        )
+
+    @property
+    def command_time(self) -> float:
+        """How long the command of the step takes, s; 0 for a jump."""
+        return 0.0 if self.command is None else self.command.duration
+
+    @property
+    def _commanded(self) -> dict[str, Any]:
+        return {} if self.command is None else {"reference": self.command}
+
     # Runs -----------------------------------------------------------------------------------------------
     def step(
         self,
@@ -241,7 +260,7 @@ class LoopSetup:
         plant: Any = None,
         sub_steps: int | None = None,
     ) -> Response:
-        """The step from start to goal as the controller is deployed, without a jump of the input.
+        """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
         Parameters
         ----------
@@ -256,7 +275,8 @@ class LoopSetup:
         sub_steps : int, optional
             Runge–Kutta steps per period of the true plant.
         """
-        return self._run(self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps)
+        controller, options = self.bumpless_controller, self._commanded
+        return self._run(controller, self.start, duration, values, seed, plant, sub_steps, **options)
 
     def jump(
         self,
@@ -287,17 +307,17 @@ class LoopSetup:
 
     def move(
         self,
-        plan: JerkLimited,
+        plan: Plan,
         values: Mapping[str, Any] | None = None,
         seed: int = 0,
         sub_steps: int | None = None,
+        rest: float | None = None,
     ) -> Move:
-        """A planned move with feedforward in error coordinates, and half its time more at the goal."""
-        options = self._moved(plan)
-        response = self._run(
-            self.tracking_controller, self.start, options.pop("duration"), values, seed, None, sub_steps, **options
-        )  # fmt: skip
-        return Move(plan, response)
+        """A planned move with feedforward in error coordinates, and `rest` seconds at its end (half its time)."""
+        controller, begin, options = self._moved(plan, rest)
+        duration = options.pop("duration")
+        response = self._run(controller, begin, duration, values, seed, None, sub_steps, **options)
+        return Move(plan, _between_ends(response, plan))
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
@@ -315,19 +335,30 @@ class LoopSetup:
             Of the true plants: the nominal one's, so that all runs share one kernel.
         jump : bool
         """
-        controller = self.tracking_controller if jump else self.bumpless_controller
-        return self._run_many(controller, robots, duration, sub_steps)
+        if jump:
+            return self._run_many(self.tracking_controller, self.start, robots, duration, sub_steps)
+        controller, options = self.bumpless_controller, self._commanded
+        return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
 
-    def moves(self, robots: Sequence[Mapping[str, Any]], plan: JerkLimited, sub_steps: int) -> Iterator[Move]:
+    def moves(
+        self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None
+    ) -> Iterator[Move]:
         """The planned move of each robot, parameters as for `steps`."""
-        options = self._moved(plan)
-        runs = self._run_many(self.tracking_controller, robots, options.pop("duration"), sub_steps, **options)
-        return (Move(plan, response) for response in runs)
+        controller, begin, options = self._moved(plan, rest)
+        runs = self._run_many(controller, begin, robots, options.pop("duration"), sub_steps, **options)
+        return (Move(plan, _between_ends(response, plan)) for response in runs)
 
-    def _moved(self, plan: JerkLimited) -> dict[str, Any]:
-        period = self.specification.period
-        duration = round(1.5 * plan.duration / period) * period
-        return {"duration": duration, "reference": Moving(plan, self.robot.inverse_dynamics)}
+    def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, dict[str, Any]]:
+        """Controller, pose (n,) at which it takes over, and arguments of a run along a plan."""
+        period, begin = self.specification.period, np.reshape(plan(0.0), -1)
+        near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
+        controller = self.tracking_controller if near else self.controller(begin, moving=True)
+        duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
+        options = {
+            "duration": round(duration / period) * period,
+            "reference": Moving(plan, self.robot.inverse_dynamics),
+        }
+        return controller, self.start if near else begin, options
 
     def _run(
         self,
@@ -352,13 +383,14 @@ class LoopSetup:
     def _run_many(
         self,
         controller: Controller,
+        at: np.ndarray,
         robots: Sequence[Mapping[str, Any]],
         duration: float,
         sub_steps: int,
         **options: Any,
     ) -> Iterator[Response]:
-        """From the start, each with a seed of its own."""
-        begun = [self._begun(self.start, duration, values, 1 + k) for k, values in enumerate(robots)]
+        """From a pose (n,), each with a seed of its own."""
+        begun = [self._begun(at, duration, values, 1 + k) for k, values in enumerate(robots)]
         runs = run_many(
             self.loop(controller, self._plant_with(values), sub_steps).prepared(**given, **options)
             for values, (_, given) in zip(robots, begun)
@@ -382,3 +414,8 @@ class LoopSetup:
             "seed": seed,
         }
         return x[: len(self.goal)], given
+
+
+def _between_ends(response: Response, plan: Plan) -> Response:
+    """The response to a move, its goal the end of the plan."""
+    return replace(response, goal=np.reshape(plan(plan.duration), -1))
