@@ -39,7 +39,7 @@ def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, 
 
 
 @pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
-def test_a_limit_of_speed_makes_the_command_slower(robot_of: Callable[[str], Any], shaping: str) -> None:
+def test_a_limit_of_speed_makes_the_command_slower(robot_of: Callable[[str], Any], shaping: Any) -> None:
     robot, start, goal = robot_of("planar-two-link"), np.array([0.0, 0.0]), np.array([0.8, -0.4])
     free, slow = (
         step_command(robot, Specification(shaping=shaping, peak_speed=speed), start, goal)

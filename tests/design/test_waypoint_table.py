@@ -16,7 +16,9 @@ from flexhinf.design.waypoint_table import WaypointError, WaypointTable, waypoin
 def read(folder: Path, text: str) -> WaypointTable:
     file = folder / "way.csv"
     file.write_text(text, encoding="utf-8")
-    return Specification(move=str(file)).move
+    found = Specification(move=str(file)).move
+    assert isinstance(found, WaypointTable)
+    return found
 
 
 def test_units_comments_and_any_order_of_columns(tmp_path: Path) -> None:

@@ -151,15 +151,21 @@ class DiscreteSystem(SampledSystem):
         of the unit circle (an estimator that hardly corrects has one) that is singular, and Σ that of a pole moved by
         rounding.
         """
+        columns = [
+            self.block(slice(None), slice(k, k + 1)).spread(np.ones(1)) for k in range(self.b.shape[1])
+        ]
+        return np.array(columns).T
+
+    def spread(self, deviations: np.ndarray) -> np.ndarray:
+        """RMS of each output (p,) for independent white noises of these standard deviations (m,) on all inputs at once:
+        one Lyapunov equation instead of one for each input, see `rms`."""
         from scipy.linalg import solve_discrete_lyapunov
 
-        columns = []
-        for b, d in zip(self.b.T, self.d.T):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # of the moved pole
-                spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
-            columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
-        return np.array(columns).T
+        b, d = self.b * deviations, self.d * deviations
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of a pole within rounding of the unit circle
+            spread = solve_discrete_lyapunov(self.a, b @ b.T, method="bilinear")
+        return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + (d**2).sum(axis=1))
 
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.

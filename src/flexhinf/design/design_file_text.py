@@ -194,8 +194,8 @@ def result_table(design: Design) -> dict[str, Any]:
         "robust": None if problem.robustness is None else dataclasses.asdict(problem.robustness),
         "estimator_noise": {
             "all_states": levels.all_states,
-            "link_velocities": levels.link_velocities,
-            "motor_velocities": levels.motor_velocities,
+            "link_velocities": np.asarray(levels.link_velocities),
+            "motor_velocities": np.asarray(levels.motor_velocities),
             "from": levels.source,
         },
         "margins": {

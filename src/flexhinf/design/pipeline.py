@@ -25,7 +25,6 @@ from flexhinf.design.requirements import (
     corner_requirement,
     margin_requirements,
     sample_requirements,
-    status_of,
     step_requirements,
 )
 from flexhinf.design.responses import Response
@@ -41,6 +40,7 @@ from flexhinf.design.scenario import (
     sample_robots,
 )
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
 from flexhinf.design.weights.choose import preset_of, required_damping
@@ -219,7 +219,7 @@ def _requirements(
     s, target = evaluation.setup.specification, synthesis.design_problem.target
     lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
-        damping, joints = required_damping(s), evaluation.setup.joints
+        damping, joints = required_damping(s, target), evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits

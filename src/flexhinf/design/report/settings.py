@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, noise_variances
+from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, Levels, noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.report.formatting import limit_text, units_of
@@ -131,8 +131,8 @@ def _estimator(e: LawEvaluation) -> list[Setting]:
         *rows,
         Setting("simulated noise", "white, of these variances", "", "ours"),
         Setting("Rᵛ on every state", noise.all_states, "per sample", noise.source),
-        Setting("Rᵛ on link velocities, added", noise.link_velocities, "per sample", noise.source),
-        Setting("Rᵛ on motor velocities, added", noise.motor_velocities, "per sample", noise.source),
+        Setting("Rᵛ on link velocities, added", _each(noise.link_velocities), "per sample", noise.source),
+        Setting("Rᵛ on motor velocities, added", _each(noise.motor_velocities), "per sample", noise.source),
         Setting("initial estimate", "the equilibrium at the start of the run", "", "ours"),
         Setting("P0", _initial(noise), "", "ours"),
         Setting("model", "the nominal robot without extras", "", "ours"),
@@ -142,6 +142,10 @@ def _estimator(e: LawEvaluation) -> list[Setting]:
             else []
         ),
     ]
+
+
+def _each(levels: Levels) -> Any:
+    return list(levels) if isinstance(levels, tuple) else levels
 
 
 def _initial(noise: EstimatorNoise) -> str:

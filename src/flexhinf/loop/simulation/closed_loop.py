@@ -230,18 +230,20 @@ class Loop(Summarised):
         times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
         samples, period, before = len(times), controller.period, controller.input_before(initial_input)
         x = starting_state(initial_state, plant.states, controller)
-        d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, plant.disturbances)
+        d = sample_disturbance(
+            by_name(disturbance, plant), period, samples, parts, plant.disturbances, code.sizes.capacity
+        )
         arrays = {
             "x": x, "u": before.copy(),
             "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
-            "disturbance": code.undisturbed(samples) if disturbance is None else code.roomy(d, samples, parts),
+            "disturbance": code.undisturbed(samples) if disturbance is None else d.ravel(),
             "held": before.copy(),
         }  # fmt: skip
         recorded = {
             "reference": signals["reference"],
-            "disturbance": d.reshape(samples, -1)[:, : code.sizes.d].copy(),
+            "disturbance": d[:, 0, 0].copy(),
         }
         return PreparedRun(
             code,

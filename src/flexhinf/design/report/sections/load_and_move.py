@@ -77,8 +77,9 @@ def _load_figure(e: LawEvaluation, units: Units) -> Figure:
 
 
 def _load_table(e: LawEvaluation, units: Units) -> Table:
-    parameters = e.setup.model.parameters
-    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness).astype(float)
+    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
+    stiffness = np.full(layout.n, np.inf)
+    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
     unit, scale = units.small
     rows = [
         (
