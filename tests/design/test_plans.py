@@ -34,7 +34,7 @@ def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, 
     np.testing.assert_allclose(slowly.positions[-1], shaped.goal, atol=2e-3)
     reference = slowly.run.signals["reference"]
     np.testing.assert_allclose(reference, command(slowly.run.time), atol=1e-12)
-    (sampled,) = shaped.steps([shaped.robot.corner(np.zeros(len(shaped.robot.uncertain)))], 0.1, 8)
+    (sampled,) = shaped.steps([shaped.robot.corner({})], 0.1, 8)
     np.testing.assert_allclose(sampled.run.signals["reference"], command(sampled.run.time), atol=1e-12)
 
 

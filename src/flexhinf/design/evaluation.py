@@ -26,9 +26,10 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.analysis.law_batch import LawRows
-from flexhinf.design.loop_setup import LoopSetup, has_integrals
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
+from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
 from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError

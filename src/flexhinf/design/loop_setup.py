@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from flexhinf.design.estimators import (
     sensor_steps,
 )
 from flexhinf.design.joint_limits import JointLimits, joint_limits
-from flexhinf.design.plans import step_command
+from flexhinf.design.plans import has_integrals, step_command
 from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
 from flexhinf.design.specification import Specification
@@ -28,17 +28,12 @@ from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["SMOOTH_EXTRAS", "LoopSetup", "has_integrals"]
+__all__ = ["SMOOTH_EXTRAS", "LoopSetup"]
 
 #: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
 #: count as damping that the moving robot does not have.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
-
-
-def has_integrals(law: Law) -> bool:
-    """Whether a law integrates the error of link positions, so that a command enters through the integrals."""
-    return any(name.endswith("_integral") for name in law.state_names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,20 +231,13 @@ class LoopSetup:
     @cached_property
     def command(self) -> Plan | None:
         """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
-        return (
-            step_command(self.robot, self.specification, self.start, self.goal)
-            if has_integrals(self.law)
-            else None
-        )
+        way = self.start, self.goal
+        return step_command(self.robot, self.specification, *way) if has_integrals(self.law) else None
 
     @property
     def command_time(self) -> float:
         """How long the command of the step takes, s; 0 for a jump."""
         return 0.0 if self.command is None else self.command.duration
-
-    @property
-    def _commanded(self) -> dict[str, Any]:
-        return {} if self.command is None else {"reference": self.command}
 
     # Runs -----------------------------------------------------------------------------------------------
     def step(
@@ -275,8 +263,10 @@ class LoopSetup:
         sub_steps : int, optional
             Runge–Kutta steps per period of the true plant.
         """
-        controller, options = self.bumpless_controller, self._commanded
-        return self._run(controller, self.start, duration, values, seed, plant, sub_steps, **options)
+        options = {} if self.command is None else {"reference": self.command}
+        return self._run(
+            self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps, **options
+        )
 
     def jump(
         self,
@@ -313,11 +303,10 @@ class LoopSetup:
         sub_steps: int | None = None,
         rest: float | None = None,
     ) -> Move:
-        """A planned move with feedforward in error coordinates, and `rest` seconds at its end (half its time)."""
-        controller, begin, options = self._moved(plan, rest)
-        duration = options.pop("duration")
+        """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end."""
+        controller, begin, duration, options = self._moved(plan, rest)
         response = self._run(controller, begin, duration, values, seed, None, sub_steps, **options)
-        return Move(plan, _between_ends(response, plan))
+        return Move.along(plan, response)
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
@@ -335,30 +324,31 @@ class LoopSetup:
             Of the true plants: the nominal one's, so that all runs share one kernel.
         jump : bool
         """
-        if jump:
-            return self._run_many(self.tracking_controller, self.start, robots, duration, sub_steps)
-        controller, options = self.bumpless_controller, self._commanded
+        controller = self.tracking_controller if jump else self.bumpless_controller
+        options = {} if jump or self.command is None else {"reference": self.command}
         return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
 
     def moves(
         self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None
     ) -> Iterator[Move]:
         """The planned move of each robot, parameters as for `steps`."""
-        controller, begin, options = self._moved(plan, rest)
-        runs = self._run_many(controller, begin, robots, options.pop("duration"), sub_steps, **options)
-        return (Move(plan, _between_ends(response, plan)) for response in runs)
+        controller, begin, duration, options = self._moved(plan, rest)
+        runs = self._run_many(controller, begin, robots, duration, sub_steps, **options)
+        return (Move.along(plan, response) for response in runs)
 
-    def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, dict[str, Any]]:
-        """Controller, pose (n,) at which it takes over, and arguments of a run along a plan."""
+    def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, float, dict[str, Any]]:
+        """Controller, pose (n,) at which it takes over, duration, and other arguments of a run along a plan."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        options = {
-            "duration": round(duration / period) * period,
-            "reference": Moving(plan, self.robot.inverse_dynamics),
-        }
-        return controller, self.start if near else begin, options
+        reference = Moving(plan, self.robot.inverse_dynamics)
+        return (
+            controller,
+            self.start if near else begin,
+            round(duration / period) * period,
+            {"reference": reference},
+        )
 
     def _run(
         self,
@@ -405,17 +395,5 @@ class LoopSetup:
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Link positions (n,) at which a run begins in equilibrium, and its arguments."""
         x, u = self.equilibrium(at, values)
-        seed += self.specification.seed
-        given = {
-            "noise": self.noise,
-            "duration": duration,
-            "initial_state": x,
-            "initial_input": u,
-            "seed": seed,
-        }
-        return x[: len(self.goal)], given
-
-
-def _between_ends(response: Response, plan: Plan) -> Response:
-    """The response to a move, its goal the end of the plan."""
-    return replace(response, goal=np.reshape(plan(plan.duration), -1))
+        given = {"noise": self.noise, "duration": duration, "initial_state": x, "initial_input": u}
+        return x[: len(self.goal)], {**given, "seed": seed + self.specification.seed}

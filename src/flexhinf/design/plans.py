@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -15,9 +16,10 @@ from flexhinf.design.weights.choose import BANDWIDTH_FRACTION
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Waypoints
+from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
 
-__all__ = ["EFFORT_FRACTION", "plan_move", "stated_move", "step_command"]
+__all__ = ["EFFORT_FRACTION", "has_integrals", "plan_move", "stated_move", "step_command"]
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -37,6 +39,11 @@ EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
 
 #: A joint that does not move still needs limits of its plan: those of this fraction of the largest way.
 LEAST_WAY = 1e-3
+
+
+def has_integrals(law: Law) -> bool:
+    """Whether a law integrates the error of link positions, so that a command enters through the integrals."""
+    return any(name.endswith("_integral") for name in law.state_names)
 
 
 # The way from start to goal ----------------------------------------------------------------------------------
@@ -158,7 +165,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:
     """The move of a specification with its times longer by a factor."""
     if not isinstance(s.move, WaypointTable):
-        return s.move
+        return cast("Plan", s.move)
     positions = s.move.positions(robot.joint_names, robot.links.slides)
     profile, smoothing = THROUGH[s.shaping], 0.0
     if profile == "jerk-limited":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -210,6 +210,11 @@ class Move:
 
     plan: Plan
     response: Response
+
+    @staticmethod
+    def along(plan: Plan, response: Response) -> Move:
+        """A run along a plan, its goal where the plan ends."""
+        return Move(plan, replace(response, goal=np.reshape(plan(plan.duration), -1)))
 
     @cached_property
     def planned(self) -> np.ndarray:
