@@ -277,7 +277,7 @@ class _Search:
         left = {
             limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
         }
-        kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.9 * TOLERANCE)}
+        kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
         return replace(candidate, avoidable=kept)
 
     # Levels ---------------------------------------------------------------------------------------------
@@ -353,12 +353,12 @@ class _Search:
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
-            (1.0 + 0.9 * TOLERANCE)
+            (1.0 + 0.5 * TOLERANCE)
             * (self.damping or 0.0)
             / max(damping, NOTHING),  # aimed at without allowance
             *others,
         )
-        return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.9 * TOLERANCE}
+        return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
 
     @cached_property
     def authority(self) -> np.ndarray:
