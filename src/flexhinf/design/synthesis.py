@@ -14,6 +14,7 @@ from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import stated_move
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
@@ -97,7 +98,9 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         With what to change.
     """
     n = len(robot.joint_names)
-    goal = robot.operating_point(s.pose)[0][:n]
+    move = stated_move(robot, s)
+    end = None if move is None else np.reshape(move(move.duration), -1)
+    goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
