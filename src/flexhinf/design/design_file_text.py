@@ -117,7 +117,7 @@ def _document(
 
 def _comment(name: str, value: Any, in_degrees: bool) -> str:
     """The unit of a field; for angles the degrees that the user wrote."""
-    if name in ("pose", "start", "via") and in_degrees:
+    if name in ("pose", "start", "via", "tracking_error") and in_degrees:
         return ", ".join(f"{math.degrees(angle):.6g}°" for angle in np.ravel(value))
     return FIELDS[name].about.unit
 

@@ -195,7 +195,7 @@ class _Search:
         assert problem.target is not None
         length = s.duration
         if length is None:
-            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth)))
+            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
         response = setup.step(length)
         if response.diverged_at is not None:
             nothing = np.full(len(self.goal), np.inf)

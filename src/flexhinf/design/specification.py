@@ -36,16 +36,19 @@ from flexhinf.design.units import (
     Ratio,
     Seconds,
     Seed,
+    Tolerances,
     Weights,
     angle_unit_of,
     choice,
     reading_kind,
 )
+from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "TOLERANCE", "TORQUE_NOISE", "Specification",
+    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "SHAPINGS", "TOLERANCE", "TORQUE_NOISE",
+    "Specification",
     "SpecificationError", "json_schema",
 ]  # fmt: skip
 
@@ -53,6 +56,8 @@ Preset = Literal["paper", "damped", "robust"]
 Estimator = Literal["ukf", "ekf", "observer", "none"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 ESTIMATORS: tuple[str, ...] = get_args(Estimator)
+Shaping = Literal["jump", "quintic", "jerk-limited"]
+SHAPINGS: tuple[str, ...] = get_args(Shaping)
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
@@ -127,6 +132,17 @@ class Specification:
     via: Annotated[Poses, About(BEHAVIOUR,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")] = ()
+    shaping: Annotated[Annotated[Shaping, BeforeValidator(choice), Allowed(", ".join(SHAPINGS))], About(BEHAVIOUR,
+        "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
+        "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
+        "with jump.", "jerk-limited")] = "jump"
+    move: Annotated[Move | None, About(BEHAVIOUR,
+        "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
+        "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
+        default="the way from start to goal, not judged")] = None
+    tracking_error: Annotated[Tolerances | None, About(BEHAVIOUR,
+        "Largest distance of a link from the move: 1deg (0.01 rad, m), or one per joint 1deg,2mm.", "0.5deg", "rad, m",
+        default="5 % of the joint's way along the move")] = None
     angle_unit: Annotated[Annotated[Literal["rad", "deg"], BeforeValidator(choice), Allowed("rad, deg")] | None,
         About(BEHAVIOUR, "Unit in which the report shows angles: rad or deg.", "deg",
         default="the unit of the poses")] = None
@@ -278,7 +294,9 @@ def _checked(make: Any) -> Any:
     @functools.wraps(make)
     def init(self: Specification, **fields: Any) -> None:
         if fields.get("angle_unit") is None:
-            fields["angle_unit"] = angle_unit_of(*(fields.get(name) for name in ("pose", "start", "via")))
+            fields["angle_unit"] = angle_unit_of(
+                *(fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
+            )
         try:
             make(self, **fields)
             _check_sensor_units(self, fields.get("quantisation"))
@@ -318,10 +336,10 @@ def _kind_of(name: str) -> str:
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
 
 
-def _specification_error(error: ValidationError, fields: dict[str, Any]) -> SpecificationError:
+def _specification_error(error: ValidationError, fields: dict[str, Any]) -> InvalidInput:
     first = error.errors(include_url=False)[0]
     own = first.get("ctx", {}).get("error")
-    if isinstance(own, SpecificationError):
+    if isinstance(own, (SpecificationError, WaypointError)):
         return own
     name = str(first["loc"][0])
     if name not in FIELDS:
@@ -348,7 +366,7 @@ def _python(name: str, example: str) -> str:
         return "True"
     try:
         value = _ADAPTERS(name).validate_python(example)
-    except ValidationError:
+    except (ValidationError, WaypointError):
         return repr(example)
     text = any(unit in example for unit in ("ms", "deg", "°"))
     return repr(example if text else value)

@@ -218,9 +218,13 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @cached_property
+    @property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
+        return self._r2
+
+    @cached_property
+    def _r2(self) -> np.ndarray:
         matrix = self.penalty.r2(len(self.plant.inputs))
         matrix.setflags(write=False)
         return matrix

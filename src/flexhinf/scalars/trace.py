@@ -29,8 +29,8 @@ def symbols(name: str, shape: Shape) -> np.ndarray:
 def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
     """A column of SX as an object array of `Symbol`, in C order."""
     array = np.empty(column.numel(), dtype=object)
-    for i, element in enumerate(column.elements()):
-        array[i] = Symbol(element)
+    elements: list[Any] = column.elements()  # each an SX
+    array[:] = [Symbol(element) for element in elements]
     return array.reshape(shape)
 
 

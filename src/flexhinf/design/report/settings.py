@@ -74,7 +74,16 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
     counted = "for the number of states"
     rows = [
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", synthesis.goal, _units(e), "the robot's home" if s.pose is None else "option --pose"),
+        (
+            "pose",
+            synthesis.goal,
+            _units(e),
+            "option --pose"
+            if s.pose is not None
+            else "the robot's home"
+            if s.move is None
+            else "the last waypoint of --move",
+        ),
         *(
             (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
             for w in state_weights(problem, e.setup.joints)
@@ -158,7 +167,9 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
     rows = [
         ("start pose", e.setup.start, _units(e),
          "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose"),
-        ("command", "the goal, from the first sample on", "", "ours"),
+        ("command", "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name, "",
+         _option(s, "shaping")),
+        ("move", runs.plan.name, "", "ours: the way of the step" if s.move is None else "option --move"),
         ("true plant", f"nominal numbers{extras}", "", _option(s, "extras")),
         ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
          "ours: their slope at standstill holds only for the smallest velocities"),
@@ -202,7 +213,7 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
         Setting(
             "load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s long, in equilibrium at the goal"
         ),
-        Setting("plan of the move", float(runs.plan.duration), "s", "limited jerk, the same for every law"),
+        Setting("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         Setting("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]  # fmt: skip
 
