@@ -348,12 +348,13 @@ def _distinct(found: np.ndarray) -> np.ndarray:
 
 def _close(roots: np.ndarray) -> int:
     """How many roots have another within `APART`."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if len(roots) < 2:
         return 0
     points = np.column_stack([np.real(roots), np.imag(roots)])
-    return int((cKDTree(points).query(points, 2)[0][:, 1] < APART).sum())
+    distance = np.asarray(KDTree(points).query(points, 2)[0])
+    return int((distance[:, 1] < APART).sum())
 
 
 def _gap(sizes: np.ndarray, others: np.ndarray) -> tuple[float, int]:

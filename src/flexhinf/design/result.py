@@ -15,11 +15,12 @@ from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode
-from flexhinf.design.requirements import Requirement, Status, all_met
+from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.scenario import Scenario
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
 from flexhinf.design.weights.estimator_noise import NoiseSearch

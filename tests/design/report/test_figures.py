@@ -11,9 +11,9 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Design
 from flexhinf.design.report.drawing import framed, thin, widened
+from flexhinf.design.report.sections.arm_figure import arm_figure, instants
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.poles import PoleGroup, poles_figure
-from flexhinf.design.report.sections.step import arm_figure, instants
 
 Make = Callable[[str], Design]
 
@@ -59,7 +59,8 @@ def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> Non
     assert f"smallest distance, {distance:.2f}" in one[2].caption
     two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], "N·m", "rad")
     assert "smallest distance" not in two[2].caption
-    assert "b: sensitivity S" in two[1].svg
+    assert "b</text>" in two[1].svg  # its name; what is drawn of every law stands in the caption
+    assert "S: how much" in two[1].caption
     assert frequency_figures([], ["joint"], "N·m", "rad") == []
 
 

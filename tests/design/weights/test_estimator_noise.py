@@ -81,10 +81,10 @@ def test_a_limit_that_no_levels_reach_is_left_out(
     assert found.unreachable == ("damping",)
     chosen = found.chosen
     assert (list(chosen.missed), chosen.unstable) == (["damping"], 0)
-    others = [c for c in found.candidates if set(c.missed) <= {"damping"} and c.unstable == 0]
-    assert chosen.input_noise == min(c.input_noise for c in others)
-    most = max(found.candidates, key=lambda c: c.damping)
-    assert most.input_noise > 5.0 * chosen.input_noise  # which would have been paid for in vain
+    assert not chosen.avoidable
+    loudest = found.trade_off[-1]
+    assert loudest.damping < 1.5 * chosen.damping
+    assert loudest.input_noise > 5.0 * chosen.input_noise  # which would have been paid for in vain
 
 
 def test_the_default_levels_stay_where_they_keep_what_can_be_kept(
@@ -96,6 +96,20 @@ def test_the_default_levels_stay_where_they_keep_what_can_be_kept(
     found = search_noise(setup, damping=0.9)
     assert found is not None
     assert found.chosen.levels.motor_velocities == EstimatorNoise.stated(s).motor_velocities
+
+
+@pytest.mark.slow
+def test_where_corners_stay_unstable_levels_with_few_of_them_are_taken(
+    robot_of: Callable[[str], Any],
+) -> None:
+    """The paper's own weights: with the levels of the least noise 768 of 2048 corners are unstable."""
+    s = Specification(
+        preset="paper", pose=(np.pi / 2,), start=(0.0,), extras=("inductance",), degrees=(2,), rays=0
+    )
+    found = synthesise(robot_of("paper"), s, lambda text: None).noise_search
+    assert found is not None
+    assert found.chosen.unstable is not None
+    assert 0 < found.chosen.unstable <= 210
 
 
 @pytest.mark.oracle

@@ -18,7 +18,9 @@ from flexhinf.design.report.formatting import (
     units_of,
 )
 from flexhinf.design.report.sections import (
+    along_move,
     corners,
+    estimator_noise,
     load_and_move,
     margins,
     monte_carlo,
@@ -31,8 +33,8 @@ from flexhinf.design.report.sections import (
 from flexhinf.design.report.sections import law as law_section
 from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.requirements import Status as Judged
 from flexhinf.design.result import Design
+from flexhinf.design.status import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
@@ -54,11 +56,12 @@ PARTS = (
     Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
     Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
     Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
+    Part("along", "Margins along the move", along_move.blocks, along_move.remarks),
     Part("margins", "Margins of the running loop", margins.blocks, margins.remarks),
     Part("modes", "Poles", poles.blocks, poles.remarks),
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
     Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
+    Part("noise", "Noise levels of the estimator", estimator_noise.blocks),
     Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
     Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
     Part("law", "The law", law_section.law_blocks, law_section.law_remarks),
