@@ -1,4 +1,4 @@
-"""Robot files, URDFs and MJCF files with mutated bytes, numbers, names and structure: a robot as written, or a refusal."""
+"""Robot files, URDFs and MJCF with mutated bytes, numbers, names and structure: a robot as written, or a refusal."""
 
 from __future__ import annotations
 

@@ -370,7 +370,9 @@ def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy"
 
 def _acquired(path: Path) -> int:
     """The handle of the locked file, or -1 where there are no locks; BlockingIOError where another one has it."""
-    for _ in range(MOST_TRIES if fcntl is not None else 0):
+    for _ in range(MOST_TRIES):
+        if fcntl is None:
+            return -1
         handle = -1
         try:
             # never through a symbolic link, which would make a file elsewhere
@@ -380,7 +382,7 @@ def _acquired(path: Path) -> int:
                 return handle
             os.close(
                 handle
-            )  # whoever held it has removed the file meanwhile: another one is there now, or will be
+            )  # whoever held it has removed the file meanwhile: another one is there, or will be
         except BlockingIOError:
             os.close(handle)
             raise
