@@ -380,9 +380,7 @@ def _acquired(path: Path) -> int:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_file(handle, path):
                 return handle
-            os.close(
-                handle
-            )  # whoever held it has removed the file meanwhile: another one is there, or will be
+            os.close(handle)  # whoever held it has removed the file meanwhile
         except BlockingIOError:
             os.close(handle)
             raise
