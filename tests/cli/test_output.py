@@ -103,3 +103,11 @@ def test_a_library_that_cannot_be_loaded_is_told(
     monkeypatch.setitem(sys.modules, "flexhinf.cli.commands", None)
     assert cli.main(["robots"]) == 2
     assert capsys.readouterr().err.startswith("error: The system refuses")
+
+
+def test_drawings_need_no_backend_of_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib raises on a name that it does not know, after all the work was done."""
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    monkeypatch.setattr(commands, "app", lambda **_: int("MPLBACKEND" in os.environ))
+    assert main(["robots"]) == 0
+    assert os.environ["MPLBACKEND"] == "nonsense"

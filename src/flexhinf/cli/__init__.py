@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more.
     """
     received: list[int] = []
-    with _ended_in_order(received), _every_character():
+    with _ended_in_order(received), _every_character(), _without_windows():
         try:
             from flexhinf.cli.commands import run
 
@@ -94,6 +94,17 @@ def _every_character() -> Iterator[None]:
                 _let_go(stream)
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
+
+
+@contextmanager
+def _without_windows() -> Iterator[None]:
+    """Leave out MPLBACKEND: drawings go into files, and Matplotlib fails on a backend that it does not know."""
+    named = os.environ.pop("MPLBACKEND", None)
+    try:
+        yield
+    finally:
+        if named is not None:
+            os.environ["MPLBACKEND"] = named
 
 
 def _let_go(stream: Any) -> None:
