@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -42,10 +42,11 @@ from flexhinf.design.scenario import (
 from flexhinf.design.specification import Specification
 from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
-from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
+from flexhinf.design.tuning import TunedLaw, Tuner
 from flexhinf.design.weights.choose import preset_of, required_damping
 from flexhinf.design.weights.scales import JointScales
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.design.yardstick import yardstick
+from flexhinf.errors import InvalidInput
 from flexhinf.plant import sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.mujoco_plant import check_expressed
@@ -293,7 +294,8 @@ def compare(
     unit = _unit(synthesis)
     criterion = criterion_for(tune, yardstick(own), scenario.step_duration, stated_limits(setup, unit), unit)
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
-    rows = tuple(_tuned_rows(tuner, kinds, laws or (), progress))
+    tuned = tuner.tune_all(kinds, laws or (), progress)
+    rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
     return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
 
 
@@ -317,46 +319,19 @@ def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
     return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
 
 
-def _tuned_rows(
-    tuner: Tuner, kinds: Sequence[LawKind], asked: Sequence[str], progress: Progress
-) -> Iterator[ComparedLaw]:
-    """All laws, each tuned for itself and then once more from the others, and evaluated; one that was asked for by name
-    and cannot be made is refused."""
-    first: dict[str, TunedLaw | str] = {}
-    for kind in kinds:
-        progress(f"{kind.name}: tune")
-        try:
-            first[kind.name] = tuner.tune(kind)
-        except FlexhinfError as error:
-            text = " ".join(str(error).split())
-            if kind.name in asked:
-                raise InvalidInput(
-                    f"The law {kind.name!r} does not fit the robot {tuner.own.setup.robot.name!r}.",
-                    f"expected one that can be made and run at the goal, got: {text}",
-                    f"laws without {kind.name!r}",
-                ) from error
-            first[kind.name] = text
-    made = [law for law in first.values() if isinstance(law, TunedLaw)]
-    for kind in kinds:
-        law = first[kind.name]
-        if isinstance(law, str):
-            progress(f"{kind.name}: not made")
-            yield ComparedLaw(kind, failure=law)
-        else:
-            yield _row(tuner, law, made, progress)
-
-
-def _row(tuner: Tuner, law: TunedLaw, others: Sequence[TunedLaw], progress: Progress) -> ComparedLaw:
-    """One law, from the second round of its tuning to its requirements."""
-    progress(f"{law.name}: tune from the others, step, load and move")
-    tuned = tuner.again(law, others)
+def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
+    """One law, from its runs to its requirements; or why it could not be made."""
+    if isinstance(tuned, str):
+        progress(f"{kind.name}: not made")
+        return ComparedLaw(kind, failure=tuned)
+    progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
     evaluation.worst  # noqa: B018
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
-        progress(f"{law.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
+        progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.metrics  # noqa: B018
-    return ComparedLaw(law.kind, tuned, _compared_requirements(tuned))
+    return ComparedLaw(kind, tuned, _compared_requirements(tuned))
 
 
 def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
@@ -385,7 +360,7 @@ def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None
     """About how many steps of work a comparison has, for a progress bar."""
     states = 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
-    each = 3 if sample_count(robot, states, s) else 2
+    each = 4 if sample_count(robot, states, s) else 3
     searched = preset_of(robot, s) in ("damped", "robust")
     limits = joint_limits(robot, s)
     return (
