@@ -46,7 +46,7 @@ def made() -> Callable[..., Comparison]:
 def rig(made: Callable[..., Comparison]) -> Comparison:
     """Laws of all kinds, with a short search; nothing may change it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 1, 0),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 1),))
         return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
 
 

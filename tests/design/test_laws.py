@@ -163,6 +163,7 @@ def test_channels_of_a_size_are_those_of_that_fraction_of_the_tolerances(factory
     def parts(size: float) -> tuple[np.ndarray, ...]:
         problem = sized_channels(design.problem, design.nominal, size)
         h = np.asarray(problem.expand(1).h_parts[1], dtype=float)
+        assert problem.equilibrium is not None
         g = problem.plant.linearise(*problem.equilibrium)[2]
         return h.T @ h, np.asarray(problem.r2), g @ g.T
 
