@@ -18,8 +18,9 @@ from flexhinf.design import yardstick as measured
 from flexhinf.design.criterion import criterion_for
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind
+from flexhinf.design.plans import plan_move
 from flexhinf.design.ranking import best_rival, ranked, trade_offs
-from flexhinf.design.scenario import Scenario, plan_move
+from flexhinf.design.scenario import Scenario
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import synthesise
 from flexhinf.design.tuning import Tuner

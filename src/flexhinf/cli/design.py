@@ -96,7 +96,7 @@ SameSensors = Annotated[
 
 
 #: These fields change nothing of a comparison, and have no option here.
-@with_specification("overshoot", "compare_rigid", "mujoco")
+@with_specification("overshoot", "tracking_error", "compare_rigid", "mujoco")
 def compare(
     context: typer.Context,
     robot: Robot,

@@ -16,12 +16,13 @@ from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
-    limit_requirements,
     margin_requirements,
     sample_requirements,
     step_requirements,
@@ -34,7 +35,6 @@ from flexhinf.design.scenario import (
     LONGEST,
     Scenario,
     default_load,
-    plan_move,
     run_length,
     sample_count,
     sample_robots,
@@ -91,7 +91,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
+    scenario, step = _scenario(linear, synthesis, _duration(setup, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
     evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
@@ -136,9 +136,12 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
-def _duration(s: Specification, modes: tuple) -> float:
-    """Of the step, s: as stated, or by the slowest mode."""
-    return s.duration if s.duration is not None else run_length(min(-mode.eigenvalue.real for mode in modes))
+def _duration(setup: LoopSetup, modes: tuple) -> float:
+    """Of the step, s: as stated, or by the slowest mode, after the command."""
+    stated = setup.specification.duration
+    if stated is not None:
+        return stated
+    return run_length(min(-mode.eigenvalue.real for mode in modes)) + setup.command_time
 
 
 def _scenario(
@@ -156,12 +159,14 @@ def _scenario(
     else:
         load = np.full(len(setup.goal), s.load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
-    plan = plan_move(
+    stated = stated_move(robot, s)
+    plan = stated or plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
     robots = sample_robots(robot, count(robot, len(synthesis.problem.state_names), s), s.seed)
     taken = step.run.settings["sub_steps"]
-    return Scenario(duration, load, 2.0 * duration, plan, robots, taken), step
+    rest = duration if stated else None
+    return Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
 
 
 def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
@@ -215,7 +220,7 @@ def _requirements(
     s, target = evaluation.setup.specification, synthesis.design_problem.target
     lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
-        damping, joints = required_damping(s), evaluation.setup.joints
+        damping, joints = required_damping(s, target), evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits
@@ -223,7 +228,7 @@ def _requirements(
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += limit_requirements(limits, evaluation.move.response, "the planned move", always=False)
+    lines += move_requirements(s, limits, evaluation.move)
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
@@ -302,12 +307,10 @@ def compare(
 def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
     """As a design's, its steps longer, for laws that are slower; the load's run has the design's own length."""
     s, modes = linear.setup.specification, _law_modes(linear, synthesis)
-    duration = _duration(s, modes)
+    duration = _duration(linear.setup, modes)
     scenario, _ = _scenario(linear, synthesis, duration, _compared_samples)
     longer = duration if s.duration is not None else min(LONGER * duration, LONGEST)
-    return Scenario(
-        longer, scenario.load, scenario.load_duration, scenario.plan, scenario.robots, scenario.sub_steps
-    )
+    return replace(scenario, step_duration=longer)
 
 
 def _compared_samples(robot: Robot, states: int, s: Specification) -> int:

@@ -15,7 +15,7 @@ from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
+from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
 
 __all__ = [
     "RINGS",
@@ -32,9 +32,6 @@ __all__ = [
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
-
-#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
-RINGS = 0.1
 
 
 @dataclass(frozen=True)

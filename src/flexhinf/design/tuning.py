@@ -327,13 +327,13 @@ class Tuner:
         values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
         noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
-        motors = noise.motor_velocities * values.get(MOTOR_NOISE, 1.0)
+        noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
         setup = replace(
             own,
             law=self.factory.make(kind, values, degree),
             law_at_goal=None,
             specification=other_sensors(own.robot, own.specification, sensors),
-            estimator_noise=replace(noise, motor_velocities=motors, source="tuned"),
+            estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
         )
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)

@@ -22,7 +22,7 @@ from flexhinf.untrusted import real_number, value_text
 __all__ = [
     "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
     "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio", "Seconds", "Seed",
-    "Weights", "angle_unit_of",
+    "Tolerances", "Weights", "angle_unit_of",
     "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta",
     "reading_kind", "seconds", "speeds", "weights",
 ]  # fmt: skip
@@ -274,6 +274,10 @@ Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
 Pose = Annotated[
     tuple[Annotated[float, _finite()], ...], BeforeValidator(angles),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
+]  # fmt: skip
+Tolerances = Annotated[
+    Annotated[tuple[Annotated[float, _POSITIVE], ...], Field(min_length=1)], BeforeValidator(angles),
+    Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
 Poses = Annotated[
     tuple[tuple[Annotated[float, _finite()], ...], ...], BeforeValidator(poses), Allowed("a list of poses")

@@ -29,8 +29,8 @@ def symbols(name: str, shape: Shape) -> np.ndarray:
 def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
     """A column of SX as an object array of `Symbol`, in C order."""
     array = np.empty(column.numel(), dtype=object)
-    for i in range(column.numel()):
-        array[i] = Symbol(column[i])
+    elements: list[Any] = column.elements()  # each an SX
+    array[:] = [Symbol(element) for element in elements]
     return array.reshape(shape)
 
 
@@ -51,7 +51,8 @@ def pack(array: Any) -> ca.SX:
             "an array of them: np.array([...])",
         )
     parts = [a.sx if isinstance(a, Symbol) else ca.SX(float(a)) for a in flat]
-    return ca.densify(ca.vertcat(*parts)) if parts else ca.SX.zeros(0, 1)
+    column = ca.vertcat(*parts) if parts else ca.SX.zeros(0, 1)
+    return column if column.is_dense() else ca.densify(column)
 
 
 def trace(

@@ -19,6 +19,7 @@ from flexhinf.design.report.formatting import (
 )
 from flexhinf.design.report.sections import (
     corners,
+    estimator_noise,
     load_and_move,
     margins,
     monte_carlo,
@@ -58,7 +59,7 @@ PARTS = (
     Part("modes", "Poles", poles.blocks, poles.remarks),
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
     Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
+    Part("noise", "Noise levels of the estimator", estimator_noise.blocks),
     Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
     Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
     Part("law", "The law", law_section.law_blocks, law_section.law_remarks),

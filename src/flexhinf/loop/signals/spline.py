@@ -53,7 +53,12 @@ class Spline:
     @property
     def name(self) -> str:
         """A short description."""
-        return f"spline through {len(self.times)} samples over {self.times[-1] - self.times[0]:g} s"
+        return f"spline through {len(self.times)} samples over {self.duration:g} s"
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, s."""
+        return float(self.times[-1] - self.times[0])
 
     @cached_property
     def _curve(self) -> Any:
@@ -66,7 +71,7 @@ class Spline:
 
     @property
     def _unit(self) -> float:
-        return float(self.times[-1] - self.times[0]) / max(1, len(self.times) - 1)
+        return self.duration / max(1, len(self.times) - 1)
 
     def __call__(self, t: Any) -> Any:
         """The position."""

@@ -103,10 +103,11 @@ def _title(group: str, comparison: Comparison) -> str:
     loads = ", ".join(number(float(value), 3) for value in runs.load)
     slides, degrees = setup.robot.links.slides, setup.specification.in_degrees
     way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
+    moved = "the same way" if setup.specification.move is None else "the stated waypoints"
     return {
         JUMP: f"Step {way}, commanded at once, integrals at zero",
         LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
-        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over the same way, with feedforward",
+        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
         SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
         LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
         COST: "Cost",

@@ -127,7 +127,7 @@ def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
     load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
     move = errors(lambda e: (e.move.response.run.time, e.move.error))
     shown = units_of(own)
-    plan = 1.5 * float(own.scenario.plan.duration)
+    plan = float(own.move.response.run.time[-1])
     return (
         _Column("step", "position − goal", shown.angle, "time (s)", step, shown.scale, (0.0, end)),
         _Column(

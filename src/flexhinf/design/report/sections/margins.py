@@ -182,7 +182,9 @@ def estimation_figure(e: LawEvaluation, units: Units) -> Figure | None:
     if e.setup.specification.estimator == "none":
         return None
     n = len(joints)
-    error = units.scale * (run.signals["state"][:, : 4 * n] - run.signals["estimate"])
+    layout = e.setup.robot.layout
+    truth, estimate = (layout.whole(run.signals[name].T) for name in ("state", "estimate"))
+    error = units.scale * (truth - estimate).T
     figure, axes = new_figure(4, height=7.4)
     titles = ("link position", "link velocity", "motor position", "motor velocity")
     for k, axis in enumerate(axes):

@@ -14,6 +14,7 @@ from flexhinf.design.report.drawing import (
     framed,
     joint_lines,
     limit_lines,
+    plan_lines,
     reference_line,
     thin,
     widened,
@@ -147,12 +148,12 @@ def fed_text(e: LawEvaluation) -> str:
 
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
-    """Torques of the nominal springs along a run (N, n), N·m or N."""
-    n = len(e.setup.goal)
-    parameters = e.setup.model.parameters
-    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness)
-    state = response.run.signals["state"]
-    return stiffness * (state[:, 2 * n : 3 * n] - state[:, :n])
+    """Torques of the nominal springs along a run (N, n), N·m or N; none of a rigid joint: zero."""
+    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
+    stiffness = np.zeros(layout.n)
+    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
+    q, _, theta, _ = np.split(layout.whole(response.run.signals["state"].T), 4)
+    return stiffness * (theta - q).T
 
 
 def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str]:
@@ -177,7 +178,11 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     )
     for axis, signal in zip(axes, signals):
         joint_lines(axis, response.run.time, signal, joints)
-    few = thin(response.run.time)
+    command, few = e.setup.command, thin(response.run.time)
+    if command is not None:
+        plan_lines(
+            axes[0], response.run.time, units.scale * (command(response.run.time) - response.goal), "command"
+        )
     steps = units.scale * np.abs(response.goal - response.start)
     axes[0].set_ylim(*widened(*framed(signals[0][few]), 0.1 * float(steps.max(initial=0.0))))
     axes[1].set_ylim(*framed(signals[1][few]))
@@ -187,12 +192,13 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     label(axes[0], "link position − goal", units.angle)
     label(axes[1], "spring torque", units.spring)
     label(axes[2], "input", units.effort)
-    if len(joints) > 1:
+    if len(joints) > 1 or command is not None:
         legend(axes[0])
     bound = "" if limit is None else (f" (dashed: {name})" if shown else f" ({name}, beyond the panel)")
     return figure_block(
         "step", figure,
-        f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}: link positions as distance "
+        f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}"
+        f"{'' if command is None else f', its command {command.name}'}: link positions as distance "
         f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response",
     )  # fmt: skip
