@@ -228,7 +228,7 @@ def _requirements(
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += move_requirements(s, limits, evaluation.move)
+    lines += move_requirements(s, limits, evaluation.move, synthesis.along)
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
