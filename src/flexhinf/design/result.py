@@ -23,7 +23,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
-from flexhinf.design.weights.estimator_noise import NoiseSearch
+from flexhinf.design.weights.noise_candidates import NoiseSearch
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised

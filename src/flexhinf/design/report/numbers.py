@@ -24,7 +24,7 @@ from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
+from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
 
 __all__ = ["comparison_numbers", "design_numbers"]
 
