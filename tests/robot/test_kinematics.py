@@ -32,7 +32,7 @@ def test_frames_are_those_of_pinocchio(
 @pytest.mark.parametrize("name", ["planar-two-link", "spatial-three-link", "seven-link"])
 def test_a_place_that_is_reached_is_reached_again(name: str) -> None:
     robot, offset = fh.load_robot(name), (0.05, -0.1, 0.02)
-    q = np.asarray(robot.home) + np.linspace(0.2, 0.4, len(robot.home))
+    q = np.asarray(robot.home) + np.linspace(0.2, 0.4, len(robot.joint_names))
     wanted = position_of(robot, q, offset=offset)
     found = pose_at(robot, wanted, offset=offset)
     assert position_of(robot, found.pose, offset=offset) == pytest.approx(wanted, abs=1e-6)

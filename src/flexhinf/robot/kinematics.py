@@ -85,7 +85,7 @@ def position_of(
 
 def pose_at(
     robot: Robot,
-    place: Sequence[float],
+    place: Sequence[float] | np.ndarray,
     link: str | None = None,
     offset: Sequence[float] = (0.0, 0.0, 0.0),
     near: Sequence[float] | np.ndarray | None = None,
