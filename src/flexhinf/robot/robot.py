@@ -14,7 +14,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Links
-from flexhinf.robot.extras import Engaged, checked_extras
+from flexhinf.robot.extras import DRY, Engaged, Sticking, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
@@ -149,6 +149,7 @@ class Robot(Summarised):
         measured: str | Sequence[str] = ("link_position",),
         inductance: bool = False,
         extras: str | Sequence[str] = (),
+        sticking: bool = False,
     ) -> Plant:
         """Physics: Spong's model, with what a real joint adds, on request.
 
@@ -167,6 +168,9 @@ class Robot(Summarised):
         extras : sequence of str
             See `flexhinf.robot.extras`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
             stribeck_friction.
+        sticking : bool
+            Whether dry friction among the extras is sharp instead of smoothed: it holds a joint at rest, and only
+            `flexhinf.Loop` has it; the plant's flow, linearisation and fastest mode are those without dry friction.
 
         Raises
         ------
@@ -175,12 +179,13 @@ class Robot(Summarised):
         """
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names)
-        if (sensors, on) not in self._plants:
-            self._plants[sensors, on] = self._built(sensors, on)
-        return self._plants[sensors, on]
+        sticks = tuple(name for name in on if name in DRY) if sticking else ()
+        if (sensors, on, sticks) not in self._plants:
+            self._plants[sensors, on, sticks] = self._built(sensors, on, sticks)
+        return self._plants[sensors, on, sticks]
 
     @cached_property
-    def _plants(self) -> dict[tuple[tuple[str, ...], tuple[str, ...]], Plant]:
+    def _plants(self) -> dict[tuple[tuple[str, ...], ...], Plant]:
         """Those that were built, by sensors and extras: each is traced once, and none can be changed."""
         return {}
 
@@ -188,8 +193,9 @@ class Robot(Summarised):
         """For copies and pickles: without plants, which are built again where they are needed."""
         return {name: value for name, value in vars(self).items() if name != "_plants"}
 
-    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...]) -> Plant:
+    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...], sticks: tuple[str, ...]) -> Plant:
         joints = self.joint_names
+        on = tuple(name for name in on if name not in sticks)
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
             ElasticFlow(self.links, self.drive, on),
@@ -207,6 +213,7 @@ class Robot(Summarised):
                 if limits is not None
             },
             engaged=Engaged(len(joints)) if "backlash" in on else None,
+            arrest=Sticking(len(joints), sticks) if sticks else None,
         )
 
     def operating_point(
