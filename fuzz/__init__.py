@@ -14,4 +14,6 @@ FUZZERS: tuple[str, ...] = (
     "solution_files",
     "estimators",
     "random_plants",
+    "kills",
+    "report_folders",
 )

@@ -11,7 +11,7 @@ from multiprocessing import get_context
 import pytest
 
 import flexhinf
-from flexhinf.cli import app  # noqa: F401  (so that every room, and every class of error, is loaded)
+from flexhinf.cli.commands import app  # noqa: F401  (so that every room, and every class of error, is loaded)
 from flexhinf.errors import FlexhinfError, InfeasibleGamma
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from importlib import import_module
 
@@ -11,6 +12,8 @@ from fuzz.tally import LONGEST_MESSAGE, Tally
 
 LIMIT_S = 300
 """Processor seconds for one fuzzer."""
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="forks, signals and pipes")
 
 
 @pytest.mark.slow

@@ -9,16 +9,21 @@ the same place meanwhile.
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import hashlib
 import io
 import os
+import re
+import stat
+import sys
 import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +37,10 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["locked", "publish", "read_arrays", "recorded", "write_arrays", "write_file"]
+__all__ = [
+    "ABANDONED_AFTER_S", "exchange", "locked", "part_file", "publish", "read_arrays", "recorded", "write_arrays",
+    "write_file",
+]  # fmt: skip
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
@@ -50,6 +58,13 @@ NO_LOCKS = {
 
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
+
+#: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
+ABANDONED_AFTER_S = 86400.0
+
+#: How the name of a file ends that is being written; how a symbolic link or a FIFO is not waited for.
+_PART = ".part"
+_NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 _DIGEST = 64  # bytes of a SHA-256 in hexadecimal
 _LARGEST_FILE, _LARGEST = 16 << 30, 32 << 30  # bytes of an archive, and bytes that it may unpack to
@@ -73,27 +88,113 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
         If this is no path, or the place cannot be written.
     """
     path = checked_path(f"The {what}", path)
-    name = ""
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(handle)
-        write(name)
-        with open(name, "rb") as file:
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        publish(name, path)
+        with part_file(path.parent, f".{path.name}.") as name:
+            write(name)
+            with open(name, "rb") as file:
+                os.fsync(file.fileno())
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(name, 0o666 & ~mask)
+            publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
-        _remove(name)
+        _raise_interruption(error)
         raise InvalidInput(
             f"The {what} cannot be written.",
             f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
-    except BaseException:
+
+
+def _raise_interruption(error: BaseException) -> None:
+    """Raise the Ctrl-C that this error came of: an archive that is left half-way cannot be closed."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause
+        cause = cause.__context__
+
+
+@contextmanager
+def part_file(folder: Path, prefix: str) -> Iterator[str]:
+    """The name of a new file to write and then to rename; it is removed where that does not happen.
+
+    The file is locked until the end of the block, so that others can tell it from one whose process was killed. Of
+    those with this prefix nothing is left: they are removed first.
+
+    Raises
+    ------
+    OSError, ValueError
+        The folder cannot be written.
+    """
+    _clear_parts(folder, prefix)
+    handle, name = _locked_part(folder, prefix)
+    try:
+        yield name
+    finally:
         _remove(name)
-        raise
+        if handle >= 0:
+            os.close(handle)
+
+
+def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
+    """A new file, and the handle that keeps it locked; -1 where there are no locks."""
+    while True:
+        handle, name = tempfile.mkstemp(dir=folder, prefix=prefix, suffix=_PART)
+        try:
+            if fcntl is not None:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if _is_file(handle, name):
+                    return handle, name
+                os.close(handle)  # taken for a left-over before it was locked
+                continue
+        except BlockingIOError:  # likewise, this very moment
+            os.close(handle)
+            continue
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                os.close(handle)
+                _remove(name)
+                raise
+        os.close(handle)
+        return -1, name
+
+
+def _clear_parts(folder: Path, prefix: str) -> None:
+    """Remove the files that killed processes had begun: nobody holds their lock, or there are none and they are old."""
+    begun = re.compile(re.escape(prefix) + r"\w{8}" + re.escape(_PART))
+    for path in [path for path in folder.iterdir() if begun.fullmatch(path.name)]:
+        with suppress(OSError):
+            if not stat.S_ISREG(os.lstat(path).st_mode):
+                continue
+            handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | _NO_FOLLOWING)
+            try:
+                if _abandoned(handle) and _is_file(handle, path):
+                    os.unlink(path)
+            finally:
+                os.close(handle)
+
+
+def _abandoned(handle: int) -> bool:
+    """Whether nobody writes this file any more."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+    return time.time() - os.fstat(handle).st_mtime > ABANDONED_AFTER_S
+
+
+def _is_file(handle: int, name: str | os.PathLike[str]) -> bool:
+    """Whether an open file is still the one of this name."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.lstat(name))
+    except FileNotFoundError:
+        return False
 
 
 def write_arrays(path: str | os.PathLike[str], what: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -158,10 +259,44 @@ def _unreadable(found: str) -> InvalidInput:
 
 def publish(temporary: str | os.PathLike[str], path: Path) -> None:
     """Give a finished file or folder its name; `recorded` tells of it from the very moment that it has it."""
+    _note(temporary, path)
+    os.replace(temporary, path)
+
+
+def exchange(temporary: str | os.PathLike[str], path: Path) -> bool:
+    """Give a finished folder the name of another one, which gets the temporary name, in one act of the kernel.
+
+    Returns
+    -------
+    bool
+        False where this system or file system has no such act; nothing was done then.
+    """
+    swap = _exchange_of_names()
+    _note(temporary, path)
+    return swap is not None and not swap(os.fsencode(temporary), os.fsencode(path))
+
+
+@cache
+def _exchange_of_names() -> Callable[[bytes, bytes], int] | None:
+    """The C library's function, as (one, other) → 0 for success."""
+    try:
+        library: Any = ctypes.CDLL(None)
+        if sys.platform == "darwin":
+            renamed = library.renamex_np
+            renamed.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint)
+            return lambda one, other: renamed(one, other, 2)
+        renamed, here = library.renameat2, -100
+        renamed.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
+        return lambda one, other: renamed(here, one, here, other, 2)
+    except (OSError, TypeError, AttributeError):  # Windows, an old or another C library
+        return None
+
+
+def _note(temporary: str | os.PathLike[str], path: Path) -> None:
+    """For `recorded`."""
     record = _record.get()
     if record is not None:
         record.append((path, _identity(temporary)))
-    os.replace(temporary, path)
 
 
 @contextmanager
@@ -234,11 +369,9 @@ def _acquired(path: Path) -> int:
         handle = -1
         try:
             # never through a symbolic link, which would make a file elsewhere
-            handle = os.open(
-                path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666
-            )
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | _NO_FOLLOWING, 0o666)
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.path.exists(path) and os.path.samestat(os.fstat(handle), os.stat(path)):
+            if _is_file(handle, path):
                 return handle
             os.close(
                 handle

@@ -342,7 +342,7 @@ def read_xml(path: Path) -> ElementTree.Element:
     InvalidInput
         For what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
     """
-    text = read_text(path, LARGEST_XML, "XML", "URDF")
+    text = read_text(path, LARGEST_XML, "XML", "URDF or MJCF file")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InvalidInput(
             f"{path.name}: this file has a document type.",

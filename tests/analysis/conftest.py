@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from flexhinf.analysis import EquilibriumLoop
+from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.simulation.program import measure_function, rk4_function
@@ -94,10 +94,60 @@ def _whole_jacobian(
     return np.asarray(value)[:, 0], np.asarray(slope)
 
 
+def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
+    """`LinearLoop.system` with a state for each input that waits: plant, inputs (newest first), memory."""
+    (n, m), p, s, q = loop.b.shape, len(loop.c), len(loop.memory), len(loop.positions)
+    k = loop.g.shape[1]
+    j, phi, old, new = loop.held(delay)
+    size = n + (j + 1) * m + s
+    past, memory = slice(n, n + (j + 1) * m), slice(n + (j + 1) * m, size)
+    oldest = slice(past.stop - m, past.stop)
+    width = size + m + p + q + k
+    commands = slice(size + m + p, size + m + p + q)
+    y = np.zeros((p, width))
+    y[:, :n], y[:, oldest], y[:, size + m : size + m + p] = loop.c, loop.d, np.eye(p)
+    u, after = (block[:, s:] @ y for block in (loop.law, loop.memory))
+    for rows, block, command in (
+        (u, loop.law, loop.commanded_law),
+        (after, loop.memory, loop.commanded_memory),
+    ):
+        rows[:, memory] += block[:, :s]
+        rows[:, commands] += command
+    total = u.copy()
+    total[:, size : size + m] += np.eye(m)
+    unit = np.eye(width)
+    newest = total if j == 0 else unit[past.start + (j - 1) * m : past.start + j * m]
+    state = phi @ unit[:n] + old @ unit[oldest] + new @ newest
+    state[:, commands.stop :] += loop._by_disturbance()
+    later = np.vstack([state, total, unit[past.start : oldest.start], after])
+    seen = np.vstack([total, u, loop.positions @ unit[:n]])
+    return DiscreteSystem(later[:, :size], later[:, size:], seen[:, :size], seen[:, size:], loop.period)
+
+
+def _dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
+    """`LinearLoop.opened` with a state for each input that waits."""
+    (n, m), p, s = loop.b.shape, len(loop.c), len(loop.memory)
+    j, phi, old, new = loop.held(delay)
+    size = n + (j + 1) * m + s
+    memory, unit = slice(size - s, size), np.eye(size + m)
+    oldest, given = slice(size - s - m, size - s), unit[size:]
+    y = np.zeros((p, size + m))
+    y[:, :n], y[:, oldest] = loop.c, loop.d
+    u, after = (block[:, s:] @ y + block[:, :s] @ unit[memory] for block in (loop.law, loop.memory))
+    newest = given if j == 0 else unit[n + (j - 1) * m : n + j * m]
+    later = np.vstack([
+        phi @ unit[:n] + old @ unit[oldest] + new @ newest, given, unit[n : oldest.start], after,
+    ])  # fmt: skip
+    return DiscreteSystem(later[:, :size], later[:, size:], u[:, :size], u[:, size:], loop.period)
+
+
 @pytest.fixture(scope="session")
 def made() -> SimpleNamespace:
     """How tests make laws and filters."""
-    return SimpleNamespace(law=designed, filter=filter_of, Gains=Gains, whole_jacobian=_whole_jacobian)
+    return SimpleNamespace(
+        law=designed, filter=filter_of, Gains=Gains, whole_jacobian=_whole_jacobian,
+        dense_system=_dense_system, dense_opened=_dense_opened,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

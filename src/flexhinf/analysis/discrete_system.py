@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 
-__all__ = ["DiscreteSystem"]
+__all__ = ["DiscreteSystem", "SampledSystem"]
 
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
@@ -26,8 +27,55 @@ TRIANGULAR = 48
 ON_AXIS = 1e-8
 
 
+class SampledSystem(ABC):
+    """A linear system with a sample every `period` seconds: what follows from its multipliers alone."""
+
+    period: float
+
+    @property
+    @abstractmethod
+    def multipliers(self) -> np.ndarray:
+        """What one period makes of each mode, (K,) complex."""
+
+    @property
+    @abstractmethod
+    def stable(self) -> bool:
+        """Whether all modes decay."""
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0 are left out."""
+        lasting = self.multipliers[np.abs(self.multipliers) > GONE]
+        poles = np.asarray(np.log(lasting) / self.period)
+        return poles[np.argsort(-np.real(poles), kind="stable")]
+
+    def frequencies(self, count: int = 300) -> np.ndarray:
+        """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
+        top = np.pi / self.period
+        exponents = self.poles[np.imag(self.poles) >= 0.0]
+        offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
+        near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
+        every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
+        return np.unique(every[(every > 0.0) & (every <= top)])
+
+    @property
+    def damping(self) -> tuple[float, float]:
+        """Smallest damping ratio −Re s/|s| of all poles s = log(z)/T, and |s| there in rad/s.
+
+        Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. So
+        are echoes of a delayed loop (`flexhinf.analysis.delayed_poles.DelayedPoles.roots`). A
+        loop that does not oscillate has the ratio 1, a growing mode a negative one.
+        """
+        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
+        if not len(lasting):
+            return 1.0, np.nan
+        sizes = np.abs(lasting)
+        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
+        return float(ratios.min()), float(sizes[ratios.argmin()])
+
+
 @dataclass(frozen=True, eq=False)
-class DiscreteSystem:
+class DiscreteSystem(SampledSystem):
     """x⁺ = a x + b w, z = c x + d w, one sample every `period` seconds.
 
     Attributes
@@ -53,12 +101,13 @@ class DiscreteSystem:
         """Whether all eigenvalues are inside the unit circle."""
         return bool(np.abs(self.multipliers).max() < 1.0)
 
-    @property
-    def poles(self) -> np.ndarray:
-        """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0 are left out."""
-        lasting = self.multipliers[np.abs(self.multipliers) > GONE]
-        poles = np.asarray(np.log(lasting) / self.period)
-        return poles[np.argsort(-np.real(poles), kind="stable")]
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Multipliers (n,), and what the state does in each, (n, n), in columns."""
+        return np.linalg.eig(self.a)
+
+    def plus(self, d: np.ndarray) -> DiscreteSystem:
+        """With another direct term (p, m) added."""
+        return DiscreteSystem(self.a, self.b, self.c, self.d + d, self.period)
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
         """Some outputs by some inputs."""
@@ -95,15 +144,6 @@ class DiscreteSystem:
         t, q = schur(self.a, output="complex")[:2]
         return np.asarray(t), np.asarray(q)
 
-    def frequencies(self, count: int = 300) -> np.ndarray:
-        """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
-        top = np.pi / self.period
-        exponents = self.poles[np.imag(self.poles) >= 0.0]
-        offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
-        near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
-        every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
-        return np.unique(every[(every > 0.0) & (every <= top)])
-
     def rms(self) -> np.ndarray:
         """RMS of each output for white noise of unit variance on one input at a time, (p, m).
 
@@ -120,20 +160,6 @@ class DiscreteSystem:
                 spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
             columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
         return np.array(columns).T
-
-    @property
-    def damping(self) -> tuple[float, float]:
-        """Smallest damping ratio −Re s/|s| of all poles s = log(z)/T, and |s| there in rad/s.
-
-        Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. A
-        loop that does not oscillate has the ratio 1, a growing mode a negative one.
-        """
-        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
-        if not len(lasting):
-            return 1.0, np.nan
-        sizes = np.abs(lasting)
-        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
-        return float(ratios.min()), float(sizes[ratios.argmin()])
 
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.

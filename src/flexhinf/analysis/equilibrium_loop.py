@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.batch import Rows, one_period
+from flexhinf.analysis.delayed_poles import DelayedPoles
 from flexhinf.analysis.law_batch import equilibrium_integrals
 from flexhinf.analysis.linear_loop import LinearLoop, Modes
 from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
@@ -56,8 +57,8 @@ class EquilibriumLoop:
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
     delay : int
-        Whole samples between an input and its effect, of which the estimator does not know. At most 200 inputs may wait
-        in all (each is a state of the linear loop): 200 samples with one motor, 28 with seven.
+        Whole samples between an input and its effect, of which the estimator does not know; at most `LONGEST` of
+        `flexhinf.loop.simulation.channel`, as in a run.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -90,7 +91,7 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
-        check_delay(delay, len(law.input_names), period)
+        check_delay(delay, period)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
@@ -127,6 +128,12 @@ class EquilibriumLoop:
     def states(self) -> int:
         """Number of states of the linear loop: true plant, inputs that wait in the delay, controller."""
         return self.plant.n + self.delay * self.step.m + self.step.size
+
+    @property
+    def operations(self) -> float:
+        """About how many operations the multipliers take: the cube of the states; per input that waits, a product."""
+        own = self.plant.n + self.step.size + (self.step.m if self.delay else 0)
+        return min(float(self.states) ** 3, own**3 + 50.0 * own * self.step.m**2 * self.delay)
 
     @property
     def tunable(self) -> bool:
@@ -209,25 +216,20 @@ class EquilibriumLoop:
         after = np.hstack([x, stepped.memory.value])
         return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
 
-    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
-        """The Jacobian of one period with `delay` inputs waiting, (N, K, K): plant, past inputs, controller."""
-        n, m, s, p, j = self.plant.n, self.step.m, self.step.size, self.step.p, self.delay
+    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> DelayedPoles:
+        """One period with `delay` inputs waiting, by (true plant, input that acted last, memory), N times."""
+        n, m, s, p, count = self.plant.n, self.step.m, self.step.size, self.step.p, len(z)
         stepped, by_y = self.stepped(z, vectors, fixed)
         _, moved = one_period(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
-        size = n + (j + 1) * m + s
-        oldest, memory = slice(n + j * m, n + (j + 1) * m), slice(size - s, size)
-        y = np.zeros((len(z), p, size))
-        y[:, :, :n], y[:, :, oldest] = by_y[:, :, :n], by_y[:, :, n : n + m]
-        slope = np.zeros((len(z), size, size))
-        slope[:, :n, :n], slope[:, :n, oldest.start - m : oldest.start] = (
-            moved[:, :, :n],
-            moved[:, :, n : n + m],
-        )
-        for rows, by in ((slice(n, n + m), stepped.u.by), (memory, stepped.memory.by)):
-            slope[:, rows] = by[:, :, s : s + p] @ y
-            slope[:, rows, memory] += by[:, :, :s]
-        slope[:, n + m : oldest.stop, n : oldest.start] = np.eye(j * m)
-        return slope
+
+        def by_state(by: np.ndarray) -> np.ndarray:
+            return np.concatenate([by[:, :, s : s + p] @ by_y, by[:, :, :s]], axis=2)
+
+        size = n + m + s
+        a, e = np.zeros((count, size, size)), np.zeros((count, size, m))
+        a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_state(stepped.memory.by)
+        e[:, :n], e[:, n : n + m] = moved[:, :, n : n + m], np.eye(m)
+        return DelayedPoles(a, e, by_state(stepped.u.by), self.delay)
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
@@ -300,11 +302,12 @@ class EquilibriumLoop:
         """
         vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
         z, slope, found = self._equilibrium(vectors, process_noise, near)
-        if self.delay:
-            slope = self._delayed(z, vectors, self._fixed(process_noise))
-        multipliers = np.full(slope.shape[:2], np.inf, dtype=complex)
-        if found.any():
-            multipliers[found] = np.linalg.eigvals(slope[found])
+        if self.delay and found.any():
+            some = self._delayed(z, vectors, self._fixed(process_noise)).part(np.flatnonzero(found)).largest()
+        else:
+            some = np.linalg.eigvals(slope[found])
+        multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
+        multipliers[found] = some
         return Modes(self.period, np.where(found[:, None], z, np.nan), multipliers)
 
     def linear(

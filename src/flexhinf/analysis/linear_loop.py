@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.delayed_system import DelayedSystem
 from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.sampled_controller import Stepped
 
@@ -87,16 +88,12 @@ class LinearLoop:
         early, late = expm(both * first), expm(both * second)
         return j, late[:n, :n] @ early[:n, :n], late[:n, :n] @ early[:n, n:], late[:n, n:]
 
-    def closed(self, delay: float | None = None) -> np.ndarray:
-        """One period of the loop, as a matrix: plant, past inputs, controller."""
-        return self.system(delay).a
-
     @cached_property
-    def running(self) -> DiscreteSystem:
+    def running(self) -> DiscreteSystem | DelayedSystem:
         """`system` with the loop's own delay."""
         return self._system(self.delay)
 
-    def system(self, delay: float | None = None) -> DiscreteSystem:
+    def system(self, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
         """From (w, v, r, d) to (u + w, u, q).
 
         w is added to the input, v to the measurements, r are the commanded positions, d torques that disturb the plant
@@ -104,34 +101,39 @@ class LinearLoop:
         """
         return self.running if delay is None or delay == self.delay else self._system(delay)
 
-    def _system(self, delay: float) -> DiscreteSystem:
-        (n, m), p, s, q = self.b.shape, len(self.c), len(self.memory), len(self.positions)
-        k = self.g.shape[1]
-        j, phi, old, new = self.held(delay)
-        size = n + (j + 1) * m + s
-        past, memory = slice(n, n + (j + 1) * m), slice(n + (j + 1) * m, size)
-        oldest = slice(past.stop - m, past.stop)
-        # y, u and the memory by (state, w, v, r, d)
-        width = size + m + p + q + k
-        commands = slice(size + m + p, size + m + p + q)
-        y = np.zeros((p, width))
-        y[:, :n], y[:, oldest], y[:, size + m : size + m + p] = self.c, self.d, np.eye(p)
-        u, after = (block[:, s:] @ y for block in (self.law, self.memory))
-        for rows, block, command in (
-            (u, self.law, self.commanded_law),
-            (after, self.memory, self.commanded_memory),
-        ):
-            rows[:, memory] += block[:, :s]
-            rows[:, commands] += command
+    def _system(self, delay: float) -> DiscreteSystem | DelayedSystem:
+        m, p, q = self.b.shape[1], len(self.c), len(self.positions)
+        parts = self._parts(delay)
+        n, size = len(self.a), len(parts.a)
+        # u and the next memory by (w, v, r, d); a disturbance moves the plant alone.
+        u, after = (
+            np.hstack(
+                [
+                    np.zeros((len(block), m)),
+                    block[:, len(self.memory) :],
+                    command,
+                    np.zeros((len(block), self.g.shape[1])),
+                ]
+            )
+            for block, command in ((self.law, self.commanded_law), (self.memory, self.commanded_memory))
+        )
+        b = np.zeros((size, u.shape[1]))
+        b[:n, m + p + q :], b[n + m :] = self._by_disturbance(), after
         total = u.copy()
-        total[:, size : size + m] += np.eye(m)
-        unit = np.eye(width)
-        newest = total if j == 0 else unit[past.start + (j - 1) * m : past.start + j * m]
-        state = phi @ unit[:n] + old @ unit[oldest] + new @ newest
-        state[:, commands.stop :] += self._by_disturbance()
-        later = np.vstack([state, total, unit[past.start : oldest.start], after])
-        seen = np.vstack([total, u, self.positions @ unit[:n]])
-        return DiscreteSystem(later[:, :size], later[:, size:], seen[:, :size], seen[:, size:], self.period)
+        total[:, :m] += np.eye(m)
+        c = np.vstack([parts.u, parts.u, np.hstack([self.positions, np.zeros((q, size - n))])])
+        d = np.vstack([total, u, np.zeros((q, u.shape[1]))])
+        return parts.system(b, c, d, parts.u, total)
+
+    def _parts(self, delay: float | None) -> _Parts:
+        """The loop opened at its inputs, by (plant, input that acted last, memory)."""
+        (n, m), s = self.b.shape, len(self.memory)
+        j, phi, old, new = self.held(delay)
+        seen = np.hstack([self.c, self.d])
+        u, after = (np.hstack([block[:, s:] @ seen, block[:, :s]]) for block in (self.law, self.memory))
+        a = np.vstack([np.hstack([phi, old, np.zeros((n, s))]), np.zeros((m, n + m + s)), after])
+        e = np.vstack([new, np.eye(m), np.zeros((s, m))])
+        return _Parts(a, e, u, j, self.period)
 
     def _by_disturbance(self) -> np.ndarray:
         """∫ e^{as} g ds over one period, (n, k)."""
@@ -142,7 +144,7 @@ class LinearLoop:
         both[:n] = np.hstack([self.a, self.g])
         return expm(both * self.period)[:n, n:]
 
-    def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem:
+    def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
         """One block of `system`: into "w", "v", "r" or "d", out of "u+w", "u" or "q"."""
         m, p, q, k = self.b.shape[1], len(self.c), len(self.positions), self.g.shape[1]
         begin = np.cumsum([0, m, p, q, k]).tolist()
@@ -150,37 +152,22 @@ class LinearLoop:
         outputs = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
         return self.system(delay).block(outputs, slice(begin[at], begin[at + 1]))
 
-    def opened(self, delay: float | None = None) -> DiscreteSystem:
+    def opened(self, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
         """The loop broken at all inputs of the plant: what the controller answers to an input of the plant alone.
 
         Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹.
         """
-        (n, m), p, s = self.b.shape, len(self.c), len(self.memory)
-        j, phi, old, new = self.held(delay)
-        size = n + (j + 1) * m + s
-        memory, unit = slice(size - s, size), np.eye(size + m)
-        oldest, given = slice(size - s - m, size - s), unit[size:]
-        y = np.zeros((p, size + m))
-        y[:, :n], y[:, oldest] = self.c, self.d
-        u, after = (block[:, s:] @ y + block[:, :s] @ unit[memory] for block in (self.law, self.memory))
-        newest = given if j == 0 else unit[n + (j - 1) * m : n + j * m]
-        later = np.vstack([
-            phi @ unit[:n] + old @ unit[oldest] + new @ newest, given, unit[n : oldest.start], after,
-        ])  # fmt: skip
-        return DiscreteSystem(later[:, :size], later[:, size:], u[:, :size], u[:, size:], self.period)
+        return self._opened_at(np.ones(self.b.shape[1], dtype=bool), delay)
 
-    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem:
+    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
         """The loop broken at input i alone, the other inputs closed: −L_i, one input and one output."""
-        whole = self.opened(delay)
-        m = self.b.shape[1]
-        others, one = [k for k in range(m) if k != i], [i]
-        closing = np.linalg.inv(np.eye(m - 1) - whole.d[np.ix_(others, others)])
-        by_state, by_input = closing @ whole.c[others], closing @ whole.d[np.ix_(others, one)]
-        through = whole.d[np.ix_(one, others)]
-        return DiscreteSystem(
-            whole.a + whole.b[:, others] @ by_state, whole.b[:, one] + whole.b[:, others] @ by_input,
-            whole.c[one] + through @ by_state, whole.d[np.ix_(one, one)] + through @ by_input, self.period,
-        )  # fmt: skip
+        return self._opened_at(np.arange(self.b.shape[1]) == i, delay)
+
+    def _opened_at(self, broken: np.ndarray, delay: float | None) -> DiscreteSystem | DelayedSystem:
+        """Broken at some of the inputs, (m,) of bool."""
+        parts, given = self._parts(delay), np.eye(len(broken))[:, broken]
+        fed_back, nothing = np.where(broken[:, None], 0.0, parts.u), np.zeros((len(parts.a), given.shape[1]))
+        return parts.system(nothing, parts.u[broken], np.zeros(2 * (given.shape[1],)), fed_back, given)
 
     @staticmethod
     def of(loop: Any, z: np.ndarray, vector: np.ndarray, stepped: Stepped, by_y: np.ndarray) -> LinearLoop:
@@ -202,6 +189,25 @@ class LinearLoop:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """x⁺ = a x + e v, u = u x for x = (plant, input that acted last, memory); v is an input `samples` late."""
+
+    a: np.ndarray
+    e: np.ndarray
+    u: np.ndarray
+    samples: int
+    period: float
+
+    def system(
+        self, b: np.ndarray, c: np.ndarray, d: np.ndarray, k: np.ndarray, l: np.ndarray
+    ) -> DiscreteSystem | DelayedSystem:
+        """With x⁺ = … + b w, z = c x + d w and v = k x + l w, late."""
+        if not self.samples:
+            return DiscreteSystem(self.a + self.e @ k, b + self.e @ l, c, d, self.period)
+        return DelayedSystem(self.a, b, c, d, self.e, k, l, self.samples, self.period)
+
+
 @dataclass(frozen=True)
 class Modes:
     """Multipliers of one period, for N true plants.
@@ -213,7 +219,8 @@ class Modes:
     equilibrium : (N, n + s) array
         State of the loop in equilibrium (true plant, then the memory of `SampledController`); NaN where there is none.
     multipliers : (N, K) complex array
-        Eigenvalues of one period; infinite where the loop has no equilibrium.
+        Eigenvalues of one period; infinite where the loop has no equilibrium. Of a long delay some of the largest, the
+        very largest among them; 0 stands for none.
     """
 
     period: float

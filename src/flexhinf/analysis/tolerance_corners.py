@@ -26,7 +26,8 @@ __all__ = [
 ]  # fmt: skip
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
-#: these (states cubed for each corner): with eleven numbers more than a hundred states, as with a delay of 100 samples.
+#: these (`EquilibriumLoop.operations` for each corner): with eleven numbers more than a hundred states, or a delay of
+#: more than 2000 samples.
 ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
@@ -100,6 +101,7 @@ def growth_rates(
     population: Population,
     noises: Sequence[ProcessNoise | None] = (None,),
     plants: np.ndarray | None = None,
+    going_on: Callable[[], None] | None = None,
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v.
 
@@ -111,6 +113,8 @@ def growth_rates(
         None stands for the loop as it is.
     plants : (N,) array of int, optional
         Only these plants of the population.
+    going_on : callable, optional
+        Called before each R^v, of which one may take a second; what it raises ends the work.
 
     Raises
     ------
@@ -118,7 +122,7 @@ def growth_rates(
         If R^v is asked for and no Kalman filter is in the loop.
     """
     chosen = np.arange(len(population)) if plants is None else plants
-    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen)
+    return _growth_rates(loop, population, _vectors(loop, population), noises, chosen, going_on)
 
 
 def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
@@ -132,11 +136,14 @@ def _growth_rates(
     vectors: np.ndarray,
     noises: Sequence[ProcessNoise | None],
     chosen: np.ndarray,
+    going_on: Callable[[], None] | None = None,
 ) -> tuple[GrowthRates, ...]:
     """The same with the parameter vectors of the whole population; few plants with several R^v at once."""
     found: list[GrowthRates] = []
     equilibria, count, rest = None, len(chosen), list(noises)
     while rest:
+        if going_on is not None:
+            going_on()
         together = 1 if None in rest[:1] else max(1, ROWS // max(count, 1))
         part = list(takewhile(lambda noise: noise is not None, rest[:together])) or rest[:1]
         del rest[: len(part)]
@@ -243,7 +250,7 @@ def tolerance_corners(
 ) -> ToleranceCorners:
     """Growth rates at all corners of up to 12 uncertain numbers, at seeded samples of the corners of more.
 
-    Loops of more than a hundred states, as with a delay of a hundred samples, are sampled too; the result says so.
+    Loops of more than a hundred states, and delays of thousands of samples, are sampled too; the result says so.
 
     The estimator's noise is taken as designed, then as each of `noises`, and for each form of R^v that is stable so
     far as a q between two of these with which the loop grows fastest.
@@ -295,7 +302,7 @@ def corner_plants(
 
 def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
     """Whether all corners are computed."""
-    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
+    return uncertain <= ALL_OF and 2.0**uncertain * loop.operations <= OPERATIONS
 
 
 def _between(

@@ -34,13 +34,13 @@ __all__ = [
 Robot = Annotated[
     str,
     typer.Argument(
-        help="A robot file (arm.toml), a URDF, a name that `flexhinf robots` lists, or a design file (design.toml); "
-        "options win over a design file."
+        help="A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a "
+        "design file (design.toml); options win over a design file."
     ),
 ]
 Out = Annotated[Path, typer.Option(help="Folder of the report; an earlier report there is replaced whole.")]
 Elastic = Annotated[
-    str, typer.Option(help="With a URDF: the robot file with spring and motor of each joint.")
+    str, typer.Option(help="With a URDF or MJCF: the robot file with spring and motor of each joint.")
 ]
 
 Payload = Annotated[

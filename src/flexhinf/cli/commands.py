@@ -1,4 +1,4 @@
-"""All commands, and the way in and out.
+"""All commands; `run` is the way in and out.
 
 A new command is a function that is named in `COMMANDS`. Where it takes a specification, its options are
 made by `flexhinf.cli.arguments.with_specification`.
@@ -22,7 +22,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.untrusted import value_text
 
-__all__ = ["COMMANDS", "app", "main", "robots", "schema"]
+__all__ = ["COMMANDS", "app", "robots", "run", "schema"]
 
 
 def robots() -> None:
@@ -77,7 +77,7 @@ def root(
     """Robust nonlinear H∞ control of robots with elastic joints.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
-    2 a mistake that can be put right, nothing written; 130 interrupted.
+    2 a mistake that can be put right, nothing written; 130 interrupted, 143 terminated.
     """
 
 
@@ -98,8 +98,8 @@ def _check_text(words: Sequence[str]) -> None:
             ) from None
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback."""
+def run(arguments: Sequence[str] | None = None) -> int:
+    """What `flexhinf.cli.main` does, but for signals other than Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     with recorded() as written:
         try:

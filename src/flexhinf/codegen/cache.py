@@ -14,11 +14,11 @@ import os
 import re
 import stat
 import sys
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from flexhinf.files import part_file
 
 __all__ = ["cached", "folder"]
 
@@ -27,10 +27,6 @@ _DIGEST = 32
 _MOST_FILES = 500  # the oldest go first
 _LARGEST = 1 << 28  # bytes; the object code of seven links has some hundred thousand
 _NAME = re.compile(r"[0-9a-f]{64}\.o")
-_PART, _ABANDONED = (
-    ("flexhinf-", ".part"),
-    3600.0,
-)  # name of a file that is being written, and s until nobody is
 
 
 def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
@@ -120,30 +116,22 @@ def _is_ours(info: os.stat_result) -> bool:
 def _write(path: Path, key: bytes, image: bytes) -> None:
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=_PART[0], suffix=_PART[1])
-        try:
-            with os.fdopen(handle, "wb") as file:
+        with part_file(path.parent, "flexhinf-") as temporary:
+            with open(temporary, "wb") as file:
                 file.write(_MAGIC + key + hashlib.sha256(image).digest() + image)
             os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
         _prune(path.parent)
     except OSError:
         return
 
 
 def _prune(directory: Path) -> None:
-    """Remove the oldest files of ours beyond `_MOST_FILES`, and what a process that was killed began to write."""
+    """Remove the oldest files of ours beyond `_MOST_FILES`."""
     files = {path: os.lstat(path) for path in directory.iterdir()}
     ours = [path for path, info in files.items() if _NAME.fullmatch(path.name) and _is_ours(info)]
     ours.sort(key=lambda path: files[path].st_mtime)
     for path in ours[: max(0, len(ours) - _MOST_FILES)]:
         if _has_magic(path):
-            path.unlink(missing_ok=True)
-    begun = [path for path in files if path.name.startswith(_PART[0]) and path.name.endswith(_PART[1])]
-    for path in begun:
-        if _is_ours(files[path]) and time.time() - files[path].st_mtime > _ABANDONED:
             path.unlink(missing_ok=True)
 
 

@@ -128,7 +128,7 @@ def running_modes(
     joints, stiffness, inertia
         As of `named_modes`.
     """
-    return _sampled_modes(*np.linalg.eig(linear.closed()), linear.period, joints, stiffness, inertia)
+    return _sampled_modes(*linear.running.modes(), linear.period, joints, stiffness, inertia)
 
 
 def estimator_modes(

@@ -221,7 +221,7 @@ class Specification:
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")] = ()
     delay: Annotated[Seconds, About(LOOP,
-        "Delay of the inputs, a multiple of the period, at most 200 samples over the number of motors; the estimator "
+        "Delay of the inputs, a multiple of the period, at most 100,000 samples; the estimator "
         "does not know of it.", "5ms", "s")] = 0.0
     quantisation: Annotated[Quanta, About(LOOP,
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
@@ -261,15 +261,15 @@ class Specification:
 
     def _check_delay(self) -> None:
         from flexhinf.loop.simulation.channel import (
-            MOST_QUEUED,
+            LONGEST,
             WHOLE,
         )  # a tenth of the time of `flexhinf --help`
 
         samples = self.delay / self.period
-        if samples > MOST_QUEUED * (1.0 + WHOLE):
+        if samples > LONGEST * (1.0 + WHOLE):
             raise _refusal(
                 "delay",
-                f"expected at most {MOST_QUEUED * self.period:g} s, {MOST_QUEUED} samples: "
+                f"expected at most {LONGEST * self.period:g} s, {LONGEST} samples: "
                 f"{self.delay:g} s are {samples:.0f} samples",
                 f"{self.delay:g}ms",
             )

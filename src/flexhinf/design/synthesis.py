@@ -21,7 +21,6 @@ from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
-from flexhinf.loop.simulation.channel import check_delay
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
 from flexhinf.robot.plausibility import check_fast
@@ -212,10 +211,9 @@ def _law_of(
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: extras, sensors and estimator, a delay out of proportion, poses that cannot be held."""
+    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
     robot.plant(s.measured, extras=s.extras)
     model = robot.plant(s.measured)
-    check_delay(s.delay / s.period, len(model.inputs), s.period)
     estimator_for(
         s.estimator, model, robot.operating_point(goal), robot.operating_point(start)[0], s.period,
         EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),

@@ -7,8 +7,9 @@ are torques), on the link's velocity alone, and on the motor's alone. Only the r
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,13 +60,23 @@ def growth_with(
     """
     coil, period, population = setup.arm.plant(inductance=True), setup.settings.period, setup.population
 
+    interrupted = threading.Event()
+
+    def going_on() -> None:
+        if interrupted.is_set():
+            raise CancelledError
+
     def at(goal: float) -> tuple[GrowthRates, ...]:
-        return growth_rates(loops[goal], population, noises, plants)
+        return growth_rates(loops[goal], population, noises, plants, going_on)
 
     filter = setup.estimator() if estimated else None
     loops = {goal: EquilibriumLoop(law, filter, coil, period, goal) for goal in goals}
     with ThreadPoolExecutor(2) as pool:  # eigenvalues of many plants at once let the other thread go on
-        return dict(zip(goals, pool.map(at, goals), strict=True))
+        try:
+            return dict(zip(goals, pool.map(at, goals), strict=True))
+        except BaseException:  # Ctrl-C reaches this thread only, and the pool waits for the others
+            interrupted.set()
+            raise
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flexhinf.errors import InvalidInput
-from flexhinf.files import locked, publish
+from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.text import to_json
 from flexhinf.untrusted import checked_path, read_bytes
 
@@ -33,8 +33,8 @@ _TEMPORARY = re.compile(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-[0-9a-f-]+\
 #: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
 _PATIENCE = 60.0
 
-#: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
-_ABANDONED_AFTER = 86400.0
+#: Seconds for which the check before a run waits; what another run is publishing is no report to judge yet.
+_BRIEFLY = 1.0
 
 #: Most bytes of a marker: one of a thousand files has a hundred thousand.
 _LARGEST_MARKER = 10_000_000
@@ -81,10 +81,12 @@ def check(path: str | os.PathLike[str]) -> Path:
     with _refusals(path):
         target = _resolved(path)
         if target.parent.is_dir():
-            with locked(_lock(target)) as state:
+            with locked(_lock(target), _BRIEFLY) as state:
                 if state != "busy":
                     _clear(target, sure=state == "held")
-        _refuse(target)
+                    _refuse(target)
+        else:
+            _refuse(target)
         _probe(target)
     return target
 
@@ -145,7 +147,6 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     contents[MARKER] = to_json(marker).encode("utf-8")
     with _refusals(path):
         target = _resolved(path)
-        _refuse(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         with locked(_lock(target), _PATIENCE) as state:
             if state == "busy":
@@ -305,14 +306,28 @@ def _lock(target: Path) -> Path:
 
 
 def _exchange(fresh: Path, target: Path) -> None:
-    """Give `fresh` the target's name; should that fail, the earlier report gets its name back."""
+    """Give `fresh` the target's name; should that fail, the earlier report has, or gets back, its name.
+
+    What was put into the earlier report since it was checked is looked for once nobody finds it by that name any more.
+    """
     if not target.exists():
         publish(fresh, target)
-        return
+    elif exchange(fresh, target):
+        try:
+            _refuse_strangers(fresh, target)
+        except BaseException:
+            exchange(fresh, target)
+            raise
+    else:
+        _exchange_in_two(fresh, target)
+
+
+def _exchange_in_two(fresh: Path, target: Path) -> None:
+    """The same in two renamings, where names cannot be exchanged: for a moment there is no report."""
     earlier = _beside(target, "old")
     try:
         os.rename(target, earlier)
-        _refuse_strangers(earlier, target)  # what was put there since the report was checked
+        _refuse_strangers(earlier, target)
         publish(fresh, target)
     except BaseException:
         if earlier.exists() and not target.exists():
@@ -333,6 +348,8 @@ def _clear(target: Path, sure: bool) -> None:
         match = _TEMPORARY.match(folder.name)
         if not match or match["name"] != target.name or not (sure or _old(folder)):
             continue
+        if folder.is_symlink() or not folder.is_dir():  # not ours; a pipe would keep us waiting
+            continue
         if match["kind"] == "old" and is_report(folder) and not target.exists():
             os.rename(folder, target)
         else:
@@ -341,6 +358,6 @@ def _clear(target: Path, sure: bool) -> None:
 
 def _old(folder: Path) -> bool:
     try:
-        return time.time() - folder.stat().st_mtime > _ABANDONED_AFTER
+        return time.time() - folder.stat().st_mtime > ABANDONED_AFTER_S
     except OSError:
         return False

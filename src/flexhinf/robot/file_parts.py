@@ -89,14 +89,21 @@ class PartsReader:
         return tuple(Parameter(quantity, x, shared.tolerance, source=table.source) for x in table.value)
 
     # Parts ----------------------------------------------------------------------------------------
-    def elastic(self, row: JointTable) -> ElasticJoint:
-        """Spring and motor of a joint."""
+    def elastic(
+        self, row: JointTable, motor: Mapping[str, float] | None = None, source: str = ""
+    ) -> ElasticJoint:
+        """Spring and motor of a joint, over what another file (`source`) says of the motor."""
 
         def made() -> ElasticJoint:
             stated = {**dict(row.spring), **dict(row.motor)}
-            return ElasticJoint(
-                **{k: self.number(v, k, row.name) for k, v in stated.items() if v is not None}
-            )
+            numbers = {k: self.number(v, k, row.name) for k, v in stated.items() if v is not None}
+            for quantity, value in (motor or {}).items():
+                inertia = quantity == "motor_inertia" and "rotor_inertia" in numbers
+                if quantity not in numbers and not inertia:
+                    numbers[quantity] = Parameter(
+                        quantity, value, self.tolerance(row.name, quantity), source=source
+                    )
+            return ElasticJoint(**numbers)
 
         return self._blamed(row.name, made)
 

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameter import Parameter
-from flexhinf.untrusted import HUGE, within_proportion
+from flexhinf.untrusted import HUGE, real_array, value_text, within_proportion
 
-__all__ = ["INERTIA", "QUANTITIES", "VECTOR", "Quantity", "check_parameters", "per_joint", "unit_of"]
+__all__ = [
+    "INERTIA",
+    "QUANTITIES",
+    "VECTOR",
+    "Quantity",
+    "check_parameters",
+    "checked_limits",
+    "per_joint",
+    "unit_of",
+]
 
 
 class Quantity(NamedTuple):
@@ -144,3 +155,20 @@ def _check_meanings(robot: str, joints: Sequence[str]) -> None:
                     f"expected distinct names, got {other[0]} of joint {other[1]!r} and {quantity} of joint {joint!r}",
                     f"another name for the joint {joint!r}",
                 )
+
+
+def checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
+    """One positive number for each joint, infinite where no limit is stated."""
+    if stated is None:
+        return (np.inf,) * len(joints)
+    found = stated
+    if isinstance(stated, Sequence) and not isinstance(stated, str):
+        found = [np.inf if limit is None else limit for limit in stated]
+    limits = real_array(found)
+    if limits.shape != (len(joints),) or not np.all(limits > 0.0):
+        raise InvalidInput(
+            f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
+            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+            f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
+        )
+    return tuple(limits.tolist())

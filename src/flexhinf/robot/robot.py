@@ -19,10 +19,10 @@ from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_row
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.penalised import robot_penalty
-from flexhinf.robot.quantities import check_parameters
+from flexhinf.robot.quantities import check_parameters, checked_limits
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
 from flexhinf.robot.single_link import Pendulum
-from flexhinf.untrusted import checked_name, checked_text, real_array, real_number, value_text
+from flexhinf.untrusted import checked_name, checked_text, real_number
 
 __all__ = ["Robot"]
 
@@ -83,7 +83,7 @@ class Robot(Summarised):
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
         for kind in ("effort_limits", "speed_limits"):
-            limits = _checked_limits(self.name, kind, getattr(self, kind), self.joint_names)
+            limits = checked_limits(self.name, kind, getattr(self, kind), self.joint_names)
             object.__setattr__(self, kind, limits)
 
     # Numbers --------------------------------------------------------------------------------------
@@ -395,20 +395,3 @@ class Robot(Summarised):
                     "−1, 0 or 1",
                 )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
-
-
-def _checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
-    """One positive number for each joint, infinite where no limit is stated."""
-    if stated is None:
-        return (np.inf,) * len(joints)
-    found = stated
-    if isinstance(stated, Sequence) and not isinstance(stated, str):
-        found = [np.inf if limit is None else limit for limit in stated]
-    limits = real_array(found)
-    if limits.shape != (len(joints),) or not np.all(limits > 0.0):
-        raise InvalidInput(
-            f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
-            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-            f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
-        )
-    return tuple(limits.tolist())

@@ -1,4 +1,4 @@
-"""Robots from files: TOML of our own, or a URDF with the elastic data beside it."""
+"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,21 @@ from flexhinf.robot.assembly import assembled, single_link_robot
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.file_errors import file_error
 from flexhinf.robot.file_parts import PartsReader, own_frames
+from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parts import SingleLink
 from flexhinf.robot.payload import Frame, Payload
 from flexhinf.robot.plausibility import check_angles, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.schema import JointTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
-from flexhinf.untrusted import checked_path, distinct, read_toml, value_text
+from flexhinf.untrusted import checked_path, distinct, read_toml, read_xml, value_text
 
 __all__ = ["catalogue", "load_robot"]
 
 GRAVITY = 9.81
+
+#: How names of MJCF files end; a URDF may end so too, its root element decides.
+MJCF = (".xml", ".mjcf")
 
 
 def load_robot(
@@ -39,13 +43,13 @@ def load_robot(
     Parameters
     ----------
     source : path or str
-        A robot file (``arm.toml``), a URDF (``arm.urdf``), or a name of `catalogue`.
+        A robot file (``arm.toml``), a URDF (``arm.urdf``), an MJCF file (``arm.xml``), or a name of `catalogue`.
     elastic : path, optional
-        For a URDF: the robot file with the spring and the motor of each joint.
+        For a URDF or MJCF: the robot file with the spring and the motor of each joint.
     joints : sequence of str, optional
-        For a URDF: the joints that move; the others are locked. By default all that are not fixed.
+        For a URDF or MJCF: the joints that move; the others are locked. By default all that are not fixed.
     locked : mapping of str to float, optional
-        For a URDF: joints that do not move, and where they stand, rad or m.
+        For a URDF or MJCF: joints that do not move, and where they stand, rad or m.
     payload : str, Payload or sequence of these, optional
         What the robot carries, instead of the file's own payload: ``"0..3kg@hand"``, see `payload_from_text`.
 
@@ -64,16 +68,19 @@ def load_robot(
                 "load_robot('arm.toml'), or urdf = '…' in that file",
             )
         table, file = _read(path)
-        if table.urdf is None:
+        if table.urdf is not None and table.mjcf is not None:
+            raise InvalidInput(f"{file}: two files state the links.", "got urdf and mjcf", "one of them")
+        rigid = table.urdf or table.mjcf
+        if rigid is None:
             return _own(table, file, joints, locked, payload)
-        return _with_urdf(table, file, _found(path.parent / table.urdf), joints, locked, payload)
+        return _with_urdf(table, file, _found(path.parent / rigid), joints, locked, payload)
     if elastic is None:
         raise InvalidInput(
-            f"{path.name}: a URDF says nothing about elastic joints.",
+            f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    table, file = _read(_found(elastic))
+    table, file = _read(_found(elastic), path.suffix.lower() in MJCF)
     return _with_urdf(table, file, path, joints, locked, payload)
 
 
@@ -94,11 +101,15 @@ def _found(source: str | Path) -> Path:
     )
 
 
-def _read(path: Path) -> tuple[RobotTable, str]:
+def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str]:
+    """The tables of a file; beside an MJCF file, which states motors itself, [joint.motor] may be left out."""
     from pydantic import ValidationError
 
     data = read_toml(path)
     rows = data.get("joint")
+    for row in rows if isinstance(rows, list) and (with_motors or "mjcf" in data) else ():
+        if isinstance(row, dict):
+            row.setdefault("motor", {})
     if isinstance(rows, list) and len(rows) > MOST_JOINTS:
         raise InvalidInput(
             f"{path.name}: there are too many joints.",
@@ -175,7 +186,7 @@ def _with_urdf(
                 f"leave it out; {urdf.name} decides",
             )
     chosen = joints if joints is not None else table.joints
-    arm: RigidArm = read_urdf(urdf, chosen, {**table.locked, **(locked or {})})
+    arm = _rigid(urdf, chosen, {**table.locked, **(locked or {})})
     distinct(f"{file}: the joint", [row.name for row in table.joint])
     rows = {row.name: row for row in table.joint}
     names = [joint.name for joint in arm.joints]
@@ -200,25 +211,38 @@ def _with_urdf(
         for j, r in zip(arm.joints, kept)
     ]
     parts = PartsReader(table, file)
-    springs = [parts.elastic(row) for row in kept]
+    springs = [parts.elastic(row, arm.motors.get(row.name, {}), urdf.name) for row in kept]
     links = [parts.tolerated(link, name, urdf.name) for link, name in zip(arm.links, names)]
-    down = {} if table.down is None else {"down": table.down}
+    direction = arm.down if table.down is None else table.down
+    down: dict[str, Any] = {} if direction is None else {"down": direction}
     # <limit effort> is a torque: it says nothing about a motor whose input is a voltage.
     torque_driven = springs[0].drive == "torque"
     stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
-    robot = assembled(table.name, placed, links, springs, **down, **stated, **_common(table, parts))
+    robot = assembled(
+        table.name, placed, links, springs, **down, **stated, **_common(table, parts, arm.gravity)
+    )
     frames = {name: Frame(joint, place) for name, (joint, place) in arm.frames.items()}
     robot = parts.loaded(robot, frames, arm.tips, payload)
     parts.check_tolerances()
     return check_plausible(robot, file)
 
 
+def _rigid(path: Path, joints: Sequence[str] | None, locked: Mapping[str, float]) -> RigidArm:
+    """The links of a URDF or an MJCF file."""
+    if path.suffix.lower() in MJCF:
+        root = read_xml(path)
+        if root.tag == "mujoco":
+            return read_mjcf(root, path.name, joints, locked)
+    return read_urdf(path, joints, locked)
+
+
 # Parts --------------------------------------------------------------------------------------------
-def _common(table: RobotTable, parts: PartsReader) -> dict[str, Any]:
+def _common(table: RobotTable, parts: PartsReader, fall: float | None = None) -> dict[str, Any]:
     penalty = None
     if table.penalty is not None:
         penalty = Penalty(table.penalty.weights, effort=table.penalty.effort)  # type: ignore[arg-type]
-    gravity = GRAVITY if table.gravity is None else parts.number(table.gravity, "gravity")
+    usual = GRAVITY if fall is None else fall
+    gravity = usual if table.gravity is None else parts.number(table.gravity, "gravity")
     return {"gravity": gravity, "penalty": penalty, "home": table.home, "description": table.description}
 
 

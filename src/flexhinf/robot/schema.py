@@ -186,6 +186,7 @@ class RobotTable(_Table):
     down: Three | None = None
     home: list[float] | None = None
     urdf: str | None = None
+    mjcf: str | None = None
     joints: list[str] | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     penalty: PenaltyTable | None = None

@@ -19,7 +19,7 @@ from flexhinf.robot.parts import Link
 from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, largest_of, limits_of, origin_of
 from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
-__all__ = ["MOST_JOINTS", "RigidArm", "check_selection", "read_urdf"]
+__all__ = ["MOST_JOINTS", "RigidArm", "check_selection", "merged", "moved", "read_urdf"]
 
 #: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
 MOST_JOINTS, MOST_LINKS = 100, 1000
@@ -27,7 +27,7 @@ MOST_JOINTS, MOST_LINKS = 100, 1000
 
 @dataclass(frozen=True)
 class RigidArm:
-    """What a URDF says about dynamics.
+    """What a URDF or an MJCF file says about dynamics.
 
     Attributes
     ----------
@@ -44,6 +44,10 @@ class RigidArm:
         Links that carry no other.
     efforts, speeds : tuple of float
         Largest torque (N·m) or force (N), and velocity (rad/s, m/s), of each joint; infinite where none is stated.
+    motors : mapping
+        Of each joint: numbers of its motor by their names in a robot file, seen from the link; of MJCF only.
+    gravity, down : float, (3,), or None
+        Free fall, m/s², and its direction; of MJCF only.
     """
 
     joints: tuple[Joint, ...]
@@ -53,6 +57,9 @@ class RigidArm:
     tips: tuple[str, ...]
     efforts: tuple[float, ...]
     speeds: tuple[float, ...]
+    motors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    gravity: float | None = None
+    down: tuple[float, float, float] | None = None
 
 
 def read_urdf(
@@ -100,7 +107,7 @@ def read_urdf(
         raise InvalidInput(
             f"{path.name}: nothing moves.", f"all of {list(file.movable)} are fixed or locked", "joints=[...]"
         )
-    links = [_merged(bodies, joint.name, path.name) for joint, bodies in zip(walk.joints, walk.bodies)]
+    links = [merged(bodies, joint.name, path.name) for joint, bodies in zip(walk.joints, walk.bodies)]
     efforts, speeds = (
         tuple(largest_of(path.name, j.name, file.joints[j.name], key) for j in walk.joints)
         for key in ("effort", "velocity")
@@ -116,7 +123,7 @@ def _root(path: Path) -> ElementTree.Element:
         raise InvalidInput(
             f"{path.name}: this is no URDF.",
             f"expected the root element <robot>, got <{root.tag[:60]}>",
-            "convert it to URDF first",
+            "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
         )
     if any("xacro" in element.tag for element in root.iter()):
         raise InvalidInput(
@@ -244,7 +251,7 @@ class _Walk:
         axis = axis_of(self.file.name, name, element)
         if name in self.locked:
             self.check_lock(name, element)
-            return carrier, place.then(_moved(kind, axis, float(self.locked[name])))
+            return carrier, place.then(moved(kind, axis, float(self.locked[name])))
         if element.find("mimic") is not None:
             raise InvalidInput(
                 f"{self.file.name}: the joint {name!r} mimics another one, which an elastic joint cannot.",
@@ -305,7 +312,7 @@ def check_selection(joints: Any, locked: Any) -> None:
             )
 
 
-def _moved(kind: str, axis: tuple[float, float, float], value: float) -> Placement:
+def moved(kind: str, axis: tuple[float, float, float], value: float) -> Placement:
     """The place of a locked joint's link at its position."""
     unit = np.array(axis) / np.linalg.norm(axis)
     if kind == "prismatic":
@@ -316,14 +323,14 @@ def _moved(kind: str, axis: tuple[float, float, float], value: float) -> Placeme
     return Placement(tuple(tuple(float(entry) for entry in row) for row in rotation))  # type: ignore[arg-type]
 
 
-def _merged(bodies: list[Any], joint: str, file: str) -> Link:
+def merged(bodies: list[Any], joint: str, file: str, element: str = "<inertial>") -> Link:
     """Several bodies that move together as one link."""
     mass = sum(body[1] for body in bodies)
     if not mass > 0.0:
         raise InvalidInput(
             f"{file}: what the joint {joint!r} moves has no mass.",
-            f"expected <inertial> in the link behind it, got {mass:g} kg",
-            "a URDF with inertials (some are made for display only), or lock the joint",
+            f"expected {element} in the link behind it, got {mass:g} kg",
+            "a file with inertials (some are made for display only), or lock the joint",
         )
     mass, centre, inertia = lumped([body[1:] for body in bodies])
     try:

@@ -13,7 +13,16 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement
 from flexhinf.untrusted import HUGE, value_text
 
-__all__ = ["axis_of", "body_of", "check_element", "largest_of", "limits_of", "origin_of"]
+__all__ = [
+    "NUMBER",
+    "axis_of",
+    "body_of",
+    "check_body",
+    "check_element",
+    "largest_of",
+    "limits_of",
+    "origin_of",
+]
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
@@ -182,13 +191,13 @@ def body_of(
         _number(file, link, six, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    _check_body(file, link, mass, about)
+    check_body(file, link, mass, about)
     place = placement.then(origin_of(file, link, inertial))
     turn = np.array(place.rotation)
     return [(link, mass, np.array(place.translation), turn @ about @ turn.T)]
 
 
-def _check_body(file: str, link: str, mass: float, inertia: np.ndarray) -> None:
+def check_body(file: str, link: str, mass: float, inertia: np.ndarray) -> None:
     """Refuse what no body has, before it is merged with others; a body may be a point, or have no mass at all."""
     a, b, c = np.linalg.eigvalsh(inertia)
     slack = 1e-9 * max(abs(a), c)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
+import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -176,3 +179,23 @@ def test_the_repair_withstands_other_plants_and_is_the_smallest(
         assert ours["overshoot_percent"] < paper["overshoot_percent"]
         assert ours["peak_input"] < paper["peak_input"]
         assert ours["settling_time_s"] < 1.2 * paper["settling_time_s"]
+
+
+def test_ctrl_c_ends_the_growth_rates_of_both_goals(
+    setup: PaperSetup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It reaches one thread only; the others would go on for minutes."""
+
+    def endless(*arguments: Any) -> None:
+        for turn in range(3000):
+            arguments[-1]()
+            if turn == 3 and arguments[0] == GOALS[1]:
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            time.sleep(0.01)
+
+    monkeypatch.setattr("flexhinf.paper.tolerance_study.growth_rates", endless)
+    monkeypatch.setattr("flexhinf.paper.tolerance_study.EquilibriumLoop", lambda *about: about[-1])
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        growth_with(setup, setup.nonlinear)
+    assert time.monotonic() - start < 10.0

@@ -10,29 +10,23 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array, real_number
 
-__all__ = ["DIRECT", "LONGEST", "MOST_QUEUED", "WHOLE", "Channel", "check_delay"]
+__all__ = ["DIRECT", "LONGEST", "WHOLE", "Channel", "check_delay"]
 
-#: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
-#: costs no time, but a longer one is most likely a wrong unit.
+#: Longest delay, samples. The inputs that wait are rows of a run's own record, and a factor z^-q of the linear loop: a
+#: delay compiles nothing and costs little, but a longer one is most likely a wrong unit.
 LONGEST = 100_000
-
-#: Most inputs that may wait in the delay of a linear loop, those of all motors together: each is a state of it, and its
-#: poles, norms and noise cost the cube of the states.
-MOST_QUEUED = 200
 
 #: A delay this close to a whole number of samples (in samples) is one.
 WHOLE = 1e-6
 
 
-def check_delay(samples: float, inputs: int, period: float) -> None:
-    """Refuse a delay with more than `MOST_QUEUED` waiting inputs, for a linear loop.
+def check_delay(samples: float, period: float) -> None:
+    """Refuse a delay of more than `LONGEST` samples, of a run or of a linear loop.
 
     Parameters
     ----------
     samples : float
         Length of the delay.
-    inputs : int
-        How many inputs are delayed.
     period : float
         s.
 
@@ -41,16 +35,12 @@ def check_delay(samples: float, inputs: int, period: float) -> None:
     InvalidInput
         With the unit that was probably meant.
     """
-    _check_length(samples, MOST_QUEUED // inputs, period, f" with {inputs} inputs" if inputs > 1 else "")
-
-
-def _check_length(samples: float, most: int, period: float, of: str = "") -> None:
-    if samples <= most * (1.0 + WHOLE):
+    if samples <= LONGEST * (1.0 + WHOLE):
         return
     late = period * samples
     raise InvalidInput(
         "The input delay is out of proportion to the period.",
-        f"expected at most {most} samples = {most * period:g} s{of}, got {late:g} s = {samples:.0f} samples of "
+        f"expected at most {LONGEST} samples = {LONGEST * period:g} s, got {late:g} s = {samples:.0f} samples of "
         f"{period:g} s",
         f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
     )
@@ -109,7 +99,7 @@ class Channel:
                 f"expected a multiple of {period:g} s, got {delay!r} s",
                 f"delay={period:g} for one sample",
             )
-        _check_length(samples, LONGEST, period)
+        check_delay(samples, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
 

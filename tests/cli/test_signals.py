@@ -1,0 +1,120 @@
+"""Ctrl-C, `kill` and a closed terminal end a command in order, whatever a library does with them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexhinf import cli, report
+from flexhinf.cli import commands, main
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+def signalled(number: int, lost: bool) -> Any:
+    """A command that gets a signal; where it is lost, a library has swallowed the exception."""
+
+    def command(**_: object) -> int:
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            if not lost:
+                raise
+        time.sleep(20.0)
+        return 0
+
+    return command
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("lost", [False, True], ids=["", "lost"])
+def test_a_signal_ends_a_command_with_the_shells_code(
+    number: int, lost: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)]
+    monkeypatch.setattr(commands, "app", signalled(number, lost))
+    monkeypatch.setattr(cli, "_LOOK_AGAIN", 0.05)
+    assert main(["robots"]) == 128 + number
+    assert capsys.readouterr().err == "error: Interrupted; nothing was written.\n"
+    after = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)]
+    assert after == before
+
+
+def test_an_interruption_that_is_on_its_way_is_not_given_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clearing away takes its time: what is interrupted there would be left half done."""
+    cleared: list[str] = []
+
+    def command(**_: object) -> int:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(1.0)
+        finally:
+            time.sleep(0.2)
+            cleared.append("all")
+        return 0
+
+    monkeypatch.setattr(commands, "app", command)
+    monkeypatch.setattr(cli, "_LOOK_AGAIN", 0.05)
+    assert main(["robots"]) == 143
+    assert cleared == ["all"]
+
+
+def test_what_a_library_makes_of_an_interruption_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def command(**_: object) -> int:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1.0)
+        except KeyboardInterrupt:
+            pass
+        raise NotImplementedError("no overload of this function")
+
+    monkeypatch.setattr(commands, "app", command)
+    assert main(["robots"]) == 130
+
+
+def test_signals_that_are_ignored_stay_so_and_other_threads_leave_them_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(commands, "app", lambda **_: os.kill(os.getpid(), signal.SIGHUP) or 0)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert main(["robots"]) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    codes: list[int] = []
+    monkeypatch.setattr(commands, "app", lambda **_: 0)
+    thread = threading.Thread(target=lambda: codes.append(main(["robots"])))
+    thread.start()
+    thread.join()
+    assert codes == [0]
+
+
+TERMINATED = """
+import os, sys, pathlib
+write = pathlib.Path.write_bytes
+def ended(path, content):
+    os.kill(os.getpid(), 15)
+    return write(path, content)
+pathlib.Path.write_bytes = ended
+from flexhinf import report
+from flexhinf.cli import commands, main
+commands.app = lambda **_: report.write(sys.argv[1], {"index.html": "new"}) and 0
+sys.exit(main(["robots"]))
+"""
+
+
+def test_a_terminated_command_leaves_the_earlier_report_and_nothing_beside_it(tmp_path: Path) -> None:
+    target = report.write(tmp_path / "r", {"index.html": "old"})
+    run = subprocess.run([sys.executable, "-c", TERMINATED, str(target)], capture_output=True, check=False)
+    assert (run.returncode, run.stderr) == (143, b"error: Interrupted; nothing was written.\n")
+    assert (target / "index.html").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]

@@ -1,0 +1,188 @@
+"""MJCF files: the same robot as MuJoCo's, with the elastic data beside it; and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import load_robot
+from flexhinf.robot.dynamics import Tree, bodies_of, inverse_dynamics, mass_matrix
+from flexhinf.robot.mjcf import read_mjcf
+from flexhinf.untrusted import read_xml
+
+ARM = """
+<mujoco model="own">
+  <compiler angle="degree" eulerseq="XYz"/>
+  <option gravity="0.5 0 -9.7"/>
+  <default>
+    <joint damping="0.4" armature="0.02"/>
+    <default class="heavy"><joint armature="0.3" frictionloss="0.7" range="-100 120"/>
+      <default class="slow"><joint damping="2"/></default></default>
+    <default class="drawn"><geom mass="0" type="mesh"/></default>
+  </default>
+  <worldbody>
+    <light pos="0 0 3"/><geom type="plane" size="1 1 1"/>
+    <body name="column" pos="0.1 0 0.2" euler="20 -30 40">
+      <inertial pos="0 0 0.1" mass="9" diaginertia="0.1 0.1 0.1"/>
+      <body name="upper" pos="0 0.05 0.3" quat="0.9 0.1 -0.3 0.2" childclass="heavy">
+        <joint name="shoulder" axis="0.1 1 0" pos="0.01 -0.02 0.03" ref="15"/>
+        <inertial pos="0.02 0 0.2" quat="0.8 0.1 0.5 0.2" mass="2.5" diaginertia="0.03 0.028 0.004"/>
+        <geom class="drawn" mesh="upper"/>
+        <site name="mark" pos="0 0 0.1"/>
+        <body name="fore" pos="0 0 0.4" axisangle="1 0 1 70">
+          <joint name="elbow" class="slow" range="-90 45"/>
+          <inertial pos="0 0.1 0" mass="1.5" diaginertia="0.02 0.004 0.021"/>
+          <body name="tool" pos="0 0.3 0" zaxis="1 1 0.2">
+            <inertial pos="0 0 0.05" mass="0.4" diaginertia="0.001 0.001 0.0005"/>
+            <frame pos="0 0 0.1" euler="0 0 90">
+              <body name="left" pos="0.02 0 0" xyaxes="0 1 0 -1 0 0.1">
+                <joint name="finger" type="slide" axis="1 0 0" range="0 0.04" armature="0" damping="0"/>
+                <inertial pos="0 0 0.02" mass="0.1" diaginertia="1e-4 1e-4 5e-5"/>
+              </body>
+            </frame>
+            <body name="right" pos="-0.02 0 0">
+              <joint name="other" type="slide" axis="-1 0 0" range="0 0.04" ref="0.01"/>
+              <inertial pos="0 0.01 0.02" mass="0.12" diaginertia="1e-4 1e-4 5e-5"/>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" ctrlrange="-2 2" gear="40"/>
+    <position joint="elbow" kp="100" forcerange="-12 12"/>
+  </actuator>
+</mujoco>
+"""
+
+SHAPES = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body name="a"><joint name="a" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0.1 0.05 0.4" size="0.04"/>
+    <geom type="sphere" size="0.06" pos="0 0.1 0" mass="0.7"/>
+    <body name="b" pos="0.1 0.05 0.4"><joint name="b" axis="1 0 0" pos="0 0 0.01"/>
+      <geom type="box" size="0.03 0.05 0.2" pos="0 0 0.2" euler="0.3 0.2 0.1" density="700"/>
+      <geom type="cylinder" size="0.02 0.1" pos="0 0.1 0.4" axisangle="0 1 0 0.7"/>
+      <geom type="ellipsoid" size="0.02 0.03 0.05" pos="0 0 0.5"/>
+      <frame pos="0 0 0.1" quat="1 1 0 0"><geom type="sphere" size="0.02" pos="0.1 0 0"/></frame>
+    </body>
+  </body></worldbody></mujoco>
+"""
+
+JOINTS = "name = 'own'\nlocked = { finger = 0.03, other = 0.0 }\n" + "".join(
+    f"[[joint]]\nname = '{joint}'\n[joint.spring]\nstiffness = {stiffness}\n"
+    for joint, stiffness in (("shoulder", 900.0), ("elbow", 500.0))
+)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(text, name="arm.xml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return file
+
+
+def rigid(path, locked=None):
+    return read_mjcf(read_xml(path), path.name, None, locked)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("text", "locked", "accuracy"),
+    [(ARM, {}, 1e-12), (ARM, {"elbow": 0.4, "finger": 0.02}, 1e-12), (SHAPES, {}, 1e-10)],
+)
+def test_mass_matrix_and_bias_forces_are_mujocos(write, text, locked, accuracy):
+    mujoco = pytest.importorskip("mujoco")
+    arm = rigid(write(text), locked)
+    model = mujoco.MjModel.from_xml_string(text.replace('<geom class="drawn" mesh="upper"/>', ""))
+    data, rng = mujoco.MjData(model), np.random.default_rng(3)
+    tree, names = Tree(arm.joints), [joint.name for joint in arm.joints]
+    bodies = bodies_of(tree, *zip(*((link.mass, link.centre_of_mass, link.inertia) for link in arm.links)))
+    place = np.array([model.joint(name).qposadr[0] for name in names])
+    size, direction = arm.gravity, np.array(arm.down)
+    for _ in range(10):
+        q, dq = rng.normal(size=(2, len(names)))
+        data.qpos[place], data.qvel[place] = q, dq
+        for name, value in locked.items():
+            data.qpos[model.joint(name).qposadr[0]] = value
+        mujoco.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full) if mujoco.__version__ >= "3.9" else mujoco.mj_fullM(
+            model, full, data.qM
+        )
+        expected = (full - np.diag(model.dof_armature))[np.ix_(place, place)]
+        found = np.array(mass_matrix(tree, bodies, q), dtype=float)
+        np.testing.assert_allclose(found, expected, atol=accuracy * np.abs(expected).max())
+        bias = inverse_dynamics(tree, bodies, q, dq, np.zeros(len(names)), tuple(size * direction))
+        weight = np.abs(data.qfrc_bias[place])
+        np.testing.assert_allclose(
+            np.array(bias, dtype=float), data.qfrc_bias[place], atol=accuracy * weight.max()
+        )
+
+
+def test_motors_limits_and_gravity_are_those_of_the_file(write):
+    robot = load_robot(write(ARM), elastic=write(JOINTS, "joints.toml"))
+    assert robot.joint_names == ("shoulder", "elbow")
+    nominal = robot.nominal
+    assert (nominal["motor_inertia_shoulder"], nominal["friction_shoulder"]) == (0.3, 0.4)
+    assert (nominal["friction_elbow"], nominal["coulomb_friction_elbow"]) == (2.0, 0.7)
+    assert robot["motor_inertia_elbow"].source == "arm.xml"
+    assert robot.effort_limits == (80.0, 12.0)
+    np.testing.assert_allclose(robot.links.limits, np.deg2rad([[-100, 120], [-90, 45]]))
+    assert nominal["gravity"] == pytest.approx(np.hypot(0.5, 9.7))
+    table = "mjcf = 'arm.xml'\ngravity = 9.81\ndown = [0, 0, -1]\n" + JOINTS.replace(
+        "stiffness = 500.0\n", "stiffness = 500.0\n[joint.motor]\nrotor_inertia = 1e-5\ngear_ratio = 100\n"
+    )
+    other = load_robot(write(table, "whole.toml"), payload="0..1kg@left")
+    assert other.plant_parameters()["motor_inertia"] == pytest.approx([0.3, 0.1])
+    assert other.nominal["gravity"] == 9.81
+    assert other["payload_mass_elbow"].interval == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<option", "<include file='x.xml'/><option", "<include> is not read"),
+        ('type="slide" axis="1 0 0"', 'type="ball"', "of type 'ball'"),
+        ('name="elbow"', 'name="elbow" stiffness="3"', "has stiffness"),
+        ('name="elbow"', 'name="elbow" axs="0 0 1"', "unknown attribute 'axs'"),
+        ('name="elbow"', "", "no usable name"),
+        ('name="elbow"', 'name="shoulder"', "is there 2 times|stands there 2 times"),
+        ('class="slow"', 'class="slw"', "no default class 'slow'"),
+        ('name="left"', 'name="left" gravcomp="1"', "has gravcomp"),
+        ("<actuator>", "<equality><joint joint1='finger' joint2='other'/></equality><actuator>", "couples"),
+        ("<actuator>", "<tendon><fixed stiffness='3'><joint joint='elbow' coef='1'/></fixed></tendon><actuator>",
+         "a tendon has stiffness"),
+        ('diaginertia="0.02 0.004 0.021"', "", "is incomplete"),
+        ('diaginertia="0.02 0.004 0.021"', 'diaginertia="0.02 0.004 0.9"', "triangle"),
+        ('pos="0 0 0.4" axisangle="1 0 1 70"', 'pos="0 0 x"', "cannot be read"),
+        ('axisangle="1 0 1 70"', 'axisangle="1 0 1 70" euler="0 0 0"', "turned twice"),
+        ('eulerseq="XYz"', 'eulerseq="XYz" settotalmass="3"', "settotalmass"),
+        ('gravity="0.5 0 -9.7"', 'density="1000"', "medium"),
+        ('<inertial pos="0 0.1 0" mass="1.5" diaginertia="0.02 0.004 0.021"/>', '<geom type="mesh" mesh="m"/>',
+         "would have to come from its shape"),
+        ('<joint name="elbow" class="slow" range="-90 45"/>',
+         '<joint name="elbow"/><joint name="twist" axis="1 0 0"/>', "has 2 joints"),
+    ],
+)  # fmt: skip
+def test_what_is_not_read_and_would_change_the_dynamics_is_refused(write, old, new, words):
+    assert old in ARM
+    with pytest.raises(InvalidInput, match=words):
+        rigid(write(ARM.replace(old, new, 1)))
+
+
+def test_wrong_names_and_missing_elastic_data_are_refused(write):
+    path = write(ARM)
+    with pytest.raises(InvalidInput, match="no joint 'elbw' that could move"):
+        read_mjcf(read_xml(path), path.name, ["elbw"])
+    with pytest.raises(InvalidInput, match="says nothing about elastic joints"):
+        load_robot(path)
+    with pytest.raises(InvalidInput, match="read as MJCF"):
+        load_robot(write("<sdf/>"), elastic=write(JOINTS, "joints.toml"))
+    with pytest.raises(InvalidInput, match="no robot file"):
+        load_robot(path, elastic=path.with_name("none.toml"))
