@@ -21,10 +21,11 @@ from flexhinf.design.estimators import (
 from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.responses import LoadResponse, Move, Response, run_response
 from flexhinf.design.scenario import LOAD_START
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot import Robot
+from flexhinf.robot.extras import DRY
 from flexhinf.robot.signals import signal_names
 
 __all__ = ["SMOOTH_EXTRAS", "LoopSetup", "has_integrals"]
@@ -33,6 +34,9 @@ __all__ = ["SMOOTH_EXTRAS", "LoopSetup", "has_integrals"]
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
 #: count as damping that the moving robot does not have.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
+
+#: Estimators that may have dry friction in their model. The observer's gain belongs to a model without.
+FRICTIONAL = ("ukf", "ekf")
 
 
 def has_integrals(law: Law) -> bool:
@@ -61,6 +65,8 @@ class LoopSetup:
         R^v; by default what the specification states.
     linear_model : bool
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
+    chosen_zone : (n,), optional
+        Errors that are not integrated where the specification states no dead zone; see `flexhinf.design.hunting`.
     """
 
     robot: Robot
@@ -71,6 +77,7 @@ class LoopSetup:
     law_at_goal: Law | None = None
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
+    chosen_zone: np.ndarray | None = None
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -91,8 +98,21 @@ class LoopSetup:
 
     @cached_property
     def model(self) -> Plant:
-        """The nominal robot with the sensors: what the estimator assumes."""
+        """The nominal robot with the sensors: what the estimator assumes, but for dry friction."""
         return self.robot.plant(self.specification.measured)
+
+    @property
+    def dry_friction(self) -> tuple[str, ...]:
+        """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
+        return tuple(name for name in self.specification.extras if name in DRY)
+
+    @cached_property
+    def estimator_model(self) -> Plant:
+        """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
+        count as damping, so linear figures are those of `model`."""
+        s = self.specification
+        known = s.friction_model and s.estimator in FRICTIONAL and not self.linear_model
+        return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
 
     @cached_property
     def true_plant(self) -> Plant:
@@ -134,8 +154,15 @@ class LoopSetup:
         """State and input with which the model is held at the goal."""
         return self.robot.operating_point(self.goal)
 
-    def estimator(self, at: np.ndarray) -> Any:
-        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none"."""
+    def estimator(self, at: np.ndarray, running: bool = False) -> Any:
+        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
+
+        Parameters
+        ----------
+        at : (n,)
+        running : bool
+            As it runs, with the `estimator_model`; otherwise as linear figures have it, with `model`.
+        """
         s, equilibrium = self.specification, self.goal_equilibrium
         mean = self.robot.operating_point(at)[0]
         process = self.process_noise.covariance(self.model.states)
@@ -144,7 +171,13 @@ class LoopSetup:
             covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
             model = linear_plant(self.model, *equilibrium)
             return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
-        return estimator_for(s.estimator, self.model, equilibrium, mean, s.period, process, measurement)
+        found = estimator_for(s.estimator, self.model, equilibrium, mean, s.period, process, measurement)
+        if not running or self.estimator_model is self.model:
+            return found
+        covariance = found.initial.covariance
+        return KINDS[s.estimator](
+            self.estimator_model, s.period, process, measurement, mean=mean, covariance=covariance
+        )
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose.
@@ -160,8 +193,27 @@ class LoopSetup:
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
-        limits = self.limits.saturated
-        return Controller(self.law, self.estimator(at), s.period, limits, moving=moving, start=start)
+        return Controller(
+            self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
+            integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
+        )  # fmt: skip
+
+    @property
+    def dead_zone(self) -> np.ndarray | None:
+        """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
+        stated = self.specification.integral_dead_zone
+        stated = self.chosen_zone if stated is None else stated
+        if stated is None or not np.any(stated):
+            return None
+        zone, joints = np.asarray(stated, dtype=float), self.joints
+        if zone.shape not in ((), (1,), (len(joints),)):
+            raise SpecificationError(
+                "integral_dead_zone",
+                "The dead zone of the integrals does not fit the joints.",
+                f"expected one number, or one for each of {list(joints)}, got {zone.size}",
+                example=",".join(f"{size:g}" for size in np.resize(zone, len(joints))),
+            )
+        return np.array(np.broadcast_to(zone, (len(joints),)))
 
     def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
         """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
@@ -270,6 +322,22 @@ class LoopSetup:
         controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
         return self._run(controller, at, duration, values, seed, None, sub_steps)
 
+    def rest(self, plant: Plant, duration: float, sub_steps: int) -> Response:
+        """The step on another true plant, without measurement noise: noise is a dither that may hide what sticks.
+
+        Parameters
+        ----------
+        plant : Plant
+        duration : float
+            s.
+        sub_steps : int
+        """
+        begin, given = self._begun(self.start, duration, None, 0)
+        given["noise"] = None
+        return run_response(
+            self.loop(self.bumpless_controller, plant, sub_steps), self.goal, begin, self.joints, **given
+        )
+
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
         period = self.specification.period
@@ -323,7 +391,11 @@ class LoopSetup:
     def _moved(self, plan: JerkLimited) -> dict[str, Any]:
         period = self.specification.period
         duration = round(1.5 * plan.duration / period) * period
-        return {"duration": duration, "reference": Moving(plan, self.robot.inverse_dynamics)}
+        return {"duration": duration, "reference": Moving(plan, self._feedforward)}
+
+    def _feedforward(self, *motion: Any) -> tuple[np.ndarray, np.ndarray]:
+        """State and input of a motion, with the true plant's dry friction."""
+        return self.robot.inverse_dynamics(*motion, extras=self.dry_friction)
 
     def _run(
         self,

@@ -164,8 +164,8 @@ def _error_coordinates(
     # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
     n, places = len(estimate), [source.state for source in tracked]
     position = _positions(tracked, y, estimate)
-    growth = started * period * _beyond(
-        0.5 * ((last - reference[places]) + (position - moving[places])), *zone
+    growth = (
+        started * period * _beyond(0.5 * ((last - reference[places]) + (position - moving[places])), *zone)
     )
     integral = integral + growth
     deviation = np.concatenate([np.asarray(estimate) - moving[:n], integral - point[n:]])

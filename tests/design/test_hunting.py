@@ -1,0 +1,82 @@
+"""Hunting at rest: found, judged, named in every report, and what helps; on two links with their motors measured."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Specification
+from flexhinf.design.hunting import brought_to_rest, rest_run
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.requirements import hunting_requirement
+from flexhinf.design.synthesis import synthesise
+from flexhinf.loop import JerkLimited
+
+MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}
+
+
+@pytest.fixture(scope="module")
+def setup(robot_of) -> LoopSetup:
+    """Planar two-link, weights of its own, motors measured, friction neither in model nor in `extras`."""
+    robot, s = robot_of("planar-two-link"), Specification(**MOTORS)
+    return synthesise(robot, s, lambda text: None).setup(robot, s)
+
+
+def with_options(setup: LoopSetup, **options) -> LoopSetup:
+    return replace(setup, specification=Specification(**MOTORS, **options))
+
+
+def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
+    run = rest_run(setup)
+    assert run is not None and run.hunts and run.hunting == (0,)
+    assert run.extras == ("coulomb_friction",)
+    assert 1e-3 < run.cycles[0].amplitude < 1.5e-3
+    assert 1.0 / run.cycles[0].frequency == pytest.approx(40.0, rel=0.1)
+    line = hunting_requirement(run, ("rad", "rad"))
+    assert not line.met and line.joint == "shoulder" and line.limit == pytest.approx(3e-4)
+
+
+def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
+    changed, run = brought_to_rest(setup)
+    assert run is not None and run.without is not None and run.without.hunts and not run.hunts
+    np.testing.assert_array_equal(changed.dead_zone, [1e-3, 0.0])  # at most a hundredth of the step
+    assert changed.bumpless_controller.integral_dead_zone.tolist() == [1e-3, 0.0]
+    assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
+    assert run.errors.max() < 1e-3  # what the zone costs
+    kept, stated = brought_to_rest(with_options(setup, integral_dead_zone=0.0))
+    assert kept.dead_zone is None and stated is not None and stated.hunts
+
+
+def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
+    known = rest_run(with_options(setup, extras="coulomb_friction", friction_model=True))
+    assert known is not None and not known.hunts
+
+
+def test_linear_figures_are_those_without_friction(setup):
+    known = with_options(setup, extras="coulomb_friction", friction_model=True)
+    np.testing.assert_array_equal(known.equilibrium_loop().linear().a, setup.equilibrium_loop().linear().a)
+    assert known.estimator_model is not known.model and setup.estimator_model is setup.model
+
+
+def test_a_robot_without_dry_friction_has_no_such_run(robot_of):
+    robot = robot_of("paper")
+    s = Specification(degrees="2", rays=0)
+    assert rest_run(synthesise(robot, s, lambda text: None).setup(robot, s)) is None
+
+
+class PlainFeedforward(LoopSetup):
+    """The feedforward as it was: of a robot without dry friction."""
+
+    dry_friction = ()
+
+
+def vars_of(setup):
+    return {field.name: getattr(setup, field.name) for field in fields(setup)}
+
+
+def test_feedforward_with_friction_follows_the_move_better(setup):
+    way = np.abs(setup.goal - setup.start)
+    plan = JerkLimited(setup.start, setup.goal, 1.6 * way, 6.4 * way, 51.0 * way, smoothing=0.2)
+    known = with_options(setup, extras="coulomb_friction")
+    errors = [np.abs(loop.move(plan).error).max() for loop in (known, PlainFeedforward(**vars_of(known)))]
+    assert errors[0] < 0.6 * errors[1]
