@@ -31,6 +31,8 @@ OTHERS: dict[str, Any] = {
     "gain_margin": 2.5,
     "angle_unit": "deg",
     "overshoot": 2.5,
+    "friction_model": True,
+    "integral_dead_zone": (1e-3, 5e-4),
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
     "effort": 10.0,
     "gamma_ratio": 1.7,

@@ -28,8 +28,8 @@ LENGTH, MOST_SAMPLES = 120.0, 240_000
 #: Most samples times sub-steps times disturbances.
 MOST_NUMBERS = 30_000_000
 
-#: Largest sub-step times the fastest mode, and fewest sub-steps per period: RK4 errs by 3e-6 per radian of its phase, and
-#: the time at which a joint turns round or sticks is known to a sub-step.
+#: Largest sub-step times the fastest mode, and fewest sub-steps per period: RK4 errs by 3e-6 per radian of its phase,
+#: and the time at which a joint turns round or sticks is known to a sub-step.
 RK4_STEP, LEAST_PARTS = 0.2, 4
 
 #: An oscillation up to so many standard deviations of a measured position, or one step of its sensor, is not hunting.

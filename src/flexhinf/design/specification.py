@@ -240,7 +240,8 @@ class Specification:
         "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
         "planned move has it anyway.", "", options=("--friction-model/--no-friction-model",))] = False
     integral_dead_zone: Annotated[Quanta | None, About(LOOP,
-        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; 0: none.",
+        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
+        "0: none.",
         "1e-3", "rad, m", default="none, or the amplitude of the hunting that dry friction causes")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
     compare_rigid: Annotated[Flag, About(REPORT,

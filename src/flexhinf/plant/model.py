@@ -48,8 +48,9 @@ class Model(Summarised):
         ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
         backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
     arrest : callable, optional
-        ``arrest(x, h, p)`` → the state at the end of a step of h seconds, of that which the flow reaches: what set-valued
-        friction, which no flow can express, takes away. Only `flexhinf.Loop` has it; linearisations and estimators do not.
+        ``arrest(x, h, p)`` → the state at the end of a step of h seconds, of that which the flow reaches: what
+        set-valued friction, which no flow can express, takes away. Only `flexhinf.Loop` has it; linearisations and
+        estimators do not.
 
     Raises
     ------

@@ -83,8 +83,9 @@ class Controller(Running):
         The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
         as with `saturation`.
     integral_dead_zone : float or (k,) array, optional
-        Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone stays.
-        Against hunting, where dry friction holds a joint beside the command until the integral has broken it loose.
+        Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone
+        stays. Against hunting, where dry friction holds a joint beside the command until the integral has broken it
+        loose.
 
     Raises
     ------

@@ -35,8 +35,8 @@ TAIL = 0.10
 #: Fraction of a long run, at its end, in which an oscillation that has not died out is looked for.
 REST_TAIL = 0.5
 
-#: A period begins where a signal rises through this fraction of the amplitude above its middle, after it was as far below.
-#: Vibrations on a slow oscillation are then no periods of their own.
+#: A period begins where a signal rises through this fraction of the amplitude above its middle, after it was as far
+#: below. Vibrations on a slow oscillation are then no periods of their own.
 HYSTERESIS = 0.5
 
 #: The edge of the settling band is inside it, whatever the rounding.

@@ -38,7 +38,8 @@ def remarks(design: Design) -> Iterator[str]:
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {before.response.joints[worst]} by "
-            f"±{number(scale * before.amplitudes[worst], 3)} {unit} ({frequency_text(before.cycles[worst].frequency)}). "
+            f"±{number(scale * before.amplitudes[worst], 3)} {unit} "
+            f"({frequency_text(before.cycles[worst].frequency)}). "
             f"So errors up to {zone} {unit} are not integrated; they may remain. `--integral-dead-zone` states another "
             "zone, 0 none."
         )
@@ -54,14 +55,11 @@ def remarks(design: Design) -> Iterator[str]:
         for k in run.hunting
     ]
     dry = [name for name in run.extras if name in DRY]
-    other = (
-        f"`--extras {','.join(dict.fromkeys((*s.extras, *dry)))} --friction-model`, or "
-        if not s.friction_model
-        else ""
-    )
+    extras = ",".join(dict.fromkeys((*s.extras, *dry)))
+    other = "" if s.friction_model else f"`--extras {extras} --friction-model`, "
     yield (
         f"With dry friction the robot does not come to rest: {listed(joints)}. Try {other}another "
-        "`--integral-dead-zone`, or the sensors on both sides of the spring."
+        "`--integral-dead-zone`, or sensors on both sides of the springs."
     )
 
 
@@ -89,8 +87,9 @@ def _figure(design: Design, run: RestRun) -> Figure:
         legend(axes[0])
     return figure_block(
         "rest", figure,
-        f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is sharp: it "
-        f"holds a motor until the torque exceeds it. An amplitude beyond {number(scale * run.limit, 3)} {unit} is hunting.",
+        f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
+        "sharp: it holds a motor until the torque exceeds it. An amplitude beyond "
+        f"{number(scale * run.limit, 3)} {unit} is hunting.",
         "At rest with dry friction",
     )  # fmt: skip
 
@@ -118,7 +117,7 @@ def _table(design: Design, run: RestRun) -> Any:
     columns = ("joint", Column("amplitude", unit), "frequency", Column("remaining error", unit), "")
     friction = [name.replace("_", " ") for name in run.extras if name in DRY]
     caption = (
-        f"With {listed(friction)}{zone}. Amplitude: half of the distance between the extremes in the last half. Remaining error: "
-        "largest in the last tenth"
+        f"With {listed(friction)}{zone}. Amplitude: half of the distance between the extremes in the last half. "
+        "Remaining error: largest in the last tenth"
     )
     return joint_table(columns, rows, caption, "table-hunting")
