@@ -42,6 +42,7 @@ WHOLE = '$x_1$[/red]url(http://a)</text>&"#肘😀'
 
 ROBOT = """name = {robot}
 description = {text}
+down = [1, 0, 0]
 [[joint]]
 name = {joint}
 [joint.link]

@@ -30,6 +30,7 @@ from .loop import Sine as Sine
 from .loop import Spline as Spline
 from .loop import Step as Step
 from .loop import Trajectory as Trajectory
+from .loop import Waypoints as Waypoints
 from .loop import load_controller as load_controller
 from .plant import GeneralisedPlant as GeneralisedPlant
 from .plant import Penalty as Penalty

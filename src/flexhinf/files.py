@@ -89,6 +89,8 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
     """
     path = checked_path(f"The {what}", path)
     try:
+        if path.exists() and not path.is_file():  # a device would be replaced by a file, for everybody
+            raise OSError("there is a folder, a pipe or a device of this name")
         with part_file(path.parent, f".{path.name}.") as name:
             write(name)
             with open(name, "rb") as file:

@@ -7,7 +7,7 @@ import re
 import stat
 import tomllib
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,8 +17,9 @@ import numpy as np
 from flexhinf.errors import InvalidInput, readable
 
 __all__ = [
-    "HUGE", "LONGEST_NAME", "checked_name", "checked_path", "checked_text", "distinct", "is_real", "read_bytes",
-    "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text", "within_proportion",
+    "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "is_real",
+    "read_bytes", "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text",
+    "within_proportion",
 ]  # fmt: skip
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
@@ -71,7 +72,9 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
         array = np.asarray(value)
         if array.dtype.kind in "fiub" or all(entry is None or is_real(entry) for entry in array.flat):
             return np.array(array, dtype=float)
-    except (TypeError, ValueError, OverflowError):
+    except (
+        Exception
+    ):  # whatever a foreign object does when it is asked for numbers; lists that hold themselves
         pass
     if strict:
         raise ValueError("no real numbers")
@@ -107,6 +110,7 @@ def is_real(value: Any) -> bool:
     return (
         not isinstance(value, (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64))
         and value is not np.ma.masked
+        and getattr(value, "shape", ()) == ()
         and hasattr(value, "__float__")
     )
 
@@ -182,6 +186,26 @@ def _is_name(name: Any, spaces: bool, without: str) -> bool:
         return False
     words = name.split(" ") if spaces else [name]
     return all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+
+
+def checked_names(what: str, names: Any) -> tuple[str, ...]:
+    """One name or several, as a tuple; `what` begins the message: "The sensors".
+
+    Raises
+    ------
+    InvalidInput
+        For what is neither text nor a sequence of texts.
+    """
+    given = (names,) if isinstance(names, str) else names
+    scalar = isinstance(given, np.ndarray) and given.ndim == 0
+    several = tuple(given) if isinstance(given, Iterable) and not scalar else None
+    if several is None or not all(isinstance(name, str) for name in several):
+        raise InvalidInput(
+            f"{what} are not named.",
+            f"expected a name or a sequence of distinct names, got {value_text(names)}",
+            "('one', 'another')",
+        )
+    return several
 
 
 def checked_text(what: str, text: Any) -> str:

@@ -14,7 +14,7 @@ from flexhinf.analysis.delayed_poles import BRIEF, ECHO, DelayedPoles, OneDelaye
 from flexhinf.analysis.delayed_system import DelayedSystem
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Plant
-from flexhinf.robot import Robot
+from flexhinf.robot import Robot, load_robot
 
 PERIOD = 1e-3
 
@@ -28,10 +28,18 @@ def unrolled(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> np.nd
     return matrix
 
 
+@pytest.fixture
+def searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Roots are searched for also where the queue is short."""
+    monkeypatch.setattr(module, "FEW", 0)
+    monkeypatch.setattr(module, "SHORT", 0)
+    monkeypatch.setattr(module, "LAST_RESORT", 0)
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 5, 30])
 def test_figures_are_those_with_a_state_for_each_waiting_input(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
+    searched: None, made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
 ) -> None:
     filter = made.filter(arm.plant(), np.zeros(4))
     linear = EquilibriumLoop(cubic, filter, arm.plant(), PERIOD, 1.0, delay=delay).linear()
@@ -49,7 +57,7 @@ def test_figures_are_those_with_a_state_for_each_waiting_input(
 
 
 @pytest.mark.oracle
-def test_roots_of_random_loops_are_eigenvalues_and_all_of_them() -> None:
+def test_roots_of_random_loops_are_eigenvalues_and_all_of_them(searched: None) -> None:
     """Several inputs, unstable ones, fast ones, modes that no input moves; echoes as eigenvectors tell them."""
     rng = np.random.default_rng(3)
     for trial in range(60):
@@ -76,7 +84,7 @@ def test_roots_of_random_loops_are_eigenvalues_and_all_of_them() -> None:
 def test_a_first_order_loop_is_on_its_edge_where_theory_says() -> None:
     """x⁺ = x − g x(i − q) is stable up to g = 2 sin(π/(2 (2q + 1))), at z = e^{jπ/(2q + 1)}."""
     one = np.ones((1, 1))
-    for samples in (1, 7, 300, 5000):
+    for samples in (1, 7, 300, 1500):
         edge = 2.0 * math.sin(math.pi / (2.0 * (2 * samples + 1)))
         below, above = (
             OneDelayedLoop(one, one, -factor * edge * one, samples) for factor in (0.9999, 1.0001)
@@ -94,6 +102,7 @@ def test_a_first_order_loop_is_on_its_edge_where_theory_says() -> None:
 def test_the_largest_of_many_loops(monkeypatch: pytest.MonkeyPatch, few: int, samples: int) -> None:
     """Followed from one to the next, and counted; also where the eigenvalues of the long matrix take less time."""
     monkeypatch.setattr(module, "FEW", few)
+    monkeypatch.setattr(module, "SHORT", 0)
     rng = np.random.default_rng(5)
     middle = np.array([[0.99, 0.05, 0.0], [-0.05, 0.98, 0.02], [0.0, 0.0, 0.9]])
     a = middle * (1.0 + 0.02 * rng.normal(size=(40, 3, 3)))
@@ -151,3 +160,18 @@ def test_echoes_are_no_oscillations(made: SimpleNamespace) -> None:
     assert running.damping[0] > 0.25
     loop = OneDelayedLoop(running.a, running.e, running.k, 1000)
     assert loop.outside(0.02 ** (1.0 / 1000)) > len(running.multipliers)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("delay", [10, pytest.param(60, marks=pytest.mark.slow)])
+def test_seven_joints(made: SimpleNamespace, delay: int) -> None:
+    """Clusters of poles, seven inputs: the smallest damping and the count are those of the long matrix."""
+    robot = load_robot("seven-link")
+    law, (x, _) = made.law(robot, degree=2), robot.operating_point()
+    linear = EquilibriumLoop(law, made.filter(robot.plant(), x), robot.plant(), PERIOD, delay=delay).linear()
+    values = made.dense_system(linear).multipliers
+    assert linear.running.stable == (np.abs(values).max() < 1.0)
+    assert linear.running._loop.outside(0.995) == (np.abs(values) > 0.995).sum()
+    large = values[(np.abs(values) > BRIEF) & (np.abs(values) ** delay >= ECHO)]
+    apart = np.abs(np.subtract.outer(large, linear.running.multipliers)).min(axis=1)
+    assert apart.max() < 1e-6

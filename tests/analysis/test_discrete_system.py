@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from flexhinf.analysis import DiscreteSystem
 
@@ -60,6 +61,26 @@ def test_rms_is_that_of_the_impulse_response() -> None:
     for _ in range(400):
         total, state = total + (system.c @ state) ** 2, system.a @ state
     assert np.allclose(system.rms(), np.sqrt(total), rtol=1e-9)
+
+
+def test_rms_of_what_is_small_beside_the_rest() -> None:
+    """Down a chain of weakly coupled modes: solved as a whole, the Lyapunov equation gives 0 or far too much."""
+    rng, turn = np.random.default_rng(3), np.array([[0.0, 1.0], [-1.0, 0.0]])
+    sizes, angles = [0.99, 0.999] * 6, 0.3 + np.arange(12)
+    a = block_diag(
+        *(r * (np.cos(w) * np.eye(2) + np.sin(w) * turn) for r, w in zip(sizes, angles, strict=True))
+    )
+    for k in range(0, 22, 2):
+        a[k + 2 : k + 4, k : k + 2] = 1e-4 * rng.normal(size=(2, 2))
+    system = DiscreteSystem(a, np.eye(24, 1), np.eye(24)[22:], np.zeros((2, 1)), 1e-3)
+    total, state = np.zeros((2, 1)), system.b
+    for _ in range(40_000):
+        total, state = total + (system.c @ state) ** 2, system.a @ state
+    assert np.allclose(system.rms(), np.sqrt(total), rtol=1e-9, atol=0.0)
+
+
+def test_what_grows_is_infinite() -> None:
+    assert np.isinf(lag(1.1).rms()).all()
 
 
 def test_a_pole_on_the_circle_that_noise_does_not_reach_leaves_the_others_as_they_are() -> None:

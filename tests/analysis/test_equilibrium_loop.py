@@ -189,7 +189,7 @@ def test_the_model_is_that_of_the_filter(
     x, u = two_link.operating_point()
     filter = made.filter(two_link.plant(), x)
     loop = EquilibriumLoop(two_link_law, filter, two_link.plant(), PERIOD)
-    for found, expected in zip(loop._model, linear_model(filter, x, u), strict=True):
+    for found, expected in zip(loop.model, linear_model(filter, x, u), strict=True):
         assert np.allclose(found, expected, rtol=1e-10, atol=1e-12)
 
 

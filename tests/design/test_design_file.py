@@ -30,6 +30,9 @@ OTHERS: dict[str, Any] = {
     "peak_sensitivity": 1.9,
     "gain_margin": 2.5,
     "angle_unit": "deg",
+    "shaping": "quintic",
+    "move": {"time": [0.0, 0.1 + 0.2], "shoulder": [0.0, 1 / 3], "elbow": [0.5, 0.1]},
+    "tracking_error": (0.01, 1 / 3),
     "overshoot": 2.5,
     "friction_model": True,
     "integral_dead_zone": (1e-3, 5e-4),
@@ -106,7 +109,9 @@ def test_nothing_asked_is_nothing_written_but_the_defaults_stand_there(tmp_path:
         assert value == (list(default) if isinstance(default, tuple) else default), name
 
 
-def test_every_example_of_a_field_can_be_read() -> None:
+def test_every_example_of_a_field_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "waypoints.csv").write_text("time,shoulder\n0,0\n1,0.5\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
     for name, field in FIELDS.items():
         text: Any = field.about.example or True
         Specification(**{name: text})
@@ -145,6 +150,15 @@ def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
     rows = np.array([[1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 2.0]])
     _, read = load_design(written(tmp_path, Specification(penalty=rows)))
     assert np.array_equal(np.asarray(Penalty.of(read.penalty).matrix), rows)
+
+
+def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tmp_path: Path) -> None:
+    (tmp_path / "way.csv").write_text("time [ms],joint [deg]\n100,0\n600,90\n", encoding="utf-8")
+    (tmp_path / "mine.toml").write_text("[design]\nrobot = 'paper'\nmove = 'way.csv'\n", encoding="utf-8")
+    _, read = load_design(tmp_path / "mine.toml")
+    assert read.move.columns() == {"time": [0.0, 0.5], "joint": [0.0, pytest.approx(np.pi / 2)]}
+    with pytest.raises(fh.InvalidInput, match="move that is a signal"):
+        request_text(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
 
 
 @pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, [1.0, 2.0])])

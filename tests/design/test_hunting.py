@@ -1,13 +1,16 @@
 """Hunting at rest: found, judged, named in every report, and what helps; on two links with their motors measured."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from flexhinf.design import Specification
+from flexhinf.design import Design, Specification
 from flexhinf.design.hunting import brought_to_rest, rest_run
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.report.sections import rest
 from flexhinf.design.requirements import hunting_requirement
 from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
@@ -97,6 +100,27 @@ def test_feedforward_with_friction_follows_the_move_better(setup):
     known = with_options(setup, extras="coulomb_friction")
     errors = [np.abs(loop.move(plan).error).max() for loop in (known, PlainFeedforward(**vars_of(known)))]
     assert errors[0] < 0.75 * errors[1]
+
+
+def test_every_report_says_who_hunts(setup):
+    """The section of the page, its note, the table of the terminal and the numbers, from the run alone."""
+    run = rest_run(setup)
+    assert run is not None
+    design = SimpleNamespace(
+        rest=run,
+        specification=setup.specification,
+        evaluation=SimpleNamespace(setup=setup),
+        robot=setup.robot,
+    )
+    (note,) = rest.remarks(cast(Design, design))
+    assert "shoulder by ±1.2" in note
+    assert "`--extras coulomb_friction --friction-model`" in note
+    figure, table = rest.blocks(cast(Design, design))
+    assert "hunts" in table.html()
+    assert "rests" in table.html()
+    assert "<svg" in figure.html()
+    still = SimpleNamespace(**{**vars(design), "rest": None})
+    assert rest.blocks(cast(Design, still)) == list(rest.remarks(cast(Design, still))) == []
 
 
 @pytest.mark.slow

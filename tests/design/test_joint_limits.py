@@ -19,7 +19,7 @@ from flexhinf.design.effort_limit import COARSE, LEAST, WIDTH, _Peaks, _Search
 from flexhinf.design.estimators import other_sensors, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.scenario import plan_move
+from flexhinf.design.plans import plan_move
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import InvalidInput
 

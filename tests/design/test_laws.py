@@ -14,9 +14,11 @@ from flexhinf.baselines import MotorPD
 from flexhinf.design import Specification
 from flexhinf.design.laws import (
     DEFAULT_LAWS,
+    DEGREE,
+    DESIGN,
     ESTIMATOR_NOISE,
     MOTOR_NOISE,
-    REFERENCE,
+    NL_HINF,
     LawFactory,
     law_kind,
     law_names,
@@ -26,7 +28,7 @@ from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import solve_hji
 
-NAMES = [name for name in DEFAULT_LAWS if name != REFERENCE]
+NAMES = [name for name in DEFAULT_LAWS if name != DESIGN]
 
 
 @pytest.fixture(scope="module", params=["paper", "robust"])
@@ -38,13 +40,13 @@ def factory(request: Any) -> LawFactory:
 
 
 def test_the_strongest_rivals_are_in_the_default_set() -> None:
-    assert {"flatness-i", "torque-i", "pid", "pd", "lqr", "nlqr", "hinf"} <= set(law_names())
+    assert {"flatness-i", "torque-i", "pid", "pd", "pd-gravity", "lqr", "nlqr", "hinf"} <= set(law_names())
 
 
-def test_the_design_s_own_law_is_first_and_each_name_is_there_once() -> None:
-    assert law_names(("pd", "lqr", "pd", REFERENCE)) == (REFERENCE, "pd", "lqr")
-    assert law_names(("nl-hinf-4",)) == (REFERENCE, "nl-hinf-4")
-    assert law_names(())[0] == REFERENCE
+def test_the_design_and_the_same_tuned_are_first_and_each_name_is_there_once() -> None:
+    assert law_names(("pd", "lqr", "pd", DESIGN)) == (DESIGN, NL_HINF, "pd", "lqr")
+    assert law_names(("nl-hinf-4",)) == (DESIGN, NL_HINF, "nl-hinf-4")
+    assert law_names(())[0] == DESIGN
 
 
 @pytest.mark.parametrize(
@@ -58,6 +60,7 @@ def test_a_name_that_is_not_known_is_refused_with_the_nearest(name: str, near: s
 def test_a_law_on_the_motor_side_measures_the_motor() -> None:
     """A PD acts on the encoder of its motor, not through a filter on the link."""
     assert law_kind("pd").sensors == (("motor_position",),)
+    assert law_kind("pd-gravity").sensors == (("motor_position",),)
     for name in ("pid", "torque", "torque-i", "flatness", "flatness-i"):
         assert all("motor_position" in sensors for sensors in law_kind(name).sensors)
     for name in ("lqr", "nlqr", "hinf", "lqg"):
@@ -82,8 +85,11 @@ def test_every_law_is_made_at_its_start_and_changes_with_each_parameter(
     for parameter in start:
         low, high = bounds[parameter]
         assert low <= start[parameter] <= high
-        changed = factory.make(kind, {**start, parameter: 1.1 * start[parameter]})
-        same = np.allclose(changed.law_data, plain.law_data, rtol=1e-9)
+        factor = 0.75 if parameter == DEGREE else 1.1
+        changed = factory.make(kind, {**start, parameter: factor * start[parameter]})
+        same = changed.law_data.shape == plain.law_data.shape and np.allclose(
+            changed.law_data, plain.law_data, rtol=1e-9
+        )
         assert same == (parameter in (ESTIMATOR_NOISE, MOTOR_NOISE))
     assert ESTIMATOR_NOISE in start
 
@@ -95,7 +101,7 @@ def test_the_design_s_own_weights_and_level_give_the_design_s_own_law(factory: L
     np.testing.assert_allclose(factory.make(kind, values).law_data, own.law_data, rtol=1e-6, atol=1e-9)
     linear = factory.make(law_kind("hinf"), values)
     np.testing.assert_allclose(linear.gain, own.gain, rtol=1e-6)  # type: ignore[attr-defined]
-    assert factory.make(law_kind(REFERENCE), {}) is factory.synthesis.law
+    assert factory.make(law_kind(DESIGN), {}) is factory.synthesis.law
 
 
 def test_a_pd_is_made_from_its_bandwidth_and_damping(factory: LawFactory) -> None:

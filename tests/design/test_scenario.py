@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import EFFORT_FRACTION, plan_move
 from flexhinf.design.responses import Move, Response
 from flexhinf.design.scenario import (
-    EFFORT_FRACTION,
     LONGEST,
     SHORTEST,
     SLIDE,
     TURN,
     default_load,
     default_start,
-    plan_move,
     run_length,
 )
 from flexhinf.design.weights.scales import JointScales

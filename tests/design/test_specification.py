@@ -29,7 +29,7 @@ def test_every_field_has_its_option() -> None:
         names = {part for text in field.options for part in text.split("/")}
         assert {*design[name].opts, *design[name].secondary_opts} == names
         assert field.about.help.replace("[", r"\[") in design[name].help
-    assert {"overshoot", "compare_rigid", "mujoco"} == set(FIELDS) - set(options("compare"))
+    assert {"overshoot", "tracking_error", "compare_rigid", "mujoco"} == set(FIELDS) - set(options("compare"))
 
 
 def test_the_default_of_an_option_is_that_of_its_field() -> None:

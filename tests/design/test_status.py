@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.requirements import Requirement, Status, status_of
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.status import Status, status_of
 
 #: Metrics under load of a joint that comes back.
 FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}
@@ -23,7 +24,8 @@ def judged(
     corners = None if count is None else SimpleNamespace(unstable=0, count=8, most_unstable=count)
     evaluation: Any = SimpleNamespace(
         corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
-        setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3)), step=SimpleNamespace(peak_input=10.0),
+        setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3), joints=("elbow", "shoulder")),
+        step=SimpleNamespace(peak_input=10.0), least_damped_joint="elbow", input_noises=None,
         load_response=SimpleNamespace(
             metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining_error": 0.1}, FINE]
         ),

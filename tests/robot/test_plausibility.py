@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 
@@ -10,7 +11,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
-from flexhinf.robot.plausibility import check_fast
+from flexhinf.robot.plausibility import check_delay, check_fast
 
 ARM = """
 gravity = {gravity}
@@ -108,3 +109,14 @@ def test_a_joint_that_no_loop_of_this_period_can_follow_is_refused_before_any_wo
     check_fast(loaded(tmp_path, stiffness=softer), 1e-3)
     with pytest.raises(InvalidInput, match="vibrates"):
         fh.compare(robot, fh.Specification(), progress=work)
+
+
+def test_a_delay_longer_than_the_lowest_vibration_is_asked_for_its_unit() -> None:
+    robot = fh.load_robot("paper")
+    longest = 2.0 * math.pi * math.sqrt(1.0 / 100.0)  # M and K of Table 1
+    check_delay(robot, 0.999 * longest)
+    with pytest.raises(InvalidInput, match=f"{longest:.3g} s, a period of the lowest vibration"):
+        check_delay(robot, 1.001 * longest)
+    for judged in (fh.design, fh.compare):
+        with pytest.raises(InvalidInput, match="--delay 5ms"):
+            judged(robot, fh.Specification(pose=0.0, delay=5.0))

@@ -31,15 +31,22 @@ WEAKEST = 1e-4
 #: Newton steps at most, the last one (relative), and how close roots are the same.
 ITERATIONS, LAST_STEP, SAME = 60, 1e-11, 1e-7
 
-#: Rounds of further starts until the count is reached.
-ROUNDS = 12
+#: Rounds of further starts until the count is reached, and how many starts in each: one half everywhere outside the
+#: circle, and more at low frequencies; the other half beside roots that are known.
+ROUNDS, SPREAD = 12, 60
 
 #: A direction is reached by an input if it is so to more than this, relative.
 REACHED = 1e-12
 
-#: Up to so many states, those of the inputs that wait among them, the eigenvalues of many loops take less time (0.3 ms
-#: each) than following and counting roots.
-FEW = 48
+#: Up to so many states, or so many times those of the loop itself, each input that waits counted, eigenvalues take
+#: less time than finding, following and counting roots.
+FEW, SHORT = 48, 4
+
+#: Up to so many states eigenvalues are the last resort (they take half a minute).
+LAST_RESORT = 3000
+
+#: Roots closer than this may be one that was found twice.
+APART = 1e-5
 
 #: How far below the largest a circle of counting may be, in log |z|.
 WIDEST = 0.05
@@ -113,10 +120,7 @@ class DelayedPoles(DelayedDeterminant):
 
         Those with |z|^q >= 0.02 and |z| > e^-0.5 are complete, by their count.
         """
-        found, clear = self.newton(self._starts()[None, :])
-        roots = _distinct(found[0][clear[0] & (np.abs(found[0]) > 0.9 * BRIEF)])
-        roots = self._completed(roots, max(BRIEF, COMPLETE ** (1.0 / self.samples)))
-        roots = self._polished(roots)
+        roots = self._unrolled_roots() if self.short else self._searched()
         roots = roots[np.abs(roots) > BRIEF]
         echo = (np.abs(roots) ** self.samples < ECHO) & (self._queued(roots) > 0.5)
         return roots[~echo]
@@ -131,7 +135,7 @@ class DelayedPoles(DelayedDeterminant):
         state for each of these: for thousands of loops at once that takes the least time.
         """
         count = len(self.a)
-        if self.a.shape[1] + self.m * self.samples <= FEW:
+        if self.short:
             return np.linalg.eigvals(self._unrolled())
         found = np.zeros((count, FOLLOWED), dtype=complex)
         rest = np.arange(count)
@@ -181,28 +185,50 @@ class DelayedPoles(DelayedDeterminant):
         found[~right] = 0.0
         return found
 
-    def _completed(self, roots: np.ndarray, radius: float) -> np.ndarray:
-        """All roots with |z| > radius, both halves of the plane, and whatever others are known."""
+    @property
+    def short(self) -> bool:
+        """Whether the queue is so short that a state for each waiting input costs less."""
+        n = self.a.shape[1]
+        return n + self.m * self.samples <= max(FEW, SHORT * n)
+
+    def _unrolled_roots(self) -> np.ndarray:
+        values = np.linalg.eigvals(self._unrolled()[:1])[0].astype(complex)
+        return values[np.argsort(-np.abs(values), kind="stable")]
+
+    def _searched(self) -> np.ndarray:
+        """Roots by Newton's method; where these are not all, or hardly apart, eigenvalues if they can be had."""
+        found, clear = self.newton(self._starts()[None, :])
+        roots = _distinct(found[0][clear[0] & (np.abs(found[0]) > 0.9 * BRIEF)])
+        roots, missing = self._completed(roots, max(BRIEF, COMPLETE ** (1.0 / self.samples)))
+        if not missing:
+            return self._polished(roots)
+        if self.a.shape[1] + self.m * self.samples <= LAST_RESORT:
+            return self._unrolled_roots()
+        raise NumericalFailure(
+            "The poles of the delayed loop were not all found.",
+            f"{missing} of {len(roots) + missing} are missing, with {self.samples} samples of delay",
+            "a shorter delay, or a longer period",
+        )
+
+    def _completed(self, roots: np.ndarray, radius: float) -> tuple[np.ndarray, int]:
+        """All roots with |z| > radius, both halves of the plane, whatever others are known, and how many are missing.
+
+        Roots closer than `APART` count as missing: Newton's method may have found one of them twice.
+        """
         generator = np.random.default_rng(0)
         for _ in range(ROUNDS):
             circle = _clear_radius(radius, np.concatenate([np.abs(roots), np.abs(self.prompt[0])]))
             missing = int(self.outside(np.array([circle]))[0]) - int((np.abs(roots) > circle).sum())
             if not missing:
-                return roots
-            spread = circle * np.exp(
-                generator.uniform(-0.02, 0.05, 60) + 1j * generator.uniform(0.0, np.pi, 60)
-            )
-            guess = np.concatenate([spread, roots * (1.0 + 1e-4 * generator.normal(size=len(roots)))])
-            guess = np.concatenate(
-                [guess[np.imag(guess) >= 0.0][:400], circle + 0.05 * generator.uniform(-1, 1, 20)]
-            )
+                return roots, _close(roots)
+            highest = np.log(max(1.05, 1.05 * float(np.abs(roots).max(initial=1.0))))
+            sizes = np.exp(generator.uniform(np.log(circle), highest, SPREAD))
+            angles = np.pi * generator.uniform(0.0, 1.0, SPREAD) ** np.where(np.arange(SPREAD) % 2, 1.0, 4.0)
+            near = roots[np.imag(roots) >= 0.0] * (1.0 + 1e-4 * (1.0 + 1.0j))
+            guess = np.concatenate([sizes * np.exp(1j * angles), generator.permutation(near)[:SPREAD]])
             more, clear = self.newton(guess[None, :], roots)
             roots = _distinct(np.concatenate([roots, more[0][clear[0]]]))
-        raise NumericalFailure(
-            "The poles of the delayed loop were not all found.",
-            f"{missing} of them are missing beyond |z| = {circle:.6g}, with {self.samples} samples of delay",
-            "another delay by one sample",
-        )
+        return roots, missing
 
     def _polished(self, roots: np.ndarray) -> np.ndarray:
         """Newton steps with det(zI − a − z^-q e k) itself, without eigenvalues of a₀."""
@@ -318,6 +344,17 @@ def _distinct(found: np.ndarray) -> np.ndarray:
     roots = np.array(kept, dtype=complex)
     both = np.concatenate([roots, roots[np.imag(roots) > 0.0].conj()])
     return both[np.argsort(-np.abs(both), kind="stable")]
+
+
+def _close(roots: np.ndarray) -> int:
+    """How many roots have another within `APART`."""
+    from scipy.spatial import KDTree
+
+    if len(roots) < 2:
+        return 0
+    points = np.column_stack([np.real(roots), np.imag(roots)])
+    distance = np.asarray(KDTree(points).query(points, 2)[0])
+    return int((distance[:, 1] < APART).sum())
 
 
 def _gap(sizes: np.ndarray, others: np.ndarray) -> tuple[float, int]:

@@ -178,6 +178,10 @@ class DelayedSystem(SampledSystem):
         return float(grid[min(loud.max() + 1, 399)]) if len(loud) else 0.0
 
     # Norms ---------------------------------------------------------------------------------------------
+    def spread(self, deviations: np.ndarray) -> np.ndarray:
+        """RMS of each output (p,) for independent white noises of these standard deviations (r,) on all inputs."""
+        return np.linalg.norm(self.rms() * deviations, axis=1)
+
     def rms(self) -> np.ndarray:
         """RMS of each output for white noise of unit variance on one input at a time, (p, r).
 

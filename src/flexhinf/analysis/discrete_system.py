@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +18,10 @@ ACCURACY, TURNS = 1e-9, 60
 
 #: An eigenvalue below this is gone after one sample.
 GONE = 1e-12
+
+#: Doublings of a sum of powers at most: 3e14 samples, more than a pole within rounding of the circle
+#: lasts. It ends where the next power has no entry as large as FORGOTTEN.
+DOUBLINGS, FORGOTTEN = 48, 1e-20
 
 #: With more states a response is found by the Schur form.
 TRIANGULAR = 48
@@ -145,21 +148,30 @@ class DiscreteSystem(SampledSystem):
         return np.asarray(t), np.asarray(q)
 
     def rms(self) -> np.ndarray:
-        """RMS of each output for white noise of unit variance on one input at a time, (p, m).
+        """RMS of each output for white noise of unit variance on one input at a time, (p, m); see `spread`."""
+        return np.sqrt(self._variances(self.b.T[:, :, None] * self.b.T[:, None, :]).T + self.d**2)
 
-        Σ = a Σ aᵀ + b bᵀ for each column b; then the variances are those of c Σ cᵀ + d dᵀ. With a pole within rounding
-        of the unit circle (an estimator that hardly corrects has one) that is singular, and Σ that of a pole moved by
-        rounding.
+    def spread(self, deviations: np.ndarray) -> np.ndarray:
+        """RMS of each output (p,) for independent white noises of these standard deviations (m,) on all inputs at once.
+
+        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]:
+        S ← S + P S Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are
+        in a solution of the Lyapunov equation as a whole. What grows is infinite.
         """
-        from scipy.linalg import solve_discrete_lyapunov
+        b, d = self.b * deviations, self.d * deviations
+        return np.sqrt(self._variances(b @ b.T) + (d**2).sum(axis=1))
 
-        columns = []
-        for b, d in zip(self.b.T, self.d.T):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # of the moved pole
-                spread = solve_discrete_lyapunov(self.a, np.outer(b, b), method="bilinear")
-            columns.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", self.c, spread, self.c), 0.0) + d**2))
-        return np.array(columns).T
+    def _variances(self, spreads: np.ndarray) -> np.ndarray:
+        """Of the outputs, (…, p), where every sample adds `spreads` (…, n, n) to the covariance of the state."""
+        power = self.a
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(DOUBLINGS):
+                spreads = spreads + power @ spreads @ power.T
+                power = power @ power
+                if np.abs(power).max(initial=0.0) < FORGOTTEN:
+                    break
+            variances = np.einsum("ij,...jk,ik->...i", self.c, spreads, self.c)
+        return np.where(np.isnan(variances), np.inf, np.maximum(variances, 0.0))
 
     def norm(self) -> tuple[float, float]:
         """H∞ norm and a frequency (rad/s) where it is reached; infinite if not stable.

@@ -142,8 +142,8 @@ class EquilibriumLoop:
         return isinstance(self.filter, RecursiveFilter) and not own
 
     @cached_property
-    def _model(self) -> tuple[np.ndarray, np.ndarray]:
-        """F and H of the filter's model, linearised at the goal."""
+    def model(self) -> tuple[np.ndarray, np.ndarray]:
+        """F (n, n) and H (p, n) of one sample of the filter's model, linearised at the goal."""
         x, u = self.model_equilibrium
         plant, rows = self.filter.plant, model_rows(self.filter)
         _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), self.filter.sub_steps)
@@ -157,7 +157,7 @@ class EquilibriumLoop:
                 f"got {type(self.filter).__name__}",
                 "an unscented or extended Kalman filter",
             )
-        return stationary_gain(self._model, process_noise, self.filter.measurement_noise)
+        return stationary_gain(self.model, process_noise, self.filter.measurement_noise)
 
     # One period ----------------------------------------------------------------------------------------
     @cached_property

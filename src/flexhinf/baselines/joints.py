@@ -75,7 +75,7 @@ def check_joints(plant: Plant) -> int:
             "The plant is not a robot with elastic joints as this law needs it.",
             f"expected the states {list(names)}, one input per joint and the disturbances {torques}, "
             f"got {list(plant.states)}, {list(plant.inputs)}, {list(plant.disturbances)}",
-            "robot.plant() without the coils' inductance",
+            "robot.plant() of a robot without rigid joints, and without the coils' inductance",
         )
     return joints
 

@@ -1,10 +1,11 @@
 """A law tuned over all its parameters for one cost, within stated limits.
 
-The parameters are positive and searched on a logarithmic scale: first a Latin hypercube about the start, then the
-simplex of [nelder1965] from the best two of it, because settling times jump and leave several local minima, and once
-more from the best that was found, because a simplex may collapse on a limit. A limit that is exceeded adds to the
-cost by its relative excess, so the simplex can slide along it; what is returned is the cheapest candidate that
-exceeds none. The search is short: it finds a good law, not the best there is.
+The parameters are positive and searched on a logarithmic scale: by a Latin hypercube about the start; from the best of
+it by covariance matrix adaptation [hansen2016], which samples round a mean and lets the ranking of the samples move it
+and shape the next ones, because settling times jump and leave several local minima; and by the simplex of [nelder1965]
+from the best candidate. A limit that is exceeded adds to the cost by its relative excess, so the search can slide along
+it; what is returned is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best
+there is.
 """
 
 from __future__ import annotations
@@ -20,17 +21,18 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 
 __all__ = ["Candidate", "Judgement", "Tuning", "excess", "tune"]
 
-#: Part of the way from the start to each bound, in logarithms, over which the first candidates are spread.
-SPREAD = 0.5
+#: Standard deviation of the first samples, as a part of the way between the bounds, which counts up to so much, both in
+#: logarithms.
+SPREAD, WIDEST = 0.12, 6.0
+
+#: One of so many samples belongs to a Latin hypercube about the start, from the best of which the adaptation begins.
+COARSE = 4
 
 #: Cost of an excess by a factor e: large against costs, which are near one, so that no limit is traded for cost.
 PENALTY = 10.0
 
 #: Cost of a candidate that could not be judged: more than that of any that could.
 UNJUDGED = 1e6
-
-#: A simplex begins from each of so many of the best coarse candidates, and another one from the best of all.
-STARTS = 2
 
 #: Factor by which each parameter is moved to begin the simplex.
 SIMPLEX = 1.35
@@ -137,9 +139,9 @@ def tune(
     bounds : mapping of str to (lower, upper)
         Of each parameter, with the start between them.
     samples, refinements : int
-        Candidates of the Latin hypercube, and of all simplexes together, at most.
+        Candidates of hypercube and covariance matrix adaptation together, and of the simplex, at most.
     seed : int
-        Of the Latin hypercube.
+        Of the samples.
     others : sequence of mapping of str to float
         Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
 
@@ -168,12 +170,14 @@ def tune(
         return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
 
     given = [np.clip(np.log([values[name] for name in names]), low, high) for values in others]
-    points = [begin, *given, *_spread(begin, low, high, samples, seed)]
+    spread = samples // COARSE
+    points = [begin, *given, *_spread(begin, low, high, spread, seed)]
     costs = [cost(point) for point in points]
-    if names and refinements:
-        each = -(-refinements // (STARTS + 1))
-        ends = [_simplex(cost, points[place], low, high, each) for place in np.argsort(costs)[:STARTS]]
-        _simplex(cost, min(ends, key=lambda end: end[1])[0], low, high, each)
+    if names:
+        first = points[int(np.argmin(costs))]
+        mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
+        if refinements:
+            _simplex(cost, first if min(costs) <= least else mean, low, high, refinements)
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
 
 
@@ -198,14 +202,66 @@ def _judged(judge: Callable[[Mapping[str, float]], Judgement], values: Mapping[s
 
 
 def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    """A Latin hypercube (samples, parameters) about the start, `SPREAD` of the way to the bounds."""
+    """A Latin hypercube (samples, parameters) about the start, half of the way to the bounds."""
     from scipy.stats import qmc
 
     if not len(begin) or not samples:
         return np.zeros((0, len(begin)))
-    lower, upper = begin + SPREAD * (low - begin), begin + SPREAD * (high - begin)
+    lower, upper = (begin + low) / 2.0, (begin + high) / 2.0
     cube = qmc.LatinHypercube(len(begin), rng=np.random.default_rng(seed)).random(samples)
     return lower + cube * (upper - lower)
+
+
+def _adapted(
+    cost: Callable[[np.ndarray], float],
+    mean: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    samples: int,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, float]:
+    """The best point of a covariance matrix adaptation from a mean, and its cost; constants as in [hansen2016]."""
+    n, best, least = len(mean), mean, inf
+    count = 4 + int(3.0 * log(n))
+    weights = np.log((count + 1.0) / 2.0) - np.log(np.arange(1, count // 2 + 1))
+    weights /= weights.sum()
+    effective = 1.0 / float(weights @ weights)
+    c_step = (effective + 2.0) / (n + effective + 5.0)
+    damping = 1.0 + c_step + 2.0 * max(0.0, np.sqrt((effective - 1.0) / (n + 1.0)) - 1.0)
+    c_path = (4.0 + effective / n) / (n + 4.0 + 2.0 * effective / n)
+    c_one = 2.0 / ((n + 1.3) ** 2 + effective)
+    c_many = min(1.0 - c_one, 2.0 * (effective - 2.0 + 1.0 / effective) / ((n + 2.0) ** 2 + effective))
+    expected = np.sqrt(n) * (1.0 - 1.0 / (4.0 * n) + 1.0 / (21.0 * n**2))  # of the length of a normal vector
+    scale, step, shape = np.minimum(high - low, WIDEST), SPREAD, np.eye(n)
+    step_path, shape_path = np.zeros(n), np.zeros(n)
+    for generation in range(1, samples // count + 1):
+        sizes, axes = np.linalg.eigh(shape)
+        root = axes * np.sqrt(np.maximum(sizes, 1e-12)) @ axes.T
+        moves = rng.standard_normal((count, n)) @ root
+        points = mean + step * scale * moves
+        costs = np.array([cost(point) for point in points])
+        order = np.argsort(costs, kind="stable")[: len(weights)]
+        if costs[order[0]] < least:
+            best, least = points[order[0]], float(costs[order[0]])
+        chosen = moves[order]
+        move = weights @ chosen
+        mean = np.clip(mean + step * scale * move, low, high)
+        normal = np.linalg.solve(root, move)
+        step_path = (1.0 - c_step) * step_path + np.sqrt(c_step * (2.0 - c_step) * effective) * normal
+        length = float(np.linalg.norm(step_path))
+        usual = (
+            length / np.sqrt(1.0 - (1.0 - c_step) ** (2 * generation)) < (1.4 + 2.0 / (n + 1.0)) * expected
+        )
+        shape_path = (1.0 - c_path) * shape_path
+        if usual:
+            shape_path = shape_path + np.sqrt(c_path * (2.0 - c_path) * effective) * move
+        shape = (
+            (1.0 - c_one - c_many) * shape
+            + c_one * np.outer(shape_path, shape_path)
+            + c_many * (chosen.T * weights) @ chosen
+        )
+        step *= float(np.exp(c_step / damping * (length / expected - 1.0)))
+    return best, least
 
 
 def _simplex(

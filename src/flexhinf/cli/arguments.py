@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.messages import note
-from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT, FieldInfo
+from flexhinf.design.fields import FieldInfo
+from flexhinf.design.specification import BEHAVIOUR, FIELDS, NO_LIMIT
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:

@@ -70,7 +70,7 @@ Laws = Annotated[
     str,
     typer.Option(
         rich_help_panel=COMPARISON,
-        help="nl-hinf (the design's own), nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, "
+        help="nl-hinf, nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, pd-gravity, "
         "pid, torque, torque-i, flatness, flatness-i; between commas. Default: all without a degree.",
     ),
 ]
@@ -79,9 +79,9 @@ Tune = Annotated[
     typer.Option(
         rich_help_panel=COMPARISON,
         help="What the laws share when they are tuned: peak (largest input of the step commanded at once: at most the "
-        "limit asked for or the saturation, or that of nl-hinf where it is larger), bandwidth (of the linear loop: at "
-        "most the one asked for, or that of nl-hinf), or none. Every law keeps the limits of the margins as well, and "
-        "lets no more measurement noise through to the motor than nl-hinf.",
+        "limit asked for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: "
+        "at most the one asked for, or that of the design), or none. Every law keeps the limits of the margins as "
+        "well, and lets no more measurement noise through to the motor than the design.",
     ),
 ]
 SameSensors = Annotated[
@@ -89,14 +89,14 @@ SameSensors = Annotated[
     typer.Option(
         "--same-sensors",
         rich_help_panel=COMPARISON,
-        help="Every law measures what nl-hinf measures; without this option each law has the sensors that its "
+        help="Every law measures what the design measures; without this option each law has the sensors that its "
         "proponents would choose, such as an encoder on the motor for a PD.",
     ),
 ]
 
 
 #: These fields change nothing of a comparison, and have no option here.
-@with_specification("overshoot", "compare_rigid", "mujoco")
+@with_specification("overshoot", "tracking_error", "compare_rigid", "mujoco")
 def compare(
     context: typer.Context,
     robot: Robot,

@@ -18,8 +18,8 @@ from .pipeline import comparison_stages as comparison_stages
 from .pipeline import design as design
 from .pipeline import stages as stages
 from .requirements import Requirement as Requirement
-from .requirements import Status as Status
 from .result import ComparedLaw as ComparedLaw
 from .result import Comparison as Comparison
 from .result import Design as Design
 from .specification import Specification as Specification
+from .status import Status as Status

@@ -1,8 +1,9 @@
 """The one criterion that the laws of a comparison are tuned for and judged by, and the limits that all of them keep.
 
-Criterion: the mean of three ratios to the design's own law, each of the same run for all laws: the largest deviation
+Criterion: the mean of three ratios to the design as it is, each of the same run for all laws: the largest deviation
 of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
-largest error in following the jerk-limited reference. The design has 1; less is better.
+largest error in following the jerk-limited reference. The design has 1; less is better. These runs are those of the
+nominal robot without measurement noise, so that no seed has a part in the criterion: noise counts as a limit.
 
 Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
 that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
@@ -16,16 +17,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from flexhinf.baselines import Judgement, excess
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.requirements import peak_option
 from flexhinf.errors import InvalidInput
 
-__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front"]
+__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front", "stated_limits"]
 
 #: What all laws share with the design, as `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
 
 #: A limit of the linear loop that is exceeded by more than this factor is judged without a run: it is far off.
-FAR = 2.0
+FAR = 1.25
 
 #: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
 LEAST_DAMPING = 0.1
@@ -138,11 +143,16 @@ class Criterion:
 
     @property
     def text(self) -> str:
-        """One sentence for the report, before any result."""
+        """One sentence before any result, with the limits."""
+        return f"{self.measure.rstrip('.')}; with {'; '.join(limit.text for limit in self.limits)}."
+
+    @property
+    def measure(self) -> str:
+        """What is made small."""
         return (
-            "Each law is tuned over all its parameters for the smallest mean of three ratios to nl-hinf: largest "
-            "deviation under the load, settling time of the step commanded at once, largest error behind the "
-            f"jerk-limited reference; with {'; '.join(limit.text for limit in self.limits)}."
+            "Every law, nl-hinf among them, is tuned over all its parameters for the smallest mean of three ratios to "
+            "the design as it is: largest deviation under the load, settling time of the step commanded at once, "
+            "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise."
         )
 
     def ratios(self, figures: Figures) -> dict[str, float]:
@@ -216,7 +226,7 @@ def criterion_for(
             return Limit(figure, label, unit, given[0], given[1], least)
         if not usable:
             return None
-        origin = f"nl-hinf's own; {given[1]}: {given[0]:.3g}" if given else "nl-hinf's own"
+        origin = f"the design's own; {given[1]}: {given[0]:.3g}" if given else "the design's own"
         return Limit(figure, label, unit, mine, origin, least)
 
     linear = (
@@ -239,6 +249,27 @@ def criterion_for(
     return Criterion(
         mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length
     )
+
+
+def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
+    """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
+    s, joints = setup.specification, setup.limits
+    limits: dict[str, tuple[float, str] | None] = {
+        "peak_sensitivity": (
+            s.peak_sensitivity_limit,
+            "--peak-sensitivity" if s.peak_sensitivity else "default",
+        ),
+        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
+    }
+    if joints.limits_peak:
+        limits["peak_input"] = (float(joints.peak.max()), peak_option(unit, joints.peak_source))
+    elif joints.limits_effort:
+        limits["peak_input"] = (float(joints.saturation.max()), joints.saturation_source)
+    if s.damping:
+        limits["damping"] = (s.damping, "--damping")
+    if s.bandwidth is not None:
+        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
+    return limits
 
 
 def pareto_front(

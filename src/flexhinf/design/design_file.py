@@ -17,14 +17,15 @@ import numpy as np
 import tomlkit
 
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
+from flexhinf.design.waypoint_table import WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.untrusted import checked_path, read_toml
 
 __all__ = [
-    "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "plain", "read_design",
-    "read_request", "weights_of",
+    "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "move_of", "plain",
+    "read_design", "read_request", "weights_of",
 ]  # fmt: skip
 
 TABLES = ("design", "result", "found")
@@ -210,6 +211,8 @@ def read_design(path: str | Path) -> DesignFile:
             f"expected the name or the file of a robot, got only {list(table)}",
             f"'robot' for {close[0]!r}" if close else "robot = 'planar-two-link', or a path from this file",
         )
+    if isinstance(table.get("move"), str) and table["move"].strip():
+        table["move"] = str(path.parent / table["move"])
     places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
     _check_fields(path.name, table)
     return DesignFile(path, places["robot"], places.get("elastic"), table, places.get("payload"))
@@ -281,6 +284,8 @@ def _example(name: str, text: str) -> str:
     """A value that can be used, as a line of the file."""
     if not text:
         return f"{name} = true"
+    if name == "move":
+        return f"{name} = '{text}', or [design.move] with time = [0.0, 1.0] and a list for each joint"
     fields: dict[str, Any] = {name: text}
     value = plain(name, getattr(Specification(**fields), name))
     if isinstance(value, dict):
@@ -295,7 +300,26 @@ def plain(name: str, value: Any) -> Any:
         return value
     if name in ("penalty", "checked_penalty"):
         return weights_of(value)
+    if name == "move":
+        return move_of(value)
     return np.asarray(value).tolist()
+
+
+def move_of(move: Any) -> dict[str, list[float]]:
+    """The waypoints of a move by name, SI units.
+
+    Raises
+    ------
+    InvalidInput
+        If it is a signal, which is code.
+    """
+    if isinstance(move, WaypointTable):
+        return move.columns()
+    raise InvalidInput(
+        "A design file cannot hold a move that is a signal.",
+        f"expected waypoints, got {move!r}",
+        "the report without its design file: design_files(…)",
+    )
 
 
 def weights_of(penalty: Any) -> Any:

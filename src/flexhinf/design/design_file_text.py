@@ -117,7 +117,7 @@ def _document(
 
 def _comment(name: str, value: Any, in_degrees: bool) -> str:
     """The unit of a field; for angles the degrees that the user wrote."""
-    if name in ("pose", "start", "via") and in_degrees:
+    if name in ("pose", "start", "via", "tracking_error") and in_degrees:
         return ", ".join(f"{math.degrees(angle):.6g}°" for angle in np.ravel(value))
     return FIELDS[name].about.unit
 
@@ -194,8 +194,8 @@ def result_table(design: Design) -> dict[str, Any]:
         "robust": None if problem.robustness is None else dataclasses.asdict(problem.robustness),
         "estimator_noise": {
             "all_states": levels.all_states,
-            "link_velocities": levels.link_velocities,
-            "motor_velocities": levels.motor_velocities,
+            "link_velocities": np.asarray(levels.link_velocities),
+            "motor_velocities": np.asarray(levels.motor_velocities),
             "from": levels.source,
         },
         "margins": {

@@ -16,8 +16,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.scenario import run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
-from flexhinf.design.weights.choose import BANDWIDTH_FRACTION, DesignProblem, choose
-from flexhinf.design.weights.scales import JointScales
+from flexhinf.design.weights.choose import DesignProblem, choose
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import solve_hji
 from flexhinf.robot import Robot
@@ -70,15 +69,13 @@ def problem_within_effort(
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
     progress("the peak input of the step")
-    search = _Search(robot, goal, start, s, levels, limits)
+    search = _Search(robot, goal, start, s, levels, limits, problem)
     peaks = search.peaks(problem)
     if not peaks.exceeds(1.0 + TOLERANCE).any():
         return problem
     if s.bandwidth is not None and not peaks.exceeds(1.0 + TOLERANCE, *_stated(limits)).any():
         return problem
-    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    stated = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    bandwidth = np.array(np.broadcast_to(np.asarray(stated, dtype=float), goal.shape))
+    bandwidth = problem.target.bandwidth
     best, fractions = search.slower(bandwidth, peaks)
     if best is not None and s.bandwidth is None:
         return best
@@ -126,9 +123,10 @@ class _Search:
         s: Specification,
         levels: EstimatorNoise | None,
         limits: JointLimits,
+        first: DesignProblem,
     ) -> None:
         self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
-        self.limits = limits
+        self.limits, self.first = limits, first
 
     def slower(self, bandwidth: np.ndarray, peaks: _Peaks) -> tuple[DesignProblem | None, np.ndarray]:
         """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
@@ -175,7 +173,9 @@ class _Search:
     def tried(self, bandwidth: np.ndarray, before: _Peaks) -> tuple[DesignProblem | None, _Peaks]:
         """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the peaks."""
         try:
-            problem = choose(self.robot, self.goal, self.start, replace(self.s, bandwidth=bandwidth.tolist()))
+            assert self.first.target is not None
+            lower = replace(self.s, bandwidth=bandwidth.tolist(), damping=self.first.target.damping)
+            problem = choose(self.robot, self.goal, self.start, lower, near=self.first)
             peaks = self.peaks(problem)
         except FlexhinfError:
             nothing = np.full(len(bandwidth), np.inf)
@@ -195,7 +195,7 @@ class _Search:
         assert problem.target is not None
         length = s.duration
         if length is None:
-            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth)))
+            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
         response = setup.step(length)
         if response.diverged_at is not None:
             nothing = np.full(len(self.goal), np.inf)

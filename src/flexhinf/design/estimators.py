@@ -23,10 +23,11 @@ from flexhinf.estimation import (
 )
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import Layout
 from flexhinf.robot.signals import SENSORS, UNITS, expanded
 
 __all__ = [
-    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "estimator_for", "initial_covariance",
+    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "Levels", "estimator_for", "initial_covariance",
     "noise_variances", "other_sensors", "sensor_steps",
 ]  # fmt: skip
 
@@ -47,23 +48,28 @@ KINDS: dict[str, Any] = {
 RANK = 1e-9
 
 
+#: One variance for all joints, or one for each.
+Levels = float | tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class EstimatorNoise:
-    """R^v of the estimator: a diagonal of at most three levels, variances per sample in the states' units squared.
+    """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
 
     Attributes
     ----------
     all_states : float
         On every state.
-    link_velocities, motor_velocities : float
-        Added on the velocities of the links and of the motors: what a model misses are torques there.
+    link_velocities, motor_velocities : float or tuple of float
+        Added on the velocities of the links and of the motors, one for all joints or one for each: what a model misses
+        are torques there.
     source : str
         Who states these levels: an option, a search, or a default of ours.
     """
 
     all_states: float = 0.0
-    link_velocities: float = 0.0
-    motor_velocities: float = 0.0
+    link_velocities: Levels = 0.0
+    motor_velocities: Levels = 0.0
     source: str = "ours"
 
     @staticmethod
@@ -82,33 +88,41 @@ class EstimatorNoise:
 
     @property
     def largest(self) -> float:
-        """The largest of the three levels; 0 for an estimator that trusts its model entirely."""
-        return max(self.all_states, self.link_velocities, self.motor_velocities)
+        """The largest of the levels; 0 for an estimator that trusts its model entirely."""
+        return float(
+            max(np.max(level) for level in (self.all_states, self.link_velocities, self.motor_velocities))
+        )
 
     def scaled(self, factor: float) -> EstimatorNoise:
         """All levels times a factor: a faster estimator for a factor above 1."""
-        return EstimatorNoise(
-            factor * self.all_states,
-            factor * self.link_velocities,
-            factor * self.motor_velocities,
-            self.source,
-        )
+        links = _times(factor, self.link_velocities)
+        return replace(self, all_states=factor * self.all_states, link_velocities=links).motors_scaled(factor)
+
+    def motors_scaled(self, factor: float) -> EstimatorNoise:
+        """The levels on the motors' velocities times a factor."""
+        return replace(self, motor_velocities=_times(factor, self.motor_velocities))
 
     def diagonal(self, states: Sequence[str]) -> np.ndarray:
         """Diagonal (n,) of R^v for a plant with these states."""
-        values = []
-        for name in states:
-            level = self.all_states
-            if name.startswith("link_velocity"):
-                level += self.link_velocities
-            elif name.startswith("motor_velocity"):
-                level += self.motor_velocities
-            values.append(level)
-        return np.array(values)
+        values, layout = np.full(len(states), self.all_states), Layout.of(states)
+        links, motors = self.link_velocities, self.motor_velocities
+        if (
+            layout.rigid and layout.elastic
+        ):  # what a model misses of a rigid joint's motor is a torque on its link
+            every = np.broadcast_to(motors, layout.n)
+            links = layout.motors(every, np.broadcast_to(links, layout.n)[layout.elastic])
+            motors = every[layout.elastic]
+        for kind, levels in (("link_velocity", links), ("motor_velocity", motors)):
+            values[[k for k, name in enumerate(states) if name.startswith(kind)]] += levels
+        return values
 
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) for a plant with these states."""
         return np.diag(self.diagonal(states))
+
+
+def _times(factor: float, levels: Levels) -> Levels:
+    return tuple(factor * level for level in levels) if isinstance(levels, tuple) else factor * levels
 
 
 def noise_variances(plant: Plant, position: float) -> np.ndarray:
@@ -119,7 +133,9 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     """
     p = plant.parameters.named(plant.parameters.vector())
     stiffness = np.atleast_1d(p.stiffness).astype(float)
-    joints = [name.removeprefix("link_position") for name in plant.states if name.startswith("link_position")]
+    joints = [
+        name.removeprefix("motor_position") for name in plant.states if name.startswith("motor_position")
+    ]
     variances = []
     for name in plant.outputs:
         factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
@@ -140,11 +156,11 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     steps = np.asarray(s.quantisation, dtype=float)
     if steps.shape == () or (s.estimator == "none" and steps.size == 1):
         return steps.reshape(())
-    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names)
+    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names, robot.rigid)
     if len(steps) == len(signals):
         return steps
     if signals and len(steps) == len(s.measured):
-        groups = [expanded(name, SENSORS, robot.joint_names) for name in s.measured]
+        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in s.measured]
         return np.concatenate([np.full(len(group), step) for group, step in zip(groups, steps)])
     allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
     raise SpecificationError(
@@ -161,7 +177,7 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
     if isinstance(s.quantisation, float) or s.estimator == "none":
         return replace(s, measured=sensors)
     joints = robot.joint_names
-    known = dict(zip(expanded(s.measured, SENSORS, joints), sensor_steps(robot, s).tolist()))
+    known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
 
     def kind(name: str) -> tuple[str, str]:
         quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
@@ -173,7 +189,9 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
         return known.get(name, (own or alike or [0.0])[0])
 
     return replace(
-        s, measured=sensors, quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints))
+        s,
+        measured=sensors,
+        quantisation=tuple(step(name) for name in expanded(sensors, SENSORS, joints, robot.rigid)),
     )
 
 

@@ -26,9 +26,10 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.analysis.law_batch import LawRows
-from flexhinf.design.loop_setup import LoopSetup, has_integrals
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
+from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
 from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError
@@ -108,7 +109,8 @@ class LawEvaluation:
     @cached_property
     def move(self) -> Move:
         """The planned move with feedforward: the same reference for every law."""
-        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps)
+        runs = self._runs
+        return self.setup.move(runs.plan, sub_steps=runs.sub_steps, rest=runs.rest)
 
     @cached_property
     def load_response(self) -> LoadResponse:
@@ -130,7 +132,11 @@ class LawEvaluation:
     def move_sample_errors(self) -> np.ndarray | None:
         """Largest error (N,) along the move, on the same robots, rad or m."""
         runs = self._runs
-        return move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps) if runs.robots else None
+        return (
+            move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
+            if runs.robots
+            else None
+        )
 
     def _sampled(self, jump: bool) -> MonteCarlo | None:
         runs = self._runs

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.design.estimators import sensor_steps
-from flexhinf.design.loop_setup import LoopSetup, has_integrals
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import LimitCycle, limit_cycle, steady_state_error
 from flexhinf.plant import sub_steps
@@ -51,6 +52,8 @@ class RestRun:
         Of its true plant: those of the specification, and the dry friction that the robot states.
     limit : float
         Largest amplitude that is no hunting, rad or m.
+    sharp : bool
+        Whether dry friction holds what rests; smoothed, as with rigid joints, it creeps, and may hide hunting.
     dead_zone : (n,) or None
         Of the integrals in this run, rad or m.
     without : RestRun or None
@@ -60,6 +63,7 @@ class RestRun:
     response: Response
     extras: tuple[str, ...]
     limit: float
+    sharp: bool = True
     dead_zone: np.ndarray | None = None
     without: RestRun | None = None
 
@@ -139,7 +143,8 @@ def rest_run(setup: LoopSetup) -> RestRun | None:
     )
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
     response = setup.rest(plant, min(LENGTH, samples * s.period), parts)
-    return RestRun(response, extras, _limit(setup), setup.dead_zone if has_integrals(setup.law) else None)
+    zone = setup.dead_zone if has_integrals(setup.law) else None
+    return RestRun(response, extras, _limit(setup), plant.arrest is not None, zone)
 
 
 def _limit(setup: LoopSetup) -> float:

@@ -19,16 +19,23 @@ from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
 __all__ = [
-    "DEFAULT_LAWS", "ESTIMATOR_NOISE", "MOTOR_NOISE", "REFERENCE", "LawFactory", "LawKind", "TuningParameter",
-    "law_kind", "law_names", "weighted",
+    "DEFAULT_LAWS", "DEGREE", "DESIGN", "ESTIMATOR_NOISE", "MOTOR_NOISE", "NL_HINF", "LawFactory", "LawKind",
+    "TuningParameter", "law_kind", "law_names", "weighted",
 ]  # fmt: skip
 
-#: The design's own law. It is not tuned: the others are tuned against it.
-REFERENCE = "nl-hinf"
+#: The design's own law as `flexhinf design` makes it, by whose figures the criterion divides. It is not tuned for the
+#: criterion, so it is no side of the comparison: that is the next one.
+DESIGN = "design"
+
+#: The nonlinear H∞ law, tuned for the criterion as every other law is.
+NL_HINF = "nl-hinf"
 
 #: Names of the parameters of a law's estimator, which the law itself does not have: factors of R^v, and beside that of
 #: its level on the velocities of the motors.
 ESTIMATOR_NOISE, MOTOR_NOISE = "estimator_noise", "motor_noise"
+
+#: Name of the parameter that is a whole number: the degree of V, up to the largest that the design tries.
+DEGREE = "degree"
 
 #: Largest degree of V in a name such as ``nl-hinf-4``.
 LARGEST_DEGREE = 12
@@ -42,7 +49,7 @@ class TuningParameter:
     ----------
     name, label, unit : str
     start : float or None
-        Where the search begins; None for a number of the design (its bandwidth, its γ/γ*).
+        Where the search begins; None for a number of the design (its bandwidth, its γ/γ*, its degree).
     lower, upper : float
         Bounds.
     relative : bool
@@ -68,9 +75,10 @@ _VELOCITY = TuningParameter("velocity_weight", "weight of velocities / positions
 _GAMMA = TuningParameter("gamma_ratio", "γ/γ*", "", None, 1.02, 50.0)
 _NOISE = TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4)
 _MOTOR_NOISE = TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3)
-_MOTOR_SIDE = (_NOISE, _MOTOR_NOISE)
+_DEGREE = TuningParameter(DEGREE, "degree of V", "", None, 2.0, 2.0)
+_ESTIMATOR = (_NOISE, _MOTOR_NOISE)
 
-_QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, _NOISE)
+_QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, *_ESTIMATOR)
 _H_INFINITY = (_GAMMA, *_QUADRATIC)
 
 #: Sensors, by those who propose a law: an encoder on each motor; one on each link too; a torque sensor in each joint.
@@ -101,7 +109,7 @@ class LawKind:
     integral : bool
         Whether it integrates the error of the link positions.
     degree : int or None
-        Of V, where the name says it; 0 for the design's degree.
+        Of V, where the name says it; 0 for the design's degree, or the one that is tuned.
     """
 
     name: str
@@ -119,16 +127,19 @@ _ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "i
 
 _KINDS = (
     LawKind(
-        REFERENCE, "the design's own nonlinear H∞ law, not tuned", _ROBUST, "flexhinf design", "whole model", (),
-        degree=0,
+        DESIGN, "nonlinear H∞ as flexhinf design makes it, not tuned for the criterion", _ROBUST, "flexhinf design",
+        "whole model", (), degree=0,
+    ),
+    LawKind(
+        NL_HINF, "nonlinear H∞: the design's problem", _ROBUST, "van der Schaft 1992", "whole model",
+        (*_H_INFINITY, _DEGREE), degree=0,
     ),
     LawKind(
         "hinf", "linear H∞: degree 2 of the same problem", _ROBUST, "van der Schaft 1992", "linear at the goal",
         _H_INFINITY, degree=2,
     ),
     LawKind(
-        "nlqr", "nonlinear LQR: γ = ∞, the design's degree", _ROBUST, "Al'brekht 1961", "whole model", _QUADRATIC,
-        degree=0,
+        "nlqr", "nonlinear LQR: γ = ∞", _ROBUST, "Al'brekht 1961", "whole model", (*_QUADRATIC, _DEGREE), degree=0,
     ),
     LawKind(
         "lqr", "LQR", _LINEAR_QUADRATIC, "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
@@ -143,35 +154,40 @@ _KINDS = (
     ),
     LawKind(
         "pd", "PD on the motor side, weight at the goal compensated", _USUAL, "Tomei 1991",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, *_MOTOR_SIDE), (_MOTOR,), False,
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, *_ESTIMATOR), (_MOTOR,), False,
     ),
     LawKind(
-        "pid", "the same with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
-        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
+        "pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", _USUAL,
+        "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity", (_BANDWIDTH, _DAMPING, *_ESTIMATOR),
+        (_MOTOR,), False,
+    ),
+    LawKind(
+        "pid", "PD on the motor side with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
+        "inertia, gravity at the goal", (_BANDWIDTH, _DAMPING, _INTEGRAL_RATE, *_ESTIMATOR), (_BOTH,),
     ),
     LawKind(
         "torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, *_MOTOR_SIDE), (_TORQUE,), False,
+        (_BANDWIDTH, _DAMPING, _ROTOR, *_ESTIMATOR), (_TORQUE,), False,
     ),
     LawKind(
         "torque-i", "the same with the integral of the link's error", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
-        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, *_MOTOR_SIDE), (_TORQUE_BOTH,),
+        (_BANDWIDTH, _DAMPING, _ROTOR, _INTEGRAL_RATE, *_ESTIMATOR), (_TORQUE_BOTH,),
     ),
     LawKind(
         "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
-        "whole model and its derivatives", (_BANDWIDTH, *_MOTOR_SIDE), (_BOTH,), False,
+        "whole model and its derivatives", (_BANDWIDTH, *_ESTIMATOR), (_BOTH,), False,
     ),
     LawKind(
         "flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        (_BANDWIDTH, _INTEGRAL_RATE, *_MOTOR_SIDE), (_BOTH,),
+        (_BANDWIDTH, _INTEGRAL_RATE, *_ESTIMATOR), (_BOTH,),
     ),
 )  # fmt: skip
 
 _BY_NAME = {kind.name: kind for kind in _KINDS}
-_WITH_DEGREE = re.compile(rf"{REFERENCE}-(\d+)\Z")
+_WITH_DEGREE = re.compile(rf"{NL_HINF}-(\d+)\Z")
 
 #: Without a choice: every kind of law, with and without an integral.
 DEFAULT_LAWS = tuple(_BY_NAME)
@@ -194,16 +210,16 @@ def law_kind(name: str) -> LawKind:
         )
     if name in _BY_NAME:
         return _BY_NAME[name]
-    near = get_close_matches(name, [*_BY_NAME, f"{REFERENCE}-4"], 1, 0.4)
+    near = get_close_matches(name, [*_BY_NAME, f"{NL_HINF}-4"], 1, 0.4)
     raise InvalidInput(
         f"There is no law {name!r} to compare with.",
-        f"expected names out of {', '.join(_BY_NAME)}, or {REFERENCE}-2 to {REFERENCE}-{LARGEST_DEGREE}; got {name!r}",
-        near[0] if near else "--laws " + ",".join((REFERENCE, "pd")),
+        f"expected names out of {', '.join(_BY_NAME)}, or {NL_HINF}-2 to {NL_HINF}-{LARGEST_DEGREE}; got {name!r}",
+        near[0] if near else "--laws " + ",".join((NL_HINF, "pd")),
     )
 
 
 def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """The names of a comparison, the design's own law first, each once.
+    """The names of a comparison, each once: the design's own law and the same tuned, then the others.
 
     Raises
     ------
@@ -213,7 +229,7 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
     wanted = tuple(names) if names else DEFAULT_LAWS
     for name in wanted:
         law_kind(name)
-    return (REFERENCE, *dict.fromkeys(name for name in wanted if name != REFERENCE))
+    return tuple(dict.fromkeys((DESIGN, NL_HINF, *wanted)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,14 +260,25 @@ class LawFactory:
 
     def start(self, kind: LawKind) -> dict[str, float]:
         """Values of a law's parameters at which a search begins: for H∞ those of the design."""
-        own = {"bandwidth": self.bandwidth, "gamma_ratio": self.gamma_ratio}
-        return {p.name: own[p.name] if p.start is None else p.start for p in kind.parameters}
+        chosen = float(self.synthesis.chosen.degree)
+        own = {"bandwidth": self.bandwidth, "gamma_ratio": self.gamma_ratio, DEGREE: chosen}
+        free = (p for p in kind.parameters if p.name != DEGREE or self.largest_degree > 2)
+        return {p.name: own[p.name] if p.start is None else p.start for p in free}
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
-        start = self.start(kind)
-        scale = {p.name: start[p.name] if p.relative else 1.0 for p in kind.parameters}
-        return {p.name: (p.lower * scale[p.name], p.upper * scale[p.name]) for p in kind.parameters}
+        start, found = self.start(kind), {}
+        for p in (p for p in kind.parameters if p.name in start):
+            scale = start[p.name] if p.relative else 1.0
+            found[p.name] = (p.lower * scale, p.upper * scale)
+        if DEGREE in found:
+            found[DEGREE] = (2.0, float(self.largest_degree))
+        return found
+
+    @property
+    def largest_degree(self) -> int:
+        """Of those that the design tried."""
+        return max(choice.degree for choice in self.synthesis.choices)
 
     def degree(self, kind: LawKind) -> int:
         """Degree of V of a law; 2 for laws that have none."""
@@ -264,7 +291,7 @@ class LawFactory:
         ----------
         kind : LawKind
         values : mapping of str to float
-            See `start`; R^v of the estimator is none of the law's.
+            See `start`; R^v of the estimator is none of the law's. A degree is rounded.
         degree : int, optional
             Of V, instead of its own.
 
@@ -273,15 +300,15 @@ class LawFactory:
         FlexhinfError
             If there is no such law: a Riccati equation without a solution, a goal that it does not hold.
         """
-        if kind.name == REFERENCE:
+        if kind.name == DESIGN:
             return self.synthesis.law
         family = kind.name.removesuffix("-i")
-        if family in ("pd", "pid", "torque", "flatness"):
+        if family in ("pd", "pd-gravity", "pid", "torque", "flatness"):
             return self._of_bandwidth(family, kind.integral, values)
         if family in ("lqr", "lqg", "lqr-gravity"):
             problem = self._weighted(self.problem, values)
             return GravityCompensatedLQR.design(problem) if family == "lqr-gravity" else lqr(problem)
-        degree = self.degree(kind) if degree is None else degree
+        degree = round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
         if family == "nlqr":
             return solve_hji(self._weighted(self.problem, values), np.inf, degree)
         problem = self._weighted(self.synthesis.design_problem.problem, values)
@@ -294,10 +321,9 @@ class LawFactory:
         made: Any
         if family in ("pd", "pid"):
             made = MotorPD.tuned(problem, bandwidth, values["damping"], tracked, rate)
-        elif family == "torque":
-            made = TorqueFeedback.tuned(
-                problem, bandwidth, values["damping"], values["rotor_inertia"], tracked, rate
-            )
+        elif family in ("pd-gravity", "torque"):
+            rotor = values.get("rotor_inertia", 1.0)
+            made = TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
         else:
             made = FeedbackLinearisation.tuned(
                 problem, bandwidth, integral, integral_rate=rate if integral else None

@@ -19,16 +19,17 @@ from flexhinf.design.estimators import (
     sensor_steps,
 )
 from flexhinf.design.joint_limits import JointLimits, joint_limits
-from flexhinf.design.responses import LoadResponse, Move, Response, run_response
+from flexhinf.design.plans import has_integrals, step_command
+from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
 from flexhinf.design.specification import Specification, SpecificationError
-from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Step, run_many
+from flexhinf.loop import Controller, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot import Robot
 from flexhinf.robot.extras import DRY
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["SMOOTH_EXTRAS", "LoopSetup", "has_integrals"]
+__all__ = ["SMOOTH_EXTRAS", "LoopSetup"]
 
 #: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
@@ -37,11 +38,6 @@ SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 
 #: Estimators that may have dry friction in their model. The observer's gain belongs to a model without.
 FRICTIONAL = ("ukf", "ekf")
-
-
-def has_integrals(law: Law) -> bool:
-    """Whether a law integrates the error of link positions, so that a command enters through the integrals."""
-    return any(name.endswith("_integral") for name in law.state_names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +63,9 @@ class LoopSetup:
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
     chosen_zone : (n,), optional
         Errors that are not integrated where the specification states no dead zone; see `flexhinf.design.hunting`.
+    quiet : bool
+        Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
+        motors, have it in any case.
     """
 
     robot: Robot
@@ -78,6 +77,7 @@ class LoopSetup:
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
     chosen_zone: np.ndarray | None = None
+    quiet: bool = False
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -280,6 +280,17 @@ class LoopSetup:
         """In error coordinates, its integrals at zero: for a jump of the command, and for a move."""
         return self.controller(self.start, moving=True)
 
+    @cached_property
+    def command(self) -> Plan | None:
+        """How the command of the step gets from start to goal; None where it jumps, or the law does not take one."""
+        way = self.start, self.goal
+        return step_command(self.robot, self.specification, *way) if has_integrals(self.law) else None
+
+    @property
+    def command_time(self) -> float:
+        """How long the command of the step takes, s; 0 for a jump."""
+        return 0.0 if self.command is None else self.command.duration
+
     # Runs -----------------------------------------------------------------------------------------------
     def step(
         self,
@@ -289,7 +300,7 @@ class LoopSetup:
         plant: Any = None,
         sub_steps: int | None = None,
     ) -> Response:
-        """The step from start to goal as the controller is deployed, without a jump of the input.
+        """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
         Parameters
         ----------
@@ -304,7 +315,10 @@ class LoopSetup:
         sub_steps : int, optional
             Runge–Kutta steps per period of the true plant.
         """
-        return self._run(self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps)
+        options = {} if self.command is None else {"reference": self.command}
+        return self._run(
+            self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps, **options
+        )
 
     def jump(
         self,
@@ -333,7 +347,7 @@ class LoopSetup:
         sub_steps : int
         """
         begin, given = self._begun(self.start, duration, None, 0)
-        given["noise"] = None
+        given |= {"noise": None} | ({} if self.command is None else {"reference": self.command})
         return run_response(
             self.loop(self.bumpless_controller, plant, sub_steps), self.goal, begin, self.joints, **given
         )
@@ -351,17 +365,16 @@ class LoopSetup:
 
     def move(
         self,
-        plan: JerkLimited,
+        plan: Plan,
         values: Mapping[str, Any] | None = None,
         seed: int = 0,
         sub_steps: int | None = None,
+        rest: float | None = None,
     ) -> Move:
-        """A planned move with feedforward in error coordinates, and half its time more at the goal."""
-        options = self._moved(plan)
-        response = self._run(
-            self.tracking_controller, self.start, options.pop("duration"), values, seed, None, sub_steps, **options
-        )  # fmt: skip
-        return Move(plan, response)
+        """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end."""
+        controller, begin, duration, options = self._moved(plan, rest)
+        response = self._run(controller, begin, duration, values, seed, None, sub_steps, **options)
+        return Move.along(plan, response)
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
@@ -380,18 +393,30 @@ class LoopSetup:
         jump : bool
         """
         controller = self.tracking_controller if jump else self.bumpless_controller
-        return self._run_many(controller, robots, duration, sub_steps)
+        options = {} if jump or self.command is None else {"reference": self.command}
+        return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
 
-    def moves(self, robots: Sequence[Mapping[str, Any]], plan: JerkLimited, sub_steps: int) -> Iterator[Move]:
+    def moves(
+        self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None
+    ) -> Iterator[Move]:
         """The planned move of each robot, parameters as for `steps`."""
-        options = self._moved(plan)
-        runs = self._run_many(self.tracking_controller, robots, options.pop("duration"), sub_steps, **options)
-        return (Move(plan, response) for response in runs)
+        controller, begin, duration, options = self._moved(plan, rest)
+        runs = self._run_many(controller, begin, robots, duration, sub_steps, **options)
+        return (Move.along(plan, response) for response in runs)
 
-    def _moved(self, plan: JerkLimited) -> dict[str, Any]:
-        period = self.specification.period
-        duration = round(1.5 * plan.duration / period) * period
-        return {"duration": duration, "reference": Moving(plan, self._feedforward)}
+    def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, float, dict[str, Any]]:
+        """Controller, pose (n,) at which it takes over, duration, and other arguments of a run along a plan."""
+        period, begin = self.specification.period, np.reshape(plan(0.0), -1)
+        near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
+        controller = self.tracking_controller if near else self.controller(begin, moving=True)
+        duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
+        reference = Moving(plan, self._feedforward)
+        return (
+            controller,
+            self.start if near else begin,
+            round(duration / period) * period,
+            {"reference": reference},
+        )
 
     def _feedforward(self, *motion: Any) -> tuple[np.ndarray, np.ndarray]:
         """State and input of a motion, with the true plant's dry friction."""
@@ -411,6 +436,8 @@ class LoopSetup:
         if values is not None:
             plant = self._plant_with(values)
         begin, given = self._begun(at, duration, values, seed)
+        if self.quiet:
+            given["noise"] = None
         return run_response(
             self.loop(controller, plant, sub_steps), self.goal, begin, self.joints, **given, **options
         )
@@ -418,13 +445,14 @@ class LoopSetup:
     def _run_many(
         self,
         controller: Controller,
+        at: np.ndarray,
         robots: Sequence[Mapping[str, Any]],
         duration: float,
         sub_steps: int,
         **options: Any,
     ) -> Iterator[Response]:
-        """From the start, each with a seed of its own."""
-        begun = [self._begun(self.start, duration, values, 1 + k) for k, values in enumerate(robots)]
+        """From a pose (n,), each with a seed of its own."""
+        begun = [self._begun(at, duration, values, 1 + k) for k, values in enumerate(robots)]
         runs = run_many(
             self.loop(controller, self._plant_with(values), sub_steps).prepared(**given, **options)
             for values, (_, given) in zip(robots, begun)
@@ -439,12 +467,5 @@ class LoopSetup:
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Link positions (n,) at which a run begins in equilibrium, and its arguments."""
         x, u = self.equilibrium(at, values)
-        seed += self.specification.seed
-        given = {
-            "noise": self.noise,
-            "duration": duration,
-            "initial_state": x,
-            "initial_input": u,
-            "seed": seed,
-        }
-        return x[: len(self.goal)], given
+        given = {"noise": self.noise, "duration": duration, "initial_state": x, "initial_input": u}
+        return x[: len(self.goal)], {**given, "seed": seed + self.specification.seed}

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.estimation import stationary_gain
+from flexhinf.robot.elastic import Layout
 
 __all__ = [
     "Mode", "closed_loop", "estimator_modes", "modes_of", "named_modes", "running_modes",
@@ -96,16 +97,18 @@ def named_modes(
         velocities, motor positions, motor velocities.
     joints : sequence of str
     stiffness, inertia : (n,), (2n, 2n)
-        Of the springs, and of links and motors; for the fractions of energy.
+        Of the springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and
+        its motor, which counts as its link.
     """
     fastest = np.abs(values).max(initial=0.0)
     n, found = len(joints), []
-    weight = np.diag(inertia)
+    weight, layout = np.diag(inertia), Layout(n, tuple(np.flatnonzero(np.isinf(stiffness)).tolist()))
+    springs = np.where(np.isinf(stiffness), 0.0, stiffness)
     for value, vector in zip(values, vectors.T):
         if value.imag < 0.0:
             continue
-        q, dq, theta, _ = (vector[k * n : (k + 1) * n] for k in range(4))
-        spring = stiffness * np.abs(theta - q) ** 2
+        q, dq, theta, _ = np.split(layout.whole(vector), 4)
+        spring = springs * np.abs(theta - q) ** 2
         kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
         fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
         vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
@@ -167,12 +170,20 @@ def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
 def stiffness_and_inertia(
     plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium."""
-    p = plant.parameters.named(plant.parameters.vector())
-    stiffness, motors = np.atleast_1d(p.stiffness).astype(float), np.atleast_1d(p.motor_inertia).astype(float)
-    n = len(stiffness)
-    a = plant.linearise(*equilibrium)[0]
-    links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
+    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium.
+
+    Of a rigid joint K is infinite, and its motor's inertia is part of the link's.
+    """
+    p, layout = plant.parameters.named(plant.parameters.vector()), Layout.of(plant.states)
+    n, elastic = layout.n, layout.elastic
+    stiffness, motors = np.full(n, np.inf), np.zeros(n)
+    stiffness[elastic] = np.atleast_1d(p.stiffness)
+    motors[elastic] = np.atleast_1d(p.motor_inertia)[elastic]
+    a, _, torques, _ = plant.linearise(*equilibrium)
+    if layout.rigid:
+        links = np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
+    else:
+        links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
     inertia = np.zeros((2 * n, 2 * n))
     inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
     return stiffness, inertia

@@ -139,10 +139,14 @@ def sampled_runs(
 
 
 def move_errors(
-    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], plan: Any, sub_steps: int
+    setup: LoopSetup,
+    robots: Sequence[Mapping[str, Any]],
+    plan: Any,
+    sub_steps: int,
+    rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    moves = setup.moves(robots, plan, sub_steps)
+    moves = setup.moves(robots, plan, sub_steps, rest)
     return np.array([worst_of(move.metrics, "largest_error").value for move in moves])
 
 

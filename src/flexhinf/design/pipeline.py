@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
-from flexhinf.design.criterion import MODES, Criterion, criterion_for
+from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
-from flexhinf.design.laws import REFERENCE, LawFactory, LawKind, law_kind, law_names
+from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import closed_loop, modes_of
+from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.plans import plan_move, stated_move
 from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
     hunting_requirement,
-    limit_requirements,
     margin_requirements,
-    peak_option,
     sample_requirements,
-    status_of,
     step_requirements,
 )
 from flexhinf.design.responses import Response
@@ -37,12 +37,12 @@ from flexhinf.design.scenario import (
     LONGEST,
     Scenario,
     default_load,
-    plan_move,
     run_length,
     sample_count,
     sample_robots,
 )
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
 from flexhinf.design.weights.choose import preset_of, required_damping
@@ -89,10 +89,10 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     synthesis = synthesise(robot, s, progress)
     setup, rest = brought_to_rest(synthesis.setup(robot, s))
     progress("margins of the running loop")
-    linear = LawEvaluation(REFERENCE, setup)
+    linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, _duration(s, modes), sample_count)
+    scenario, step = _scenario(linear, synthesis, _duration(setup, modes), sample_count)
     evaluation = linear.in_scenario(scenario, step)
     evaluation.margins  # noqa: B018  (before there is a second thread: filters of warnings are the whole process's)
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
@@ -138,9 +138,12 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
-def _duration(s: Specification, modes: tuple) -> float:
-    """Of the step, s: as stated, or by the slowest mode."""
-    return s.duration if s.duration is not None else run_length(min(-mode.eigenvalue.real for mode in modes))
+def _duration(setup: LoopSetup, modes: tuple) -> float:
+    """Of the step, s: as stated, or by the slowest mode, after the command."""
+    stated = setup.specification.duration
+    if stated is not None:
+        return stated
+    return run_length(min(-mode.eigenvalue.real for mode in modes)) + setup.command_time
 
 
 def _scenario(
@@ -158,12 +161,14 @@ def _scenario(
     else:
         load = np.full(len(setup.goal), s.load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
-    plan = plan_move(
+    stated = stated_move(robot, s)
+    plan = stated or plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
     robots = sample_robots(robot, count(robot, len(synthesis.problem.state_names), s), s.seed)
     taken = step.run.settings["sub_steps"]
-    return Scenario(duration, load, 2.0 * duration, plan, robots, taken), step
+    rest = duration if stated else None
+    return Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
 
 
 def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
@@ -217,7 +222,7 @@ def _requirements(
     s, target = evaluation.setup.specification, synthesis.design_problem.target
     lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
     if target is not None:
-        damping, joints = required_damping(s), evaluation.setup.joints
+        damping, joints = required_damping(s, target), evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
     limits = evaluation.setup.limits
@@ -225,7 +230,7 @@ def _requirements(
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += limit_requirements(limits, evaluation.move.response, "the planned move", always=False)
+    lines += move_requirements(s, limits, evaluation.move)
     if rest is not None:
         lines.append(hunting_requirement(rest, limits.position_units))
     if evaluation.corners is not None:
@@ -265,9 +270,10 @@ def compare(
     specification : Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional
-        Names, see `flexhinf.design.laws`; the design's own law is always among them.
+        Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``), by whose
+        figures the criterion divides, and the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
     tune : {"peak", "bandwidth", "none"}
-        What the laws share with the design's own: a limit beside those of the specification.
+        What the laws share with the design: a limit beside those of the specification.
     progress : callable, optional
         Called with what comes next, `comparison_stages` times in all.
     same_sensors : bool
@@ -289,28 +295,26 @@ def compare(
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup, _ = brought_to_rest(synthesis.setup(robot, s))
+    setup = replace(setup, quiet=True)
     _check_way(setup)
     progress("what all laws share: load, move, criterion")
-    linear = LawEvaluation(REFERENCE, setup, other_noise=False)
+    linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario = _comparison_scenario(linear, synthesis)
     own = linear.in_scenario(scenario)
-    criterion = _criterion(tune, own, _unit(synthesis))
+    unit = _unit(synthesis)
+    criterion = criterion_for(tune, yardstick(own), scenario.step_duration, stated_limits(setup, unit), unit)
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
-    rows: list[ComparedLaw] = []
-    for kind in kinds:
-        rows.append(_row(tuner, kind, [row.tuned for row in rows if row.tuned], laws is not None, progress))
-    return Comparison(robot, s, synthesis, criterion, tuple(rows), scenario, write_comparison)
+    rows = tuple(_tuned_rows(tuner, kinds, laws or (), progress))
+    return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
 
 
 def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
     """As a design's, its steps longer, for laws that are slower; the load's run has the design's own length."""
     s, modes = linear.setup.specification, _law_modes(linear, synthesis)
-    duration = _duration(s, modes)
+    duration = _duration(linear.setup, modes)
     scenario, _ = _scenario(linear, synthesis, duration, _compared_samples)
     longer = duration if s.duration is not None else min(LONGER * duration, LONGEST)
-    return Scenario(
-        longer, scenario.load, scenario.load_duration, scenario.plan, scenario.robots, scenario.sub_steps
-    )
+    return replace(scenario, step_duration=longer)
 
 
 def _compared_samples(robot: Robot, states: int, s: Specification) -> int:
@@ -322,54 +326,46 @@ def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
     return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
 
 
-def _criterion(mode: str, own: LawEvaluation, unit: str) -> Criterion:
-    """What every law is tuned for; the limits are the specification's, or wider where the design's own law is."""
-    s = own.setup.specification
-    limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (
-            s.peak_sensitivity_limit,
-            "--peak-sensitivity" if s.peak_sensitivity else "default",
-        ),
-        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
-    }
-    stated = own.setup.limits
-    if stated.limits_peak:
-        limits["peak_input"] = (float(stated.peak.max()), peak_option(unit, stated.peak_source))
-    elif stated.limits_effort:
-        limits["peak_input"] = (float(stated.saturation.max()), stated.saturation_source)
-    if s.damping:
-        limits["damping"] = (s.damping, "--damping")
-    if s.bandwidth is not None:
-        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
-    assert own.scenario is not None
-    return criterion_for(mode, yardstick(own), own.scenario.step_duration, limits, unit)
+def _tuned_rows(
+    tuner: Tuner, kinds: Sequence[LawKind], asked: Sequence[str], progress: Progress
+) -> Iterator[ComparedLaw]:
+    """All laws, each tuned for itself and then once more from the others, and evaluated; one that was asked for by name
+    and cannot be made is refused."""
+    first: dict[str, TunedLaw | str] = {}
+    for kind in kinds:
+        progress(f"{kind.name}: tune")
+        try:
+            first[kind.name] = tuner.tune(kind)
+        except FlexhinfError as error:
+            text = " ".join(str(error).split())
+            if kind.name in asked:
+                raise InvalidInput(
+                    f"The law {kind.name!r} does not fit the robot {tuner.own.setup.robot.name!r}.",
+                    f"expected one that can be made and run at the goal, got: {text}",
+                    f"laws without {kind.name!r}",
+                ) from error
+            first[kind.name] = text
+    made = [law for law in first.values() if isinstance(law, TunedLaw)]
+    for kind in kinds:
+        law = first[kind.name]
+        if isinstance(law, str):
+            progress(f"{kind.name}: not made")
+            yield ComparedLaw(kind, failure=law)
+        else:
+            yield _row(tuner, law, made, progress)
 
 
-def _row(
-    tuner: Tuner, kind: LawKind, others: Sequence[TunedLaw], asked: bool, progress: Progress
-) -> ComparedLaw:
-    """One law, from its tuning, which begins from the other laws too, to its requirements."""
-    progress(f"{kind.name}: tune")
-    try:
-        tuned = tuner.tune(kind, others)
-    except FlexhinfError as error:
-        text = " ".join(str(error).split())
-        if asked:
-            raise InvalidInput(
-                f"The law {kind.name!r} does not fit the robot {tuner.own.setup.robot.name!r}.",
-                f"expected one that can be made and run at the goal, got: {text}",
-                f"laws without {kind.name!r}",
-            ) from error
-        progress(f"{kind.name}: not made")
-        return ComparedLaw(kind, failure=text)
+def _row(tuner: Tuner, law: TunedLaw, others: Sequence[TunedLaw], progress: Progress) -> ComparedLaw:
+    """One law, from the second round of its tuning to its requirements."""
+    progress(f"{law.name}: tune from the others, step, load and move")
+    tuned = tuner.again(law, others)
     evaluation = tuned.evaluation
-    progress(f"{kind.name}: step, load and move")
     evaluation.worst  # noqa: B018
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
-        progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
+        progress(f"{law.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.metrics  # noqa: B018
-    return ComparedLaw(kind, tuned, _compared_requirements(tuned))
+    return ComparedLaw(law.kind, tuned, _compared_requirements(tuned))
 
 
 def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:

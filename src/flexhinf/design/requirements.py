@@ -1,9 +1,7 @@
-"""What a specification requires, against what the loop achieves: one line each, and the status of the whole.
+"""What a specification requires, against what the loop achieves: one line each.
 
-Whether a requirement is met is decided here and nowhere else, and so is what a reader must know first: what is not met,
-not proved, or risky though no requirement covers it, such as a small delay margin. Bandwidth, damping, peak sensitivity
-and gain margin are judged on the running loop: sampled, with the estimator and the delay, and with the extras that can
-be linearised.
+Whether a requirement is met is decided here and nowhere else. Bandwidth, damping, peak sensitivity and gain margin are
+judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
 """
 
 from __future__ import annotations
@@ -14,21 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
-from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
-from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
 
 __all__ = [
-    "FEW_PERIODS",
-    "NOISE_FRACTION",
     "RINGS",
     "Requirement",
-    "Status",
     "all_met",
     "behaviour_requirements",
     "corner_requirement",
@@ -37,25 +29,11 @@ __all__ = [
     "margin_requirements",
     "peak_option",
     "sample_requirements",
-    "status_of",
     "step_requirements",
 ]
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
-
-
-#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
-RINGS = 0.1
-
-#: An estimation error that oscillates with a smaller damping ratio than this is a risk.
-HARDLY_DAMPED = 0.05
-
-#: A loop that tolerates less extra delay than so many periods is at risk from a late computation and a slow bus.
-FEW_PERIODS = 3.0
-
-#: Sensor noise that moves a motor by more than this fraction of the step's peak input, rms, wears it out.
-NOISE_FRACTION = 0.05
 
 
 @dataclass(frozen=True)
@@ -320,127 +298,3 @@ def _sampled_use(
         return LimitUse(np.inf, float(most[joint]), "", units[joint], None)
     row, joint = divmod(int(np.argmax(values / most)), values.shape[1])
     return LimitUse(float(values[row, joint]), float(most[joint]), limits.joints[joint], units[joint], None)
-
-
-# Status: what a reader must know first ------------------------------------------------------------------
-@dataclass(frozen=True)
-class Status:
-    """What a reader must know first.
-
-    Attributes
-    ----------
-    not_met : tuple of str
-        Requirements that the loop misses.
-    not_proved : tuple of str
-        What was only sampled, or found by search.
-    risky : tuple of str
-        What no requirement covers, and what nevertheless endangers the loop.
-    scope : str
-        What the requirements were judged for, where that is less than the robot and its tolerances; else empty.
-    """
-
-    not_met: tuple[str, ...] = ()
-    not_proved: tuple[str, ...] = ()
-    risky: tuple[str, ...] = ()
-    scope: str = ""
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return not self.not_met
-
-    @property
-    def line(self) -> str:
-        """One line: what is not met, not proved or risky."""
-        met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
-        parts = ["Not met: " + "; ".join(self.not_met) if self.not_met else met]
-        if self.risky:
-            parts.append("Risky: " + "; ".join(self.risky))
-        if self.not_proved:
-            parts.append("Not proved: " + "; ".join(self.not_proved))
-        return ". ".join(parts) + "."
-
-
-def status_of(
-    lines: Sequence[Requirement],
-    evaluation: LawEvaluation,
-    synthesis: Synthesis,
-    worth: Attenuation,
-    inside: bool | None,
-) -> Status:
-    """The status of a design."""
-    missing = [line for line in lines if not line.met]
-    names = [line.what for line in missing]
-    missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
-    scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
-    risks = tuple(_risks(lines, evaluation))
-    return Status(missed, tuple(_not_proved(synthesis, worth, inside)), risks, scope)
-
-
-def _missed(line: Requirement, places: bool) -> str:
-    """What was found and required; also where, if it is missed in several places."""
-    sign = "≤" if line.at_most else "≥"
-    unit = f" {line.unit}" if line.unit else ""
-    joint = f" in {line.joint}" if line.joint else ""
-    joint += "" if line.at is None else f" at {line.at:.3g} s"
-    place = f"; {line.where}" if places else ""
-    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
-
-
-def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -> list[str]:
-    found = []
-    if not synthesis.chosen.looked:
-        found.append("no region was sampled")
-    elif np.isnan(synthesis.chosen.level):
-        found.append("the law has no sampled region")
-    elif inside is False:
-        found.append("the step starts outside the sampled region")
-    else:
-        found.append("the region is sampled, for the law fed the true state")
-    if not worth.lasts:
-        found.append("the dissipation budget of the step does not last")
-    return found
-
-
-def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    found, several = [], len(evaluation.setup.joints) > 1
-
-    def of(joint: str) -> str:
-        return f" ({joint})" if several and joint else ""
-
-    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
-    if slow:
-        worst = min(slow, key=lambda m: m.damping)
-        found.append(
-            f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
-            f"{worst.damping:.2g}"
-        )
-    damping = evaluation.margins.damping
-    judged = any(line.what.startswith("damping") for line in lines)
-    if damping < RINGS and not slow and not judged:
-        found.append(
-            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by {damping:.2g} only, "
-            "and no damping is required"
-        )
-    margins, period = evaluation.margins, evaluation.setup.specification.period
-    if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
-        found.append(
-            f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
-            f"{margins.delay_margin_s / period:.2g} periods"
-        )
-    held = [row for row in evaluation.load_response.metrics if row["recovery_time_s"] is None]
-    if held:
-        worst_row = max(held, key=lambda row: row["remaining_error"])
-        joint = f" {worst_row['joint']}" if len(evaluation.load_response.metrics) > 1 else ""
-        found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
-    noise, peak = evaluation.input_noise, evaluation.step.peak_input
-    if margins.stable and noise > NOISE_FRACTION * peak:
-        noises = evaluation.input_noises
-        joint = "" if noises is None else of(evaluation.setup.joints[int(np.argmax(noises))])
-        found.append(
-            f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
-        )
-    corners = evaluation.corners
-    if corners is not None and not corners.unstable and (most := corners.most_unstable):
-        found.append(f"another Rᵛ makes up to {most} of {corners.count} corners unstable")
-    return found

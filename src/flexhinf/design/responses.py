@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from flexhinf.loop import JerkLimited, Loop, Trajectory
+from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.metrics import StepShape, load_metrics, steady_state_error, step_metrics
 
-__all__ = ["LoadResponse", "Move", "Response", "Worst", "run_response", "worst_of"]
+__all__ = ["LoadResponse", "Move", "Plan", "Response", "Worst", "run_response", "worst_of"]
 
 #: Part of the run at its end over which a remaining error is taken.
 TAIL = 0.1
@@ -175,38 +175,78 @@ class LoadResponse:
         return rows
 
 
+class Plan(Protocol):
+    """A motion of all joints from rest to rest."""
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """From its beginning at time 0 to its end, s."""
+        ...
+
+    def __call__(self, t: Any) -> Any:
+        """Link positions (N, n) at times (N,)."""
+        ...
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """They and their time derivatives, (order + 1, N, n)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Move:
     """A planned move with feedforward, followed in error coordinates.
 
     Attributes
     ----------
-    plan : JerkLimited
+    plan : Plan
     response : Response
+        Its start and goal are the ends of the plan.
     """
 
-    plan: JerkLimited
+    plan: Plan
     response: Response
 
+    @staticmethod
+    def along(plan: Plan, response: Response) -> Move:
+        """A run along a plan, its goal where the plan ends."""
+        return Move(plan, replace(response, goal=np.reshape(plan(plan.duration), -1)))
+
     @cached_property
+    def planned(self) -> np.ndarray:
+        """Link positions of the plan at the samples of the run (N, n), rad or m."""
+        time = self.response.run.time
+        return np.reshape(self.plan(time), (len(time), -1))
+
+    @property
     def error(self) -> np.ndarray:
         """Link positions minus the plan (N, n), rad or m."""
-        planned = self.plan(self.response.run.time)
-        return self.response.positions - np.reshape(planned, (len(self.response.run.time), -1))
+        return self.response.positions - self.planned
+
+    @property
+    def ways(self) -> np.ndarray:
+        """How far apart the extreme positions of each joint are on the plan (n,), rad or m."""
+        return np.ptp(self.planned, axis=0)
 
     @cached_property
     def metrics(self) -> list[dict[str, Any]]:
         """Figures of each joint; an empty list where the run diverged. Keys: joint, largest_error, rms_error,
-        peak_input."""
+        peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
-        u = self.response.inputs
+        u, tail = self.response.inputs, max(1, math.ceil(TAIL * len(self.error)))
         return [
             {
                 "joint": self.response.joints[k],
                 "largest_error": float(np.abs(error).max()),
                 "rms_error": float(np.sqrt(np.mean(error**2))),
                 "peak_input": float(np.abs(u[:, k]).max()),
+                "peak_speed": float(np.abs(self.response.velocities[:, k]).max()),
+                "final_error": float(np.abs(error[-tail:]).max()),
             }
             for k, error in enumerate(self.error.T)
         ]

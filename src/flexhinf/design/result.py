@@ -16,11 +16,12 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode
-from flexhinf.design.requirements import Requirement, Status, all_met
+from flexhinf.design.requirements import Requirement, all_met
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.scenario import Scenario
 from flexhinf.design.specification import Specification
+from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
 from flexhinf.design.weights.estimator_noise import NoiseSearch
@@ -235,7 +236,7 @@ class Comparison(Summarised):
     criterion : Criterion
         What every law is tuned for, and the limits that it keeps.
     rows : tuple of ComparedLaw
-        The design's own law first.
+        The design as it is first, then nonlinear H∞ tuned as the others are.
     scenario : Scenario
     writer : callable
         (comparison, folder) → folder: writes the report.
@@ -257,8 +258,13 @@ class Comparison(Summarised):
 
     @property
     def own(self) -> ComparedLaw:
-        """The design's own law."""
+        """The design as it is, by whose figures the criterion divides."""
         return self.rows[0]
+
+    @property
+    def tuned_design(self) -> ComparedLaw:
+        """Nonlinear H∞ tuned for the criterion; the design as it is where there is no such law."""
+        return next((row for row in self.rows[1:2] if row.evaluation is not None), self.own)
 
     @property
     def compared(self) -> tuple[ComparedLaw, ...]:

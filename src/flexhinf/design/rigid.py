@@ -13,6 +13,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
+from flexhinf.robot.elastic import Layout
 
 __all__ = [
     "SIDES", "RigidComparison", "RigidFlow", "RigidLaw", "RigidLoop", "compare_rigid", "rigid_problem",
@@ -130,13 +131,14 @@ class RigidLaw(ProblemLaw):
 
 
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
-    """The same specification for the rigid robot at the same pose; None for a penalty that is code of the user's.
+    """The same specification for the rigid robot at the same pose; None for a penalty that is code of the user's, and
+    for a robot with rigid joints of its own.
 
     Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
     """
     plant, penalty = problem.plant, problem.penalty
     weights = _weights(penalty, problem.state_names)
-    if weights is None:
+    if weights is None or Layout.of(plant.states).rigid:
         return None
     n = plant.n // 4
     link, motor, integrals = weights[: 2 * n], weights[2 * n : 4 * n], weights[4 * n :]

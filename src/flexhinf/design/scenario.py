@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.responses import Plan
 from flexhinf.design.specification import Specification
-from flexhinf.errors import InvalidInput
-from flexhinf.loop import JerkLimited
-from flexhinf.robot import Robot, check_reference
+from flexhinf.robot import Robot
 
 __all__ = [
     "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start",
-    "plan_move", "run_length", "sample_count", "sample_robots",
+    "run_length", "sample_count", "sample_robots",
 ]  # fmt: skip
 
 #: Default step: rad for a joint that turns, m for one that slides.
@@ -35,16 +33,6 @@ LOAD_FRACTION = 0.1
 
 #: The load begins at this fraction of its run.
 LOAD_START = 0.1
-
-#: Limits of the move's velocity, acceleration and jerk, over the way times ω, ω², ω³ for a bandwidth ω.
-VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
-
-#: Largest fraction of what an effort limit leaves beside the weight that the feedforward may use; the rest is left for
-#: feedback. The move is slowed down by the second factor until it does, at most so many times.
-EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
-
-#: A joint that does not move still needs limits of its plan: those of this fraction of the largest way.
-LEAST_WAY = 1e-3
 
 #: Robots sampled within the tolerances by default: (largest number of states, robots).
 SAMPLES = ((15, 200), (10_000, 20))
@@ -65,20 +53,23 @@ class Scenario:
         Constant torques on the links, N·m or N.
     load_duration : float
         Of the run with the load, s; the load begins at `LOAD_START` of it.
-    plan : JerkLimited
-        The move from start to goal.
+    plan : Plan
+        The move from start to goal, or the stated one.
     robots : tuple of mapping
         Parameters of the robots sampled within their tolerances.
     sub_steps : int
         Runge–Kutta steps per period of the true plant.
+    rest : float or None
+        How long the move is observed at its end, s; None for half of its duration.
     """
 
     step_duration: float
     load: np.ndarray
     load_duration: float
-    plan: JerkLimited
+    plan: Plan
     robots: tuple[Mapping[str, Any], ...]
     sub_steps: int
+    rest: float | None = None
 
 
 def default_start(robot: Robot, goal: np.ndarray) -> np.ndarray:
@@ -126,58 +117,3 @@ def sample_robots(robot: Robot, count: int, seed: int) -> tuple[Mapping[str, Any
     """Parameters of robots that are uniformly distributed within their tolerances, the same for the same seed."""
     rng = np.random.default_rng([seed, 7])
     return tuple(robot.draw(rng) for _ in range(count))
-
-
-def plan_move(
-    robot: Robot,
-    s: Specification,
-    start: np.ndarray,
-    goal: np.ndarray,
-    bandwidth: np.ndarray,
-    slowest_vibration: float,
-    held: Sequence[np.ndarray],
-) -> JerkLimited:
-    """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
-
-    Parameters
-    ----------
-    robot, s
-        Limits of effort and speed are the specification's, or the robot's.
-    start, goal, bandwidth : (n,)
-        Link positions, rad or m, and rad/s.
-    slowest_vibration : float
-        Its period smooths the plan, rad/s.
-    held : sequence of (m,)
-        Inputs that hold the robot at start and goal, beside which the limit leaves room.
-
-    Raises
-    ------
-    InvalidInput
-        If the move leaves the joints' ranges, or no slower move keeps the other limits.
-    """
-    way = np.abs(goal - start)
-    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
-    limits = joint_limits(robot, s)
-    limit = _feedforward_limit(limits, held)
-    for k in range(STRETCHES):
-        rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
-        plan = JerkLimited(
-            start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3,
-            smoothing=2.0 * math.pi / slowest_vibration,
-        )  # fmt: skip
-        try:
-            check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
-        except InvalidInput:
-            if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
-                raise
-            continue
-        return plan
-    raise AssertionError("unreachable")
-
-
-def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The largest input (n,) that the feedforward may use of each motor; None without an effort limit."""
-    if not limits.limits_effort:
-        return None
-    needed = np.abs(held).max(axis=0)
-    return needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)

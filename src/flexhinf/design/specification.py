@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from flexhinf.design.fields import About, info_of
 from flexhinf.design.units import (
     AboveOne,
     Allowed,
@@ -35,16 +36,19 @@ from flexhinf.design.units import (
     Ratio,
     Seconds,
     Seed,
+    Tolerances,
     Weights,
     angle_unit_of,
     choice,
     reading_kind,
 )
+from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "TOLERANCE", "TORQUE_NOISE", "About", "Specification",
+    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "SHAPINGS", "TOLERANCE", "TORQUE_NOISE",
+    "Specification",
     "SpecificationError", "json_schema",
 ]  # fmt: skip
 
@@ -52,6 +56,8 @@ Preset = Literal["paper", "damped", "robust"]
 Estimator = Literal["ukf", "ekf", "observer", "none"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 ESTIMATORS: tuple[str, ...] = get_args(Estimator)
+Shaping = Literal["jump", "quintic", "jerk-limited"]
+SHAPINGS: tuple[str, ...] = get_args(Shaping)
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
@@ -59,6 +65,9 @@ TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
 PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+
+#: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
+RINGS = 0.1
 
 #: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
 TOLERANCE = 0.02
@@ -83,35 +92,6 @@ NO_LIMIT = "no limit"
 
 BEHAVIOUR, WEIGHTS = "What the loop is to do", "Weights, instead of a preset"
 SYNTHESIS, LOOP, REPORT = "Synthesis", "Sensors, estimator and true plant", "Report"
-
-
-@dataclasses.dataclass(frozen=True)
-class About:
-    """What people read about a field.
-
-    Attributes
-    ----------
-    group : str
-        Heading of its option in the help.
-    help : str
-    example : str
-        As on the command line; the same text is understood in Python and in a design file.
-    unit : str
-    options : tuple of str
-        Names of its option; by default the field's name with hyphens.
-    zero : str
-        What 0 stands for at the command line, where it is not a number of the range.
-    default : str
-        What is chosen where the default is None.
-    """
-
-    group: str
-    help: str
-    example: str
-    unit: str = ""
-    options: tuple[str, ...] = ()
-    zero: str = ""
-    default: str = ""
 
 
 class SpecificationError(InvalidInput):
@@ -152,6 +132,17 @@ class Specification:
     via: Annotated[Poses, About(BEHAVIOUR,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")] = ()
+    shaping: Annotated[Annotated[Shaping, BeforeValidator(choice), Allowed(", ".join(SHAPINGS))], About(BEHAVIOUR,
+        "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
+        "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
+        "with jump.", "jerk-limited")] = "jump"
+    move: Annotated[Move | None, About(BEHAVIOUR,
+        "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
+        "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
+        default="the way from start to goal, not judged")] = None
+    tracking_error: Annotated[Tolerances | None, About(BEHAVIOUR,
+        "Largest distance of a link from the move: 1deg (0.01 rad, m), or one per joint 1deg,2mm.", "0.5deg", "rad, m",
+        default="5 % of the joint's way along the move")] = None
     angle_unit: Annotated[Annotated[Literal["rad", "deg"], BeforeValidator(choice), Allowed("rad, deg")] | None,
         About(BEHAVIOUR, "Unit in which the report shows angles: rad or deg.", "deg",
         default="the unit of the poses")] = None
@@ -164,10 +155,10 @@ class Specification:
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
         "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
         "judged on the running loop of the nominal robot.", "4", "rad/s",
-        default="0.3 of the lowest vibration with held motors")] = None
+        default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")] = None
     damping: Annotated[Ratio | None, About(BEHAVIOUR,
         "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
-        default="0.2 where weights are searched")] = None
+        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")] = None
     peak_effort: Annotated[PerJoint | None, About(BEHAVIOUR,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
         "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")] = None
@@ -299,44 +290,8 @@ class Specification:
         return self.angle_unit == "deg"
 
 
-@dataclasses.dataclass(frozen=True)
-class FieldInfo:
-    """One field, as the command line, the design file and the docs see it.
-
-    Attributes
-    ----------
-    name : str
-    about : About
-    allowed : str
-        Its range in words.
-    default : object
-    options : tuple of str
-        Names of its option; for a flag one text with both.
-    """
-
-    name: str
-    about: About
-    allowed: str
-    default: Any
-    options: tuple[str, ...]
-
-
-def _field(field: dataclasses.Field, annotation: Any) -> FieldInfo:
-    about = next(part for part in annotation.__metadata__ if isinstance(part, About))
-    options = about.options or (f"--{field.name.replace('_', '-')}",)
-    return FieldInfo(field.name, about, _allowed(annotation), field.default, options)
-
-
-def _allowed(annotation: Any) -> str:
-    """The first range in words that stands in a type."""
-    for part in getattr(annotation, "__metadata__", ()):
-        if isinstance(part, Allowed):
-            return part.words
-    return next((words for part in get_args(annotation) if (words := _allowed(part))), "")
-
-
 _HINTS = get_type_hints(Specification, include_extras=True)
-FIELDS = {field.name: _field(field, _HINTS[field.name]) for field in dataclasses.fields(Specification)}
+FIELDS = {field.name: info_of(field, _HINTS[field.name]) for field in dataclasses.fields(Specification)}
 
 
 # Errors ---------------------------------------------------------------------------------------------
@@ -346,7 +301,9 @@ def _checked(make: Any) -> Any:
     @functools.wraps(make)
     def init(self: Specification, **fields: Any) -> None:
         if fields.get("angle_unit") is None:
-            fields["angle_unit"] = angle_unit_of(*(fields.get(name) for name in ("pose", "start", "via")))
+            fields["angle_unit"] = angle_unit_of(
+                *(fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
+            )
         try:
             make(self, **fields)
             _check_sensor_units(self, fields.get("quantisation"))
@@ -386,10 +343,10 @@ def _kind_of(name: str) -> str:
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
 
 
-def _specification_error(error: ValidationError, fields: dict[str, Any]) -> SpecificationError:
+def _specification_error(error: ValidationError, fields: dict[str, Any]) -> InvalidInput:
     first = error.errors(include_url=False)[0]
     own = first.get("ctx", {}).get("error")
-    if isinstance(own, SpecificationError):
+    if isinstance(own, (SpecificationError, WaypointError)):
         return own
     name = str(first["loc"][0])
     if name not in FIELDS:
@@ -416,7 +373,7 @@ def _python(name: str, example: str) -> str:
         return "True"
     try:
         value = _ADAPTERS(name).validate_python(example)
-    except ValidationError:
+    except (ValidationError, WaypointError):
         return repr(example)
     text = any(unit in example for unit in ("ms", "deg", "°"))
     return repr(example if text else value)

@@ -14,8 +14,9 @@ from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.plans import stated_move
 from flexhinf.design.scenario import default_start
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import RINGS, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -23,7 +24,7 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
-from flexhinf.robot.plausibility import check_fast
+from flexhinf.robot.plausibility import check_delay, check_fast
 
 __all__ = ["Synthesis", "synthesise"]
 
@@ -32,6 +33,13 @@ Progress = Callable[[str], None]
 #: The damping that weights are searched for grows by this factor while corners of the tolerances are unstable, at most
 #: so many times, up to this value: only for the preset robust.
 GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
+
+#: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
+#: bandwidth, the noise at the motors with this power of the damping.
+LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
+
+#: A margin that is missed by more than e to this power is not the bandwidth's fault.
+NEARLY = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +98,12 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         With what to change.
     """
     n = len(robot.joint_names)
-    goal = robot.operating_point(s.pose)[0][:n]
+    move = stated_move(robot, s)
+    end = None if move is None else np.reshape(move(move.duration), -1)
+    goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
     start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
     check_fast(robot, s.period)
+    check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
     problem, noise = _robust_problem(robot, goal, start, s, progress)
     levels = None if noise is None else noise.chosen.levels
@@ -122,7 +133,8 @@ def _robust_problem(
     at here, and the damping that weights are searched for grows until it is. Without success, the best is returned.
     """
     problem = choose(robot, goal, start, s)
-    best = problem, _noise_search(robot, goal, start, s, problem, progress)
+    best = _affordable(robot, goal, start, s, problem, progress)
+    problem = best[0]
     if problem.robustness is None or s.estimator == "none":
         return best
     fewest = _unstable(robot, goal, start, s, *best)
@@ -143,6 +155,51 @@ def _robust_problem(
     return best
 
 
+def _affordable(
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    progress: Progress,
+) -> tuple[DesignProblem, NoiseSearch | None]:
+    """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
+
+    The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
+    `RINGS`. What the specification states is not lowered.
+    """
+    noise = _noise_search(robot, goal, start, s, problem, progress)
+    best = problem, noise
+    for _ in range(LOWERINGS):
+        if noise is None or problem.target is None or s.preset == "robust":
+            break
+        target, missed = problem.target, noise.chosen.missed
+        short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+        loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+        slower = (
+            1.0 if s.bandwidth is not None else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
+        )
+        damping = target.damping
+        if s.damping is None:
+            damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
+        if slower == 1.0 and damping >= target.damping:
+            break
+        lower = replace(s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
+        progress(
+            f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
+            f"damping {damping:.2g}"
+        )
+        try:
+            problem = choose(robot, goal, start, lower, near=problem)
+        except FlexhinfError:
+            break
+        noise = _noise_search(robot, goal, start, s, problem, progress)
+        before = best[1]
+        if noise is not None and before is not None and noise.chosen.whole_score < before.chosen.whole_score:
+            best = problem, noise
+    return best
+
+
 def _linear_setup(
     robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem
 ) -> LoopSetup:
@@ -159,7 +216,7 @@ def _noise_search(
     problem: DesignProblem,
     progress: Progress,
 ) -> NoiseSearch | None:
-    damping = None if problem.target is None else required_damping(s)
+    damping = None if problem.target is None else required_damping(s, problem.target)
     return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
 
 
@@ -205,7 +262,8 @@ def _law_of(
         progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
         place = robot.operating_point(pose)[0][: len(start)]
         bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-        there = choose(robot, place, start, replace(s, bandwidth=bandwidth))
+        damping = s.damping if problem.target is None else required_damping(s, problem.target)
+        there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
         laws.append(solve_hji(there.problem, there.gamma, solution.degree))
     return solution if len(laws) == 1 else Schedule(laws)
 

@@ -1,4 +1,9 @@
-"""Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose."""
+"""Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose.
+
+All laws are tuned alike, the nonlinear H∞ law among them, in two rounds: each for itself, and then once more from its
+own best and from what the other laws were tuned to. So it does not matter in which order they are listed, and a law
+that contains another one (torque feedback a PD, nonlinear H∞ an LQR) is hardly tuned worse.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +14,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
-from flexhinf.design.criterion import Criterion, Figures, pareto_front
+from flexhinf.design.criterion import Criterion, Figures
 from flexhinf.design.estimators import other_sensors
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import ESTIMATOR_NOISE, MOTOR_NOISE, REFERENCE, LawFactory, LawKind
+from flexhinf.design.laws import DEGREE, DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import worst_of
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
 __all__ = [
-    "TradeOff",
     "TunedLaw",
     "Tuner",
-    "best_rival",
     "figures_of",
     "own_figures",
-    "trade_offs",
+    "unstable_corners",
     "yardstick",
 ]
 
-#: Candidates per parameter, of the coarse search and of the simplexes: (largest number of states, coarse, simplexes).
-BUDGET = ((15, 6, 15), (10_000, 1, 4))
+#: Candidates per parameter: (largest number of states, samples and simplex of the first round, simplex of the second).
+BUDGET = ((15, 24, 2, 6), (10_000, 3, 1, 1))
+
+#: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
+LOOKED_AT = 8
 
 #: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ far above γ*.
 CONTAINED = {"rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": 50.0}
@@ -65,8 +71,8 @@ class TunedLaw:
         Which limits are not kept.
     tried : tuple of Figures
         Of all candidates that were run.
-    candidates : int
-        How many were tried, those without a run included.
+    search : Tuning or None
+        All candidates, those without a run included; None for the design's own law.
     """
 
     kind: LawKind
@@ -76,7 +82,12 @@ class TunedLaw:
     feasible: bool
     reason: str = ""
     tried: tuple[Figures, ...] = ()
-    candidates: int = 0
+    search: Tuning | None = None
+
+    @property
+    def candidates(self) -> int:
+        """How many were tried."""
+        return 0 if self.search is None else len(self.search.candidates)
 
     @property
     def name(self) -> str:
@@ -100,47 +111,9 @@ class TunedLaw:
         return () if s.estimator == "none" else tuple(s.measured)
 
 
-def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:
-    """The law beside the design's own with the smallest cost, of those that keep every limit and have no more unstable
-    corners of the tolerances than the design; None if there is none."""
-    own = next((law for law in laws if law.name == REFERENCE), None)
-    allowed = 0 if own is None else _unstable(own)
-    rivals = [law for law in laws if law.name != REFERENCE and law.feasible and _unstable(law) <= allowed]
-    return min(rivals, key=lambda law: law.cost, default=None)
-
-
-def _unstable(law: TunedLaw) -> int:
-    corners = law.evaluation.corners
-    return 0 if corners is None else int(corners.unstable)
-
-
-@dataclass(frozen=True)
-class TradeOff:
-    """Where a law is between what it costs and what it holds.
-
-    Attributes
-    ----------
-    name : str
-    point : Figures
-        Of the law as it was tuned.
-    curve : tuple of Figures
-        Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
-        limits of the linear loop. Of the design's own law only its point.
-    feasible : bool
-    """
-
-    name: str
-    point: Figures
-    curve: tuple[Figures, ...]
-    feasible: bool
-
-
-def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:
-    """Peak input against load deviation of every law, as a point and as a curve."""
-    return tuple(
-        TradeOff(law.name, law.figures, pareto_front((*law.tried, law.figures), criterion), law.feasible)
-        for law in laws
-    )
+def unstable_corners(evaluation: LawEvaluation) -> int:
+    """Unstable corners of the tolerances; 0 for a robot that states none."""
+    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
 
 
 def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
@@ -196,7 +169,7 @@ def yardstick(evaluation: LawEvaluation) -> Figures:
         lost.insert(0, "its linear loop is unstable at the goal")
     if lost:
         raise InvalidInput(
-            f"The design's own law ({REFERENCE}) is unstable or diverges, so no law can be measured by it.",
+            "The design's own law is unstable or diverges, so no law can be measured by it.",
             f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
             "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
             "start nearer to the goal; `flexhinf design` shows the loop alone",
@@ -244,40 +217,62 @@ class Tuner:
     criterion: Criterion
     same_sensors: bool = False
 
-    def tune(self, kind: LawKind, tuned: Sequence[TunedLaw] = ()) -> TunedLaw:
-        """The best law of a kind with each of its sets of sensors; the best of these.
-
-        Parameters
-        ----------
-        kind : LawKind
-        tuned : sequence of TunedLaw
-            Other laws. The search also begins from those that have no parameter which this kind has not, so that a
-            law which contains another one (torque feedback a PD, say) is hardly tuned worse.
+    def tune(self, kind: LawKind) -> TunedLaw:
+        """The first round: the best law of a kind with each of its sets of sensors; the best of these.
 
         Raises
         ------
         FlexhinfError
             If no law of this kind can be made and judged at all.
         """
-        if kind.name == REFERENCE:
+        if kind.name == DESIGN:
             figures = self.criterion.own
             return TunedLaw(kind, self.own, figures, self.criterion.cost(figures), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
+        samples, simplex, _ = self._budget
         return min(
-            (self._tuned(kind, sensors, tuned) for sensors in choices or (tuple(s.measured),)),
+            (
+                self._tuned(kind, sensors, self._search(kind, sensors, None, samples, simplex))
+                for sensors in choices or (tuple(s.measured),)
+            ),
             key=lambda law: (not law.feasible, law.cost),
         )
+
+    def again(self, law: TunedLaw, others: Sequence[TunedLaw]) -> TunedLaw:
+        """The second round: the search goes on from the best so far and from other laws' parameters.
+
+        Parameters
+        ----------
+        law : TunedLaw
+            Of the first round.
+        others : sequence of TunedLaw
+            Of the first round; those that have a parameter which this law has not do not count.
+        """
+        if law.kind.name == DESIGN:
+            return law
+        kind, sensors = law.kind, law.evaluation.setup.specification.measured
+        others = [other for other in others if other.parameters and other is not law]
+        found = self._search(kind, tuple(sensors), law.search, 0, self._budget[2], others)
+        return self._tuned(kind, tuple(sensors), found)
 
     @property
     def _states(self) -> int:
         return len(self.factory.problem.state_names)
 
-    def _tuned(self, kind: LawKind, sensors: tuple[str, ...], tuned: Sequence[TunedLaw]) -> TunedLaw:
-        degree = 2 if self._states > MANY_STATES else None
-        found = self._search(kind, sensors, degree, [law.parameters for law in tuned if law.parameters])
-        best = found.best
-        if degree is not None and self.factory.degree(kind) > degree:
+    @property
+    def _budget(self) -> tuple[int, int, int]:
+        return next(tuple(counts) for most, *counts in BUDGET if self._states <= most)  # type: ignore[return-value]
+
+    @property
+    def _searched_degree(self) -> int | None:
+        """Of V in the search; None for a law's own."""
+        return 2 if self._states > MANY_STATES else None
+
+    def _tuned(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> TunedLaw:
+        searched = self._searched_degree
+        best = self._robust_best(kind, sensors, found)
+        if searched is not None and self.factory.degree(kind) > searched:
             best = Candidate(best.parameters, self._judged(kind, sensors, best.parameters, None))
         judgement = best.judgement
         if not isinstance(judgement.result, Figures):
@@ -296,32 +291,57 @@ class Tuner:
             best.feasible,
             judgement.reason,
             tuple(f for f in tried if isinstance(f, Figures) and not math.isnan(f.peak_input)),
-            len(found.candidates),
+            found,
         )
+
+    def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
+        """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
+        left out for its corners while a candidate of it stands them. Without one among `LOOKED_AT`, the cheapest."""
+        if not found.feasible or not self.own.setup.robot.uncertain:
+            return found.best
+        allowed = unstable_corners(self.own)
+        feasible = sorted((c for c in found.candidates if c.feasible), key=lambda c: c.order)
+        for candidate in feasible[:LOOKED_AT]:
+            evaluation = self.evaluation(kind, sensors, candidate.parameters, self._searched_degree)
+            if unstable_corners(evaluation) <= allowed:
+                return candidate
+        return found.best
 
     def _search(
         self,
         kind: LawKind,
         sensors: tuple[str, ...],
-        degree: int | None,
-        known: Sequence[Mapping[str, float]],
+        before: Tuning | None,
+        samples: int,
+        simplex: int,
+        others: Sequence[TunedLaw] = (),
     ) -> Tuning:
-        """Over all parameters; R^v only where there is an estimator."""
-        coarse, simplex = next((a, b) for most, a, b in BUDGET if self._states <= most)
+        """Over all parameters, from the design's or from the best so far; R^v only where there is an estimator."""
         start, bounds = self.factory.start(kind), self.factory.bounds(kind)
-        if self.own.setup.specification.estimator == "none":
-            for name in (ESTIMATOR_NOISE, MOTOR_NOISE):
-                start.pop(name, None)
-                bounds.pop(name, None)
-        contained = {**start, **{name: value for name, value in CONTAINED.items() if name in start}}
-        return tune(
-            lambda values: self._judged(kind, sensors, values, degree),
-            start,
+        unused = (ESTIMATOR_NOISE, MOTOR_NOISE) if self.own.setup.specification.estimator == "none" else ()
+        unused = (*unused, DEGREE) if self._searched_degree is not None else unused
+        for name in unused:
+            start.pop(name, None)
+            bounds.pop(name, None)
+        found = tune(
+            lambda values: self._judged(kind, sensors, values, self._searched_degree),
+            start if before is None else dict(before.best.parameters),
             bounds,
-            coarse * len(start),
+            samples * len(start),
             simplex * len(start),
-            others=[{**contained, **values} for values in known if values.keys() <= start.keys()],
+            others=[values for law in others if (values := self._contained(start, law)) is not None],
         )
+        if before is None:
+            return found
+        best = min(before.best, found.best, key=lambda candidate: candidate.order)
+        return Tuning(best, (*before.candidates, *found.candidates))
+
+    def _contained(self, start: Mapping[str, float], law: TunedLaw) -> dict[str, float] | None:
+        """Parameters with which a law is another one; None where it has not all that the other one has."""
+        if not law.parameters.keys() <= start.keys():
+            return None
+        neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind))}
+        return {name: law.parameters.get(name, neutral.get(name, value)) for name, value in start.items()}
 
     def _judged(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None
@@ -350,15 +370,16 @@ class Tuner:
         FlexhinfError
             If there is no such law.
         """
+        values = {name: float(round(x)) if name == DEGREE else x for name, x in values.items()}
         own = self.own.setup
         noise = own.process_noise.scaled(values.get(ESTIMATOR_NOISE, 1.0))
-        motors = noise.motor_velocities * values.get(MOTOR_NOISE, 1.0)
+        noise = noise.motors_scaled(values.get(MOTOR_NOISE, 1.0))
         setup = replace(
             own,
             law=self.factory.make(kind, values, degree),
             law_at_goal=None,
             specification=other_sensors(own.robot, own.specification, sensors),
-            estimator_noise=replace(noise, motor_velocities=motors, source="tuned"),
+            estimator_noise=replace(noise, source="tuned"),
             linear_model=kind.name == "lqg",
         )
-        return LawEvaluation(kind.name, setup, self.own.scenario, dict(values), other_noise=False)
+        return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)

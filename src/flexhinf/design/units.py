@@ -17,11 +17,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from flexhinf.plant import Penalty
+from flexhinf.untrusted import real_number, value_text
 
 __all__ = [
     "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
     "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio", "Seconds", "Seed",
-    "Weights", "angle_unit_of",
+    "Tolerances", "Weights", "angle_unit_of",
     "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta",
     "reading_kind", "seconds", "speeds", "weights",
 ]  # fmt: skip
@@ -142,7 +143,7 @@ def integer(value: Any) -> int:
     if isinstance(value, str):
         return int(value)
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise ValueError(value)
+        raise ValueError(value_text(value))
     return int(value)
 
 
@@ -156,14 +157,14 @@ def flag(value: Any) -> bool:
     """True or false."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
-    raise ValueError(value)
+    raise ValueError(value_text(value))
 
 
 def names(value: Any) -> tuple[str, ...]:
     """Names in a list, or between commas."""
     parts = value.split(",") if isinstance(value, str) else _sequence(value)
     if not all(isinstance(part, str) for part in parts):
-        raise ValueError(value)
+        raise ValueError(value_text(value))
     return tuple(part.strip() for part in parts if part.strip())
 
 
@@ -187,7 +188,7 @@ def weights(value: Any) -> Any:
     if not any(_is_sequence(row) for row in rows):
         return _row(rows)
     if len({len(_sequence(row)) for row in rows}) > 1:
-        raise ValueError(value)
+        raise ValueError(value_text(value))
     return tuple(_row(row) for row in rows)
 
 
@@ -205,12 +206,15 @@ def _quantity(
     if isinstance(value, str):
         match = _QUANTITY.match(value)
         if match is None or match[2].lower() not in units:
-            raise ValueError(value)
+            raise ValueError(value_text(value))
         found, unit = float(match[1]), match[2].lower()
         return in_degrees(found) if in_degrees and unit in ("deg", "°") else found * units[unit]
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
-        raise ValueError(value)
-    return float(value)
+        raise ValueError(value_text(value))
+    found = real_number(value)
+    if np.isnan(found) and not isinstance(value, (float, np.floating)):
+        raise ValueError(value_text(value))  # an integer beyond all floats
+    return found
 
 
 def _several(value: Any) -> list[Any]:
@@ -219,7 +223,7 @@ def _several(value: Any) -> list[Any]:
         return value.split(",")
     several = _sequence(value) if _is_sequence(value) else [value]
     if not several:
-        raise ValueError(value)
+        raise ValueError(value_text(value))
     return several
 
 
@@ -230,7 +234,7 @@ def _is_sequence(value: Any) -> bool:
 
 def _sequence(value: Any) -> list[Any]:
     if not _is_sequence(value):
-        raise ValueError(value)
+        raise ValueError(value_text(value))
     return value.tolist() if isinstance(value, np.ndarray) else list(value)
 
 
@@ -270,6 +274,10 @@ Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
 Pose = Annotated[
     tuple[Annotated[float, _finite()], ...], BeforeValidator(angles),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
+]  # fmt: skip
+Tolerances = Annotated[
+    Annotated[tuple[Annotated[float, _POSITIVE], ...], Field(min_length=1)], BeforeValidator(angles),
+    Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
 Poses = Annotated[
     tuple[tuple[Annotated[float, _finite()], ...], ...], BeforeValidator(poses), Allowed("a list of poses")

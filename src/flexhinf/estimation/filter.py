@@ -14,7 +14,7 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
-from flexhinf.untrusted import read_only, real_array, value_text
+from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
 __all__ = ["RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
 
@@ -171,9 +171,13 @@ class RecursiveFilter(Estimator):
                 f"expected a Plant, got {type(plant).__name__}",
                 "robot.plant()",
             )
-        if not (np.isfinite(period) and period > 0.0):
-            raise InvalidInput("The sampling period is not positive.", f"got {period!r} s", "1e-3 for 1 kHz")
-        self.plant, self.period = plant, float(period)
+        self.plant, self.period = plant, real_number(period)
+        if not (np.isfinite(self.period) and self.period > 0.0):
+            raise InvalidInput(
+                "The sampling period is not positive.",
+                f"expected seconds > 0, got {value_text(period)}",
+                "1e-3 for 1 kHz",
+            )
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
         self.measurement_noise = read_only(
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)

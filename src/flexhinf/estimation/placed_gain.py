@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
+from flexhinf.untrusted import value_text
 
 __all__ = ["check_decay", "check_detectable", "placed_gain", "unobservable"]
 
@@ -162,7 +163,7 @@ def _checked(poles: Any, states: Sequence[str], period: float) -> np.ndarray:
     if wanted.shape != (len(states),) or not np.all(np.isfinite(wanted)):
         raise InvalidInput(
             "The poles of the observer do not fit its plant.",
-            f"expected {len(states)} finite poles, one per state of {list(states)}, got {poles!r}",
+            f"expected {len(states)} finite poles, one per state of {list(states)}, got {value_text(poles)}",
             f"poles={example}, in 1/s",
         )
     unpaired = [s for s in wanted if np.sum(wanted == s) != np.sum(wanted == np.conj(s))]

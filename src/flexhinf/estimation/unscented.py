@@ -18,7 +18,7 @@ from flexhinf.estimation.filter import RecursiveFilter, correction, gained, root
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import cholesky, clip, trace
-from flexhinf.untrusted import read_only, real_array
+from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -69,7 +69,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         super().__init__(plant, period, process_noise, measurement_noise, mean, covariance)
-        self.sigma = SigmaPoints(plant.n, float(alpha), float(beta), float(kappa))
+        self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
         self.bounds = self._checked_bounds(bounds or {})
         self.initial = self._belief = self.initial_at(self.initial.mean)
@@ -201,7 +201,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
             if not low < high:
                 raise InvalidInput(
                     f"The bounds of {name!r} are not an interval.",
-                    f"expected (low, high) with low < high, got {interval!r}",
+                    f"expected (low, high) with low < high, got {value_text(interval)}",
                     f"bounds={{{name!r}: (-1.0, 1.0)}}",
                 )
             checked[name] = (low, high)

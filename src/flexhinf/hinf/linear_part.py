@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
 from flexhinf.hinf.riccati import RiccatiSolution, solve_riccati
 from flexhinf.hinf.scaled_problem import Scaling, balance
+from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 
@@ -26,7 +27,8 @@ _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
 
 def check_problem(problem: object) -> None:
     """Raise `InvalidInput` unless this is a generalised plant."""
-    if not isinstance(problem, Problem):
+    usual = isinstance(problem, GeneralisedPlant | PolynomialPlant)  # a protocol takes long to ask
+    if not usual and not isinstance(problem, Problem):
         raise InvalidInput(
             "This is not a problem that can be solved.",
             f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",

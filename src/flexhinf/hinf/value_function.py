@@ -115,8 +115,8 @@ class ValueFunction:
     def _check_degree(self, k: int) -> None:
         if not isinstance(k, Integral) or not 2 <= k <= self.degree:
             raise InvalidInput(
-                f"V has no part of degree {k}.",
-                f"expected a degree from 2 to {self.degree}, got {k}",
+                f"V has no part of degree {value_text(k)}.",
+                f"expected a degree from 2 to {self.degree}, got {value_text(k)}",
                 "solve_hji with a higher degree",
             )
 

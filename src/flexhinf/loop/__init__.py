@@ -10,6 +10,7 @@ from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Signal, Sine, Step
 from flexhinf.loop.signals.spline import Spline
+from flexhinf.loop.signals.waypoints import Waypoints
 from flexhinf.loop.simulation.closed_loop import Loop
 from flexhinf.loop.simulation.compiled_runs import PreparedRun, run_many
 from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
@@ -33,6 +34,7 @@ __all__ = [
     "Step",
     "StepShape",
     "Trajectory",
+    "Waypoints",
     "load_controller",
     "load_metrics",
     "run_many",

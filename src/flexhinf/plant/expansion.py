@@ -17,6 +17,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
 from flexhinf.polynomial.truncated import degree_slice, size
 from flexhinf.scalars.jet import jets, terms
+from flexhinf.untrusted import value_text
 
 __all__ = ["ControlAffineExpansion", "expand", "expand_control_affine", "expand_problem"]
 
@@ -197,7 +198,9 @@ def expand_control_affine(
     n, m, md = map(len, point)
     if degree < 1:
         raise InvalidInput(
-            "The degree of the expansion cannot be used.", f"expected >= 1, got {degree!r}", "for example 3"
+            "The degree of the expansion cannot be used.",
+            f"expected >= 1, got {value_text(degree)}",
+            "for example 3",
         )
     inner = max(degree, 2)
     x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self
@@ -15,7 +15,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import digest, function_arrays, pack, serial, symbols, trace
-from flexhinf.untrusted import LONGEST_NAME, checked_name, distinct, real_array, value_text
+from flexhinf.untrusted import LONGEST_NAME, checked_name, checked_names, distinct, real_array, value_text
 
 __all__ = ["Model"]
 
@@ -77,8 +77,8 @@ class Model(Summarised):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
             names = getattr(self, kind)
-            names = (names,) if isinstance(names, str) or not isinstance(names, Iterable) else tuple(names)
-            if not all(isinstance(name, str) and name for name in names) or len(set(names)) != len(names):
+            names = checked_names(f"The {kind} of the plant", names)
+            if not all(names) or len(set(names)) != len(names):
                 raise InvalidInput(
                     f"The {kind} of the plant are not named.",
                     f"expected one distinct name each, got {value_text(list(names))}",
@@ -130,8 +130,11 @@ class Model(Summarised):
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        names = (names,) if isinstance(names, str) else tuple(names)
-        return tuple(single for name in names for single in self.groups.get(name, (name,)))
+        return tuple(
+            single
+            for name in checked_names("The signals", names)
+            for single in self.groups.get(name, (name,))
+        )
 
     @property
     def code_key(self) -> tuple[object, ...]:
@@ -358,10 +361,10 @@ def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None =
     """Rows of numbers (N, len(names)); zeros for None."""
     rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
     fits = rows.ndim == 2 and rows.shape[1] == len(names) and not (at_once and len(rows) != at_once)
-    if not fits or np.isnan(rows).any():
+    if not fits or not np.isfinite(rows).all():
         raise InvalidInput(
             f"The point {letter} does not fit the plant.",
-            f"expected {len(names)} numbers for {list(names)}, got {value_text(value)}",
+            f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
             "one number per name" + ("" if at_once else ", or one row of them for each point"),
         )
     return rows

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import value_text
 
 __all__ = ["motion_of"]
 
@@ -65,7 +66,7 @@ def _columns(signal: Any, times: np.ndarray, order: int) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise InvalidInput(
             "A signal of a moving reference has no derivatives.",
-            f"expected a signal with derivatives(t, order), or a number, got {signal!r}",
+            f"expected a signal with derivatives(t, order), or a number, got {value_text(signal)}",
             "fh.Sine, fh.JerkLimited(..., smoothing=...), fh.Quintic; fh.Spline(times, values) for samples",
         ) from error
     rows = np.zeros((order + 1, len(times), 1))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import checked_names, real_array, value_text
 
 __all__ = ["Penalty", "unknown_weight"]
 
@@ -41,6 +41,9 @@ class Penalty:
     def __post_init__(self) -> None:
         if isinstance(self.states, Mapping):
             object.__setattr__(self, "states", dict(self.states))
+            checked_names("The weighted states", self.states)
+        elif not callable(self.states):
+            self._check_rows_of_numbers()
         _refuse_negative(self.states)
         effort = real_array(self.effort)
         if not np.all(np.isfinite(effort)) or effort.ndim > 2:
@@ -49,6 +52,18 @@ class Penalty:
                 f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
                 "a positive number, for example effort=10",
             )
+
+    def _check_rows_of_numbers(self) -> None:
+        rows = real_array(self.states)
+        if rows.ndim not in (1, 2):
+            raise InvalidInput(
+                "The penalty is not made of weights.",
+                "expected weights by name, one number per state, a matrix or a function, got "
+                f"{value_text(self.states)}",
+                "for example {'link_position': 60.0}",
+            )
+        if not isinstance(self.states, (list, tuple, np.ndarray)):
+            object.__setattr__(self, "states", rows)
 
     @staticmethod
     def of(penalty: Any) -> Penalty:
@@ -79,7 +94,7 @@ class Penalty:
             if members and np.ndim(weight) and np.shape(weight) != (len(members),):
                 raise InvalidInput(
                     f"The weights of {name!r} do not fit its signals.",
-                    f"expected one number, or one for each of {list(members)}, got {weight!r}",
+                    f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
                     "a number for all of them",
                 )
             each = weight if members and np.ndim(weight) else [weight] * len(members)
@@ -169,7 +184,7 @@ def _refuse_negative(states: Any) -> None:
             what = f"of {name!r}" if isinstance(states, Mapping) else f"number {name}"
             raise InvalidInput(
                 f"The weight {what} in the penalty is negative.",
-                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {weight!r}",
+                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
                 f"{np.abs(values).max():g}, or leave the weight out",
             )
 

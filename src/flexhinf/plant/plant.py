@@ -220,8 +220,14 @@ class GeneralisedPlant(Summarised):
     # The problem ----------------------------------------------------------------------------------
     @property
     def r2(self) -> np.ndarray:
-        """R2 of Eq. (4), (m, m)."""
-        return self.penalty.r2(len(self.plant.inputs))
+        """R2 of Eq. (4), (m, m), read-only."""
+        return self._r2
+
+    @cached_property
+    def _r2(self) -> np.ndarray:
+        matrix = self.penalty.r2(len(self.plant.inputs))
+        matrix.setflags(write=False)
+        return matrix
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""

@@ -106,10 +106,10 @@ class Arm:
         """The links as other tools want them: tree, mass (n,), centre of mass (n, 3) and inertia (n, 6)."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
-    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any) -> Any:
-        """q̈1 by the articulated-body algorithm, (n,) of any element."""
+    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
+        """q̈1 by the articulated-body algorithm, (n,) of any element; `armature` as for `forward_dynamics`."""
         bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
-        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p)))
+        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p), armature))
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""

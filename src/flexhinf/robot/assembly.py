@@ -72,8 +72,11 @@ def assembled(
             parameters.append(_parameter(label, number, quantity, joint.slides))
     direction: Any = tuple(down)
     drive = _common_drive(name, [joint.name for joint in joints], elastic)
+    rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.rigid)
     limits = effort_limits, speed_limits
-    return Robot(name, tuple(parameters), penalty, Arm(tree, direction), drive, home, description, *limits)
+    return Robot(
+        name, tuple(parameters), penalty, Arm(tree, direction), drive, home, description, *limits, rigid
+    )
 
 
 def single_link_robot(
@@ -101,6 +104,12 @@ def single_link_robot(
             f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",
             "expected a revolute joint, got a prismatic one",
             "mass, centre_of_mass and inertia of the link",
+        )
+    if elastic.rigid:
+        raise InvalidInput(
+            f"The only joint of the robot {name!r} is rigid.",
+            "expected an elastic joint, got none",
+            "[joint.spring] with stiffness = … (N·m/rad)",
         )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
     numbers |= elastic.stated

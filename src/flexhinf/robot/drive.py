@@ -9,18 +9,23 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.extras import DEFAULTS
 from flexhinf.robot.quantities import per_joint
 
-__all__ = ["DRIVES", "MOTOR", "OPTIONAL", "reflected", "required_of_drive"]
+__all__ = ["DRIVES", "MOTOR", "OPTIONAL", "SPRING", "reflected", "required_of_drive"]
 
 #: What the input is: the motor's voltage (V), or its torque on the link side (N·m).
 DRIVES = {"voltage": "motor_voltage", "torque": "drive_torque"}
 
 MOTOR = ("resistance", "torque_constant", "back_emf_constant")
 
+#: What belongs to the spring, of which a rigid joint has none.
+SPRING = ("stiffness", "damping", "spring_hardening", "backlash")
+
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
 OPTIONAL = ("inductance", *DEFAULTS)
 
 
-def required_of_drive(drive: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
+def required_of_drive(
+    drive: str, names: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
+) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways.
 
     Raises
@@ -42,11 +47,14 @@ def required_of_drive(drive: str, names: Sequence[str], joints: Sequence[str]) -
 
         inertia = ("rotor_inertia", "gear_ratio") if own("rotor_inertia") in names else ("motor_inertia",)
         motor = MOTOR if drive == "voltage" else ()
-        required += [own(quantity) for quantity in ("stiffness", *inertia, "friction", *motor)]
+        spring = () if joint in rigid else ("stiffness",)
+        required += [own(quantity) for quantity in (*spring, *inertia, "friction", *motor)]
     return required
 
 
-def reflected(values: Mapping[str, float], drive: str, joints: Sequence[str]) -> dict[str, list[float]]:
+def reflected(
+    values: Mapping[str, float], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
+) -> dict[str, list[float]]:
     """What the plant's equations need, one number per joint, all seen from the link.
 
     J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
@@ -58,6 +66,8 @@ def reflected(values: Mapping[str, float], drive: str, joints: Sequence[str]) ->
         The robot's parameters by name.
     drive : {"voltage", "torque"}
     joints : sequence of str
+    rigid : sequence of str
+        Joints without a spring: the numbers of springs are those of the others.
     """
 
     def of(quantity: str, joint: str, default: Any = None) -> float:
@@ -80,6 +90,8 @@ def reflected(values: Mapping[str, float], drive: str, joints: Sequence[str]) ->
             "back_emf_constant": ratio,
         }
         for quantity, column in packed.items():
+            if quantity in SPRING and joint in rigid:
+                continue
             if quantity == "motor_inertia" and per_joint("rotor_inertia", joint, len(joints)) in values:
                 column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
             elif quantity in OPTIONAL and quantity != "inductance":

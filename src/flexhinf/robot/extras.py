@@ -93,15 +93,21 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
 
 @dataclass(frozen=True)
 class Engaged:
-    """A state with every spring of n joints beyond its backlash: what `Model.engaged` wants of a robot."""
+    """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot.
 
-    joints: int
+    Parameters
+    ----------
+    layout : Layout
+        Of the state.
+    """
+
+    layout: Any
 
     def __call__(self, x: Any, p: Any) -> Any:
         """The motors turned on by the whole width: out of the dead zone from anywhere inside."""
-        n = self.joints
         moved = np.array(x, dtype=float)
-        moved[2 * n : 3 * n] += np.asarray(p.backlash, dtype=float)
+        motors = self.layout.split(moved)[2]
+        motors += np.asarray(p.backlash, dtype=float)  # a view of the copy
         return moved
 
 

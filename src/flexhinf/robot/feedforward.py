@@ -19,7 +19,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.robot.elastic import Links
+from flexhinf.robot.elastic import Layout, Links
 from flexhinf.robot.extras import friction_torque
 from flexhinf.scalars import derivative, series, trace
 from flexhinf.untrusted import real_array
@@ -51,6 +51,8 @@ class InverseFlow:
     drive : {"voltage", "torque"}
     extras : sequence of str
         Out of `MODELLED`.
+    rigid : tuple of int
+        Joints without a spring: J q̈ + B q̇ + F(q̇) + τ_J = τ.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class InverseFlow:
     links: Links
     drive: str = "voltage"
     extras: tuple[str, ...] = ()
+    rigid: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name in self.extras:
@@ -77,23 +80,37 @@ class InverseFlow:
             series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p
         )  # fmt: skip
         load, rate, jerk = (derivative(torque, order) for order in range(3))
-        softness = 1.0 / p.stiffness
-        theta, dtheta, ddtheta = q + softness * load, dq + softness * rate, ddq + softness * jerk
-        drive = p.motor_inertia * ddtheta + p.friction * dtheta + load
+        layout = Layout(len(self.links.joint_names), self.rigid)
+        softness, links, torques = 1.0 / p.stiffness, (q, dq, ddq), (load, rate, jerk)
+        if self.rigid:
+            links, torques = (tuple(v[layout.elastic] for v in part) for part in (links, torques))
+        own = [at + softness * twisting for at, twisting in zip(links, torques)]
+        _, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
+        drive = p.motor_inertia * acceleration + p.friction * speed + load
         if self.extras:
-            drive = drive + friction_torque(dtheta, p, self.extras)
+            drive = drive + friction_torque(speed, p, self.extras)
         if self.drive == "voltage":
-            drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * dtheta
-        return np.concatenate([q, dq, theta, dtheta]), drive
+            drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * speed
+        return np.concatenate([q, dq, own[0], own[1]]), drive
 
 
-def flat_coordinates(links: Links, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
+def flat_coordinates(links: Links, x: Any, p: Any, layout: Layout) -> tuple[Any, Any, Any, Any]:
     """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x = (q1, q̇1, q2, q̇2), on any element.
 
     They are the coordinates in which `InverseFlow` makes the robot n chains of four integrators.
+
+    Raises
+    ------
+    InvalidInput
+        For a robot with rigid joints, whose accelerations depend on the input.
     """
-    n = len(links.joint_names)
-    q, dq, theta, dtheta = (x[k * n : (k + 1) * n] for k in range(4))
+    if layout.rigid:
+        raise InvalidInput(
+            "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
+            f"expected elastic joints only, got the rigid {[links.joint_names[i] for i in layout.rigid]}",
+            "a law without exact linearisation",
+        )
+    q, dq, theta, dtheta = layout.split(x)
     spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
     ddq = links.accelerations(q, dq, spring, p)
     moved = links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)
@@ -117,7 +134,7 @@ def state_and_input(
     count = len(motion[0])
     if not count:
         n = motion[0].shape[1]
-        return np.zeros((0, 4 * n)), np.zeros((0, n))
+        return np.zeros((0, Layout(n, flow.rigid).mechanical)), np.zeros((0, n))
     numbers = np.broadcast_to(table.vector()[:, None], (table.size, count))
     x, u = _traced(flow, shapes)(*(rows.T for rows in motion), numbers)
     return np.array(x, dtype=float).T, np.array(u, dtype=float).T

@@ -95,7 +95,15 @@ class PartsReader:
         """Spring and motor of a joint, over what another file (`source`) says of the motor."""
 
         def made() -> ElasticJoint:
-            stated = {**dict(row.spring), **dict(row.motor)}
+            if row.rigid == (row.spring is not None):
+                raise InvalidInput(
+                    "It is rigid and has a 'spring'."
+                    if row.rigid
+                    else "It has no 'spring', and is not declared rigid.",
+                    "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
+                    "one of the two",
+                )
+            stated = {**dict(row.spring or {}), **dict(row.motor)}
             numbers = {k: self.number(v, k, row.name) for k, v in stated.items() if v is not None}
             for quantity, value in (motor or {}).items():
                 inertia = quantity == "motor_inertia" and "rotor_inertia" in numbers

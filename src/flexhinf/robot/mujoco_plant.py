@@ -19,7 +19,7 @@ from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, signal_names, units_of
+from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
 from flexhinf.untrusted import real_array
 
 __all__ = ["MuJoCoPlant", "check_expressed", "mujoco_xml"]
@@ -92,7 +92,7 @@ class MuJoCoPlant(BlackBox):
         model = robot.plant(SENSORS if measured is None else measured)
         self.states, self.inputs = tuple(model.states), tuple(model.inputs)
         self.disturbances, self.units = tuple(model.disturbances), units_of(joints, robot.links.slides)
-        sensed = None if measured is None else Sensors(expanded(measured, SENSORS, joints), joints, on)
+        sensed = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout.rigid)
         self._sensors = sensed
         self.outputs = self.states if sensed is None else sensed.names
         self._gain = (
@@ -104,7 +104,7 @@ class MuJoCoPlant(BlackBox):
 
     # Black box ------------------------------------------------------------------------------------
     def reset(self, initial_state: Any = None) -> None:
-        """Start again at a state (4 n,) in the order of `states`; at rest in the robot's home by default."""
+        """Start again at a state in the order of `states`; at rest in the robot's home by default."""
         x = self._robot.operating_point()[0] if initial_state is None else real_array(initial_state)
         if x.shape != (len(self.states),):
             raise InvalidInput(
@@ -112,26 +112,27 @@ class MuJoCoPlant(BlackBox):
                 f"expected {len(self.states)} numbers for {list(self.states)}, got shape {x.shape}",
                 "one number per state",
             )
-        n = self._n
+        q, dq, theta, dtheta = self._robot.layout.split(x)
         self._mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:], self.data.qvel[:] = x[_positions(n)], x[_velocities(n)]
+        self.data.qpos[:], self.data.qvel[:] = np.concatenate([q, theta]), np.concatenate([dq, dtheta])
         self._mujoco.mj_forward(self.model, self.data)
 
     def step(self, u: Any, disturbance: Any, period: float) -> None:
         """Advance by one period (s) with the input (n,) and the disturbance (2 n,) held."""
-        n = self._n
+        n, layout = self._n, self._robot.layout
         count = max(1, int(np.ceil(period / self._step - 1e-9)))
         torque = np.zeros(2 * n) if np.size(disturbance) == 0 else np.array(disturbance, dtype=float)
         torque[n:] += self._gain * np.asarray(u, dtype=float)
         self.model.opt.timestep = period / count
-        self.data.qfrc_applied[:] = torque
+        links, motors = torque[:n], torque[n:]
+        links[list(layout.rigid)] += motors[list(layout.rigid)]
+        self.data.qfrc_applied[:] = np.concatenate([links, motors[layout.elastic]])
         self._mujoco.mj_step(self.model, self.data, count)
 
     def state(self) -> np.ndarray:
-        """x (4 n,), in the order of `states`."""
-        n, x = self._n, np.empty(4 * self._n)
-        x[_positions(n)], x[_velocities(n)] = self.data.qpos, self.data.qvel
-        return x
+        """x, in the order of `states`."""
+        n, q, dq = self._n, self.data.qpos, self.data.qvel
+        return np.concatenate([q[:n], dq[:n], q[n:], dq[n:]])
 
     def output(self) -> np.ndarray:
         """The measured signals."""
@@ -155,14 +156,6 @@ def check_expressed(extras: Sequence[str]) -> None:
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
         )
     _imported()
-
-
-def _positions(n: int) -> np.ndarray:
-    return np.r_[0:n, 2 * n : 3 * n]
-
-
-def _velocities(n: int) -> np.ndarray:
-    return np.r_[n : 2 * n, 3 * n : 4 * n]
 
 
 def _imported() -> Any:
@@ -197,28 +190,35 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     damping = p.damping if "joint_damping" in extras else 0.0
     loss = p.coulomb_friction if "coulomb_friction" in extras else 0.0
     gap = p.backlash if "backlash" in extras else 0.0
-    numbers = (p.motor_inertia, p.stiffness, friction, damping, loss, gap)
-    columns = [np.broadcast_to(value, len(tree)).tolist() for value in numbers]
+    layout, n = robot.layout, len(tree)
+    rotor = [np.broadcast_to(value, n).tolist() for value in (p.motor_inertia, friction, loss)]
+    twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
+    own = [
+        f'armature="{_n(j * (1.0 - (0.0 if i in layout.rigid else ROTOR_SHARE)))}" damping="{_n(b)}" '
+        f'frictionloss="{_n(dry)}" {STICKING}'
+        for i, j, b, dry in zip(range(n), *rotor)
+    ]
     rotors = [
-        f"<body><joint name={quoteattr(name)} type={_kind(joint.slides)} {_across(robot)} "
-        f'armature="{_n(j * (1.0 - ROTOR_SHARE))}" damping="{_n(b)}" frictionloss="{_n(dry)}" {STICKING}/>'
-        f"{_rotor(joint.slides, j)}</body>"
-        for name, joint, j, _, b, _, dry, _ in zip(motors, tree.joints, *columns)
+        f"<body><joint name={quoteattr(motors[i])} type={_kind(tree.joints[i].slides)} {_across(robot)} {own[i]}/>"
+        f"{_rotor(tree.joints[i].slides, rotor[0][i])}</body>"
+        for i in layout.elastic
     ]
     springs = [
         f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-0.5 * width)} {_n(0.5 * width)}">'
-        f'<joint joint={quoteattr(motor)} coef="1"/><joint joint={quoteattr(link)} coef="-1"/></fixed>'
-        for motor, link, _, k, _, c, _, width in zip(motors, links, *columns)
+        f'<joint joint={quoteattr(motors[i])} coef="1"/><joint joint={quoteattr(links[i])} coef="-1"/></fixed>'
+        for i, k, c, width in zip(layout.elastic, *twist)
     ]
+    turning = [own[i] if i in layout.rigid else "" for i in range(n)]
     return (
         f'<mujoco><compiler angle="radian"/><option integrator="RK4" gravity="{_row(robot.links.fall(p))}">'
-        f'<flag contact="disable"/></option><worldbody>{_bodies(rigid, -1, links)}{"".join(rotors)}</worldbody>'
+        f'<flag contact="disable"/></option><worldbody>{_bodies(rigid, -1, links, turning)}'
+        f"{''.join(rotors)}</worldbody>"
         f"<tendon>{''.join(springs)}</tendon></mujoco>"
     )
 
 
-def _bodies(rigid: Any, parent: int, names: Sequence[str]) -> str:
-    """The links behind a parent, each with its own."""
+def _bodies(rigid: Any, parent: int, names: Sequence[str], motors: Sequence[str]) -> str:
+    """The links behind a parent, each with its own; `motors`: what a rigid joint has of its motor."""
     (tree, masses, centres, inertias), text = rigid, ""
     for i, joint in enumerate(tree.joints):
         if tree.parents[i] == parent:
@@ -226,7 +226,8 @@ def _bodies(rigid: Any, parent: int, names: Sequence[str]) -> str:
             text += (
                 f'<body pos="{_row(place.translation)}" quat="{_row(_quaternion(place.rotation))}">'
                 f"{_inertial(masses[i], centres[i], inertias[i])}<joint name={quoteattr(names[i])} "
-                f'type={_kind(joint.slides)} axis="{_row(joint.axis)}"/>{_bodies(rigid, i, names)}</body>'
+                f'type={_kind(joint.slides)} axis="{_row(joint.axis)}" {motors[i]}/>'
+                f"{_bodies(rigid, i, names, motors)}</body>"
             )
     return text
 

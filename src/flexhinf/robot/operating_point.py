@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.elastic import Links
+from flexhinf.robot.elastic import Layout, Links
 from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["checked_pose", "operating_point"]
@@ -18,7 +18,7 @@ ROUNDING = 1e-12
 
 
 def operating_point(
-    links: Links, drive: str, q: np.ndarray, p: Any, extras: Collection[str]
+    links: Links, drive: str, q: np.ndarray, p: Any, extras: Collection[str], layout: Layout
 ) -> tuple[np.ndarray, np.ndarray]:
     """State x* = (q, 0, q + K⁻¹ G(q), 0 (, i*)) and input u*, in the order of `Robot.plant`.
 
@@ -32,8 +32,11 @@ def operating_point(
         Of the plant.
     extras : collection of str
         With a hardening spring or backlash the twist is that of the spring as it is.
+    layout : Layout
+        Which joints have a spring.
     """
-    weight = links.gravity_torque(q, p)
+    held = links.gravity_torque(q, p)
+    weight = np.asarray(held)[layout.elastic]
     twist = weight / np.atleast_1d(p.stiffness)
     if "spring_hardening" in extras:
         twist = _hardened_twist(weight, np.atleast_1d(p.stiffness), np.atleast_1d(p.spring_hardening))
@@ -42,10 +45,10 @@ def operating_point(
         carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
         twist = twist + 0.5 * np.sign(weight) * carries * p.backlash
     still = np.zeros(len(q))
-    states = [q, still, q + twist, still]
+    states = [q, still, q[layout.elastic] + twist, still[layout.elastic]]
     if drive == "torque":
-        return np.concatenate(states), np.array(weight, dtype=float)
-    current = weight / p.torque_constant
+        return np.concatenate(states), np.array(held, dtype=float)
+    current = held / p.torque_constant
     if "inductance" in extras:
         states.append(current)
     return np.concatenate(states), np.asarray(p.resistance * current, dtype=float)

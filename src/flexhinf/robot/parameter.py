@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text
 
-__all__ = ["Parameter"]
+__all__ = ["Parameter", "checked_signs"]
 
 
 @dataclass(frozen=True)
@@ -103,3 +104,32 @@ class Parameter:
         if self.range is not None:
             return f"{self.range[0]:g} to {self.range[1]:g}"
         return f"± {self.tolerance:g} %" if self.tolerance else ""
+
+
+def checked_signs(
+    uncertain: Sequence[Parameter], signs: Mapping[str, float] | Sequence[float]
+) -> Mapping[str, float]:
+    """Signs of a corner by name, each within [−1, 1].
+
+    Raises
+    ------
+    InvalidInput
+        For another number of signs than uncertain parameters, or a sign that is too large.
+    """
+    if not isinstance(signs, Mapping):
+        names = [parameter.name for parameter in uncertain]
+        if len(signs) != len(names):
+            raise InvalidInput(
+                "A corner needs one sign per uncertain parameter.",
+                f"expected one for each of {names}, got {len(signs)}",
+                "a sign, −1, 0 or 1, for each",
+            )
+        signs = dict(zip(names, signs, strict=True))
+    for name, sign in signs.items():
+        if not -1.0 <= sign <= 1.0:
+            raise InvalidInput(
+                f"The sign for {name!r} leaves its tolerance.",
+                f"expected −1 to 1, got {sign!r}",
+                "−1, 0 or 1",
+            )
+    return signs

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive import MOTOR
+from flexhinf.robot.drive import MOTOR, SPRING
 from flexhinf.robot.parameter import Parameter
 
 __all__ = ["ElasticJoint", "Link", "Number", "SingleLink"]
@@ -99,8 +99,8 @@ class ElasticJoint:
 
     Parameters
     ----------
-    stiffness : number
-        N·m/rad (N/m for a prismatic joint, and so on).
+    stiffness : number, optional
+        N·m/rad (N/m for a prismatic joint, and so on); None for a rigid joint, whose rotor turns with the link.
     motor_inertia : number, optional
         Rotor's inertia reflected to the link side, N² J_m, kg·m².
     rotor_inertia, gear_ratio, hub_inertia : number, optional
@@ -123,7 +123,7 @@ class ElasticJoint:
         If the inertia on the motor side is stated twice or not at all, or the motor in part.
     """
 
-    stiffness: Number
+    stiffness: Number | None = None
     motor_inertia: Number | None = None
     rotor_inertia: Number | None = None
     gear_ratio: Number | None = None
@@ -144,6 +144,13 @@ class ElasticJoint:
     friction_smoothing: Number | None = None
 
     def __post_init__(self) -> None:
+        twisting = [name for name in SPRING if getattr(self, name) is not None]
+        if self.stiffness is None and twisting:
+            raise InvalidInput(
+                "A rigid joint has no spring.",
+                f"expected no number of a spring, got {twisting}",
+                "its stiffness; or leave them out",
+            )
         if (self.motor_inertia is None) == (self.rotor_inertia is None):
             raise InvalidInput(
                 "The inertia on the motor side must be stated once.",
@@ -176,6 +183,11 @@ class ElasticJoint:
         """The numbers that are given, by name."""
         every = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: number for name, number in every.items() if number is not None}
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it has no spring."""
+        return self.stiffness is None
 
     @property
     def drive(self) -> str:

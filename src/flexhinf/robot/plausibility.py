@@ -21,7 +21,7 @@ from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.single_link import Pendulum
 
-__all__ = ["check_angles", "check_fast", "check_plausible"]
+__all__ = ["check_angles", "check_delay", "check_fast", "check_plausible"]
 
 DEGREES = 180.0 / np.pi
 
@@ -121,23 +121,52 @@ def check_fast(robot: Robot, period: float) -> None:
     """
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
-    root = np.sqrt(stiffness)
-    inverse = np.linalg.inv(_mass_matrix(robot, p)) + np.diag(1.0 / motors)
+    root, elastic = np.sqrt(stiffness), robot.layout.elastic
+    moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
+    inverse = np.linalg.inv(moved)[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
     squares, vectors = np.linalg.eigh(
         root[:, None] * inverse * root
     )  # energies of the springs, all else free
     frequency = float(np.sqrt(squares[-1]))
     if frequency * period <= FASTEST:
         return
-    joint = int(np.argmax(np.abs(vectors[:, -1])))
-    softer = stiffness[joint] * (AS_RIGID / (frequency * period)) ** 2
+    worst = int(np.argmax(np.abs(vectors[:, -1])))
+    joint, softest = elastic[worst], float(stiffness[worst])
+    softer = softest * (AS_RIGID / (frequency * period)) ** 2
     raise InvalidInput(
         f"The spring of joint {robot.joint_names[joint]!r} vibrates at {frequency / (2.0 * np.pi):.4g} Hz, "
         f"{frequency * period / (2.0 * np.pi):.3g} periods within one sample.",
         f"expected at most {FASTEST / (2.0 * np.pi * period):.4g} Hz for a period of {period:g} s, got a stiffness of "
-        f"{stiffness[joint]:.4g} N·m/rad (N/m)",
-        f"stiffness = {softer:.2g}, which is rigid for this loop; or --period {FASTEST / frequency:.1g}",
+        f"{softest:.4g} N·m/rad (N/m)",
+        f"rigid = true instead of [joint.spring]; stiffness = {softer:.2g}, which is nearly rigid for this loop; or "
+        f"--period {FASTEST / frequency:.1g}",
     )
+
+
+def check_delay(robot: Robot, delay: float) -> None:
+    """Refuse a delay of the inputs longer than a period of the lowest vibration: no loop damps what it answers so late.
+
+    Parameters
+    ----------
+    robot : Robot
+    delay : float
+        s.
+
+    Raises
+    ------
+    InvalidInput
+        With the period, of the links against held motors at home, and the unit that was probably meant.
+    """
+    p = Parameters(robot.plant_parameters())
+    held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]
+    squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
+    longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
+    if delay > longest:
+        raise InvalidInput(
+            "The delay of the inputs is out of proportion to the robot.",
+            f"expected at most {longest:.3g} s, a period of the lowest vibration with held motors, got {delay:g} s",
+            f"--delay {delay:g}ms, if milliseconds were meant",
+        )
 
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
@@ -231,7 +260,8 @@ def _weights(robot: Robot, p: Parameters) -> np.ndarray:
 def _springs_and_motors(robot: Robot, p: Parameters) -> Iterator[Question]:
     tree = robot.links.rigid(p)[0]
     moved, weights = np.diag(_mass_matrix(robot, p)), _weights(robot, p)
-    stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
+    motors = np.atleast_1d(p.motor_inertia)
+    stiffness = robot.layout.motors(np.full(len(tree), np.inf), np.atleast_1d(p.stiffness))
     for i, joint in enumerate(tree.joints):
         twist, ratio = weights[i] / stiffness[i], motors[i] / moved[i]
         if not joint.slides and twist > TWIST[0]:

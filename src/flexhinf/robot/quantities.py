@@ -172,3 +172,23 @@ def checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -
             f"{field}=[{', '.join(['10.0'] * min(len(joints), 3))}{', …' if len(joints) > 3 else ''}]",
         )
     return tuple(limits.tolist())
+
+
+def checked_rigid(robot: str, rigid: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
+    """Names of rigid joints in the order of the joints: some of them, not all.
+
+    Raises
+    ------
+    InvalidInput
+        For another name, or a robot without any elastic joint.
+    """
+    unknown = [name for name in rigid if name not in joints]
+    if unknown or len(set(rigid)) >= len(joints):
+        raise InvalidInput(
+            f"The rigid joints of the robot {robot!r} are none of its joints."
+            if unknown
+            else f"No joint of the robot {robot!r} is elastic.",
+            f"expected some of {list(joints)}, got {list(rigid)}",
+            "the stiffness of one joint at least: a stiff spring is nearly rigid",
+        )
+    return tuple(name for name in joints if name in rigid)

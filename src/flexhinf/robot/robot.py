@@ -13,14 +13,23 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
-from flexhinf.robot.elastic import ElasticFlow, Links
+from flexhinf.robot.elastic import ElasticFlow, Layout, Links
 from flexhinf.robot.extras import DRY, Engaged, Sticking, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
-from flexhinf.robot.parameter import Parameter
+from flexhinf.robot.parameter import Parameter, checked_signs
 from flexhinf.robot.penalised import robot_penalty
-from flexhinf.robot.quantities import check_parameters, checked_limits
-from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, expanded, groups_of, signal_names, units_of
+from flexhinf.robot.quantities import check_parameters, checked_limits, checked_rigid
+from flexhinf.robot.signals import (
+    MECHANICAL,
+    SENSORS,
+    Sensors,
+    expanded,
+    groups_of,
+    names_of,
+    signal_names,
+    units_of,
+)
 from flexhinf.robot.single_link import Pendulum
 from flexhinf.untrusted import checked_name, checked_text, real_number
 
@@ -49,6 +58,9 @@ class Robot(Summarised):
         Largest absolute input of each motor, in the unit of `drive`; None or infinite for a motor without a limit.
     speed_limits : (n,), optional
         Largest absolute velocity of each link, rad/s or m/s; as above. (Ranges of the positions belong to `links`.)
+    rigid : sequence of str, optional
+        Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
+        least is elastic.
 
     Raises
     ------
@@ -65,13 +77,16 @@ class Robot(Summarised):
     description: str = ""
     effort_limits: Sequence[float | None] | None = None
     speed_limits: Sequence[float | None] | None = None
+    rigid: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
+        object.__setattr__(self, "rigid", checked_rigid(self.name, self.rigid, self.joint_names))
         names = [parameter.name for parameter in self.parameters]
-        required = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names))
+        driven = required_of_drive(self.drive, names, self.joint_names, self.rigid)
+        required = (*self.links.required(), *driven)
         missing = [name for name in required if name not in names]
         if missing or len(set(names)) != len(names):
             raise InvalidInput(
@@ -91,6 +106,13 @@ class Robot(Summarised):
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in the order of all signals."""
         return self.links.joint_names
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Where the joints stand in the state of `plant`."""
+        return Layout(
+            len(self.joint_names), tuple(i for i, name in enumerate(self.joint_names) if name in self.rigid)
+        )
 
     @cached_property
     def nominal(self) -> dict[str, float]:
@@ -139,7 +161,7 @@ class Robot(Summarised):
             All parameters by name; nominal by default.
         """
         values = self.nominal if values is None else values
-        columns = reflected(values, self.drive, self.joint_names)
+        columns = reflected(values, self.drive, self.joint_names, self.rigid)
         packed = self.links.packed(values)
         return packed | {name: self.links.joint_array(column) for name, column in columns.items()}
 
@@ -171,6 +193,7 @@ class Robot(Summarised):
         sticking : bool
             Whether dry friction among the extras is sharp instead of smoothed: it holds a joint at rest, and only
             `flexhinf.Loop` has it; the plant's flow, linearisation and fastest mode are those without dry friction.
+            A robot with rigid joints has it smoothed in any case.
 
         Raises
         ------
@@ -178,8 +201,8 @@ class Robot(Summarised):
             For unknown names, numbers of the wrong sign, or an extra whose number the robot does not state.
         """
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
-        sensors = expanded(measured, SENSORS, self.joint_names)
-        sticks = tuple(name for name in on if name in DRY) if sticking else ()
+        sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
+        sticks = tuple(name for name in on if name in DRY) if sticking and not self.rigid else ()
         if (sensors, on, sticks) not in self._plants:
             self._plants[sensors, on, sticks] = self._built(sensors, on, sticks)
         return self._plants[sensors, on, sticks]
@@ -198,21 +221,21 @@ class Robot(Summarised):
         on = tuple(name for name in on if name not in sticks)
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
-            ElasticFlow(self.links, self.drive, on),
-            Sensors(sensors, joints, on),
-            states=[name for quantity in states for name in signal_names(quantity, joints)],
+            ElasticFlow(self.links, self.drive, on, self.layout.rigid),
+            Sensors(sensors, joints, on, self.layout.rigid),
+            states=[name for quantity in states for name in names_of(quantity, joints, self.rigid)],
             inputs=signal_names(DRIVES[self.drive], joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, self.links.slides),
-            groups=groups_of(joints),
+            groups=groups_of(joints, self.rigid),
             limits={
                 name: limits
                 for name, limits in zip(signal_names("link_position", joints), self.links.limits)
                 if limits is not None
             },
-            engaged=Engaged(len(joints)) if "backlash" in on else None,
+            engaged=Engaged(self.layout) if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
 
@@ -243,7 +266,7 @@ class Robot(Summarised):
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
         on = checked_extras(extras, False, packed, self.name)
-        return operating_point(self.links, self.drive, q, Parameters(packed), on)
+        return operating_point(self.links, self.drive, q, Parameters(packed), on, self.layout)
 
     def inverse_dynamics(
         self,
@@ -278,18 +301,18 @@ class Robot(Summarised):
         rows, single = motion_rows((q, dq, ddq, dddq, ddddq), self.joint_names)
         packed = self.plant_parameters()
         on = checked_extras(extras, False, packed, self.name)
-        x, u = state_and_input(InverseFlow(self.links, self.drive, on), packed, rows)
+        x, u = state_and_input(InverseFlow(self.links, self.drive, on, self.layout.rigid), packed, rows)
         return (x[0], u[0]) if single else (x, u)
 
     def inverse_flow(
         self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any
     ) -> tuple[Any, Any]:  # fmt: skip
         """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
-        return InverseFlow(self.links, self.drive)(q, dq, ddq, dddq, ddddq, p)
+        return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
 
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
         """(q, q̇, q̈, q⃛) of a state of `plant`, (n,) each, on any element: the way back from `inverse_flow`."""
-        return flat_coordinates(self.links, x, p)
+        return flat_coordinates(self.links, x, p, self.layout)
 
     def problem(
         self,
@@ -344,7 +367,9 @@ class Robot(Summarised):
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         return plant.with_objective(
-            robot_penalty(Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups),
+            robot_penalty(
+                Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups, self.layout
+            ),
             command=command,
             integrate=integrate,
             disturbances=disturbances,
@@ -377,21 +402,7 @@ class Robot(Summarised):
         InvalidInput
             For unknown names, another number of signs, or a sign outside [−1, 1].
         """
-        if not isinstance(signs, Mapping):
-            if len(signs) != len(self.uncertain):
-                raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.",
-                    f"expected one for each of {[p.name for p in self.uncertain]}, got {len(signs)}",
-                    "a sign, −1, 0 or 1, for each",
-                )
-            signs = {p.name: s for p, s in zip(self.uncertain, signs, strict=True)}
-        for name, sign in signs.items():
-            if name not in self.nominal:
-                self[name]  # refuses it
-            if not -1.0 <= sign <= 1.0:
-                raise InvalidInput(
-                    f"The sign for {name!r} leaves its tolerance.",
-                    f"expected −1 to 1, got {sign!r}",
-                    "−1, 0 or 1",
-                )
+        signs = checked_signs(self.uncertain, signs)
+        for name in signs.keys() - self.nominal.keys():
+            self[name]  # refuses it
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

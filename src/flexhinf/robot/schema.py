@@ -153,7 +153,8 @@ class JointTable(_Table):
     effort_limit: Annotated[float, Field(gt=0.0)] | None = None
     parent: str | None = None
     link: LinkTable | None = None
-    spring: SpringTable
+    rigid: bool = False
+    spring: SpringTable | None = None
     motor: MotorTable
     tolerances: TolerancesTable = Field(default_factory=TolerancesTable)
 

@@ -13,9 +13,20 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.elastic import Layout
 from flexhinf.robot.extras import spring_torque
+from flexhinf.untrusted import checked_names
 
-__all__ = ["MECHANICAL", "SENSORS", "Sensors", "expanded", "groups_of", "signal_names", "units_of"]
+__all__ = [
+    "MECHANICAL",
+    "SENSORS",
+    "Sensors",
+    "expanded",
+    "groups_of",
+    "names_of",
+    "signal_names",
+    "units_of",
+]
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -44,11 +55,23 @@ def signal_names(quantity: str, joints: Sequence[str]) -> tuple[str, ...]:
     return (quantity,) if len(joints) == 1 else tuple(f"{quantity}_{joint}" for joint in joints)
 
 
-def groups_of(joints: Sequence[str]) -> dict[str, tuple[str, ...]]:
+#: Signals that a rigid joint has not: its motor is where its link is, and between them is nothing that twists.
+OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_rate")
+
+
+def groups_of(joints: Sequence[str], rigid: Sequence[str] = ()) -> dict[str, tuple[str, ...]]:
     """Plain names and what they stand for; none with one joint, whose names are plain."""
     if len(joints) == 1:
         return {}
-    return {quantity: signal_names(quantity, joints) for quantity in UNITS}
+    return {quantity: names_of(quantity, joints, rigid) for quantity in UNITS}
+
+
+def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
+    """One name per joint that has this signal as a state or a torque of its own."""
+    names = signal_names(quantity, joints)
+    if quantity not in OF_SPRINGS:
+        return names
+    return tuple(name for name, joint in zip(names, joints) if joint not in rigid)
 
 
 def units_of(joints: Sequence[str], slides: Sequence[bool]) -> dict[str, str]:
@@ -61,17 +84,22 @@ def units_of(joints: Sequence[str], slides: Sequence[bool]) -> dict[str, str]:
     return units | integrals
 
 
-def expanded(names: str | Sequence[str], quantities: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Single names from single and plain ones.
+def expanded(
+    names: str | Sequence[str], quantities: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Single names from single and plain ones; the torque of a rigid joint is measured by none.
 
     Raises
     ------
     InvalidInput
         For no name, an unknown one, or the same signal twice.
     """
-    requested = (names,) if isinstance(names, str) else tuple(names)
-    single = {name: (name,) for quantity in quantities for name in signal_names(quantity, joints)}
-    known = {**single, **{quantity: signal_names(quantity, joints) for quantity in quantities}}
+    requested = checked_names("The sensors", names)
+    every = {
+        quantity: names_of(quantity, joints, rigid if quantity == "joint_torque" else ())
+        for quantity in quantities
+    }
+    known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
     if unknown or not requested:
         raise InvalidInput(
@@ -98,24 +126,29 @@ class Sensors:
     joints : sequence of str
     extras : sequence of str
         What the joint adds: a torque sensor feels the spring as it is.
+    rigid : tuple of int
+        Joints without a spring.
     """
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
     extras: tuple[str, ...] = ()
+    rigid: tuple[int, ...] = ()
 
     def __call__(self, x: Any, u: Any, p: Any) -> Any:
-        """The measured signals (p,) of any element."""
-        n = len(self.joints)
-        parts = {quantity: x[k * n : (k + 1) * n] for k, quantity in enumerate(MECHANICAL)}
-        torques = signal_names("joint_torque", self.joints)
-        if any(name in torques for name in self.names):
-            twist = parts["motor_position"] - parts["link_position"]
-            rate = parts["motor_velocity"] - parts["link_velocity"]
-            parts["joint_torque"] = spring_torque(twist, rate, p, self.extras)
+        """The measured signals (p,) of any element; the motor of a rigid joint is where its link is."""
+        layout = Layout(len(self.joints), self.rigid)
+        q, dq, theta, dtheta = layout.split(x)
+        columns = q, dq, layout.motors(q, theta), layout.motors(dq, dtheta)
+        parts = dict(zip(MECHANICAL, columns))
         signals = {
             name: part[i]
             for quantity, part in parts.items()
             for i, name in enumerate(signal_names(quantity, self.joints))
         }
+        torques = [signal_names("joint_torque", self.joints)[i] for i in layout.elastic]
+        if any(name in torques for name in self.names):
+            links = (q, dq) if not self.rigid else (q[layout.elastic], dq[layout.elastic])
+            torque = spring_torque(theta - links[0], dtheta - links[1], p, self.extras)
+            signals |= dict(zip(torques, torque))
         return np.array([signals[name] for name in self.names])

@@ -71,8 +71,9 @@ class Pendulum:
         """A plain number."""
         return column[0]
 
-    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any) -> Any:
+    def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1 = (τ − m g l sin q1) / I."""
+        assert armature is None  # a single joint is elastic
         inverse, weight = 1.0 / p.link_inertia, p.mass * p.gravity * p.length / p.link_inertia
         return inverse * torque - weight * np.sin(q)
 

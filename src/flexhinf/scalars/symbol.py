@@ -27,25 +27,27 @@ def _lift(value: Any) -> ca.SX | None:
     return None
 
 
-def _unary(function: Any) -> Any:
+# `SX.unary` and `SX.binary` build the same nodes as the operators and functions of CasADi, which look for the type of
+# their arguments first and take ten times as long.
+def _unary(operation: int) -> Any:
     def method(self: Symbol) -> Symbol:
-        return Symbol(function(self.sx))
+        return Symbol(ca.SX.unary(operation, self.sx))
 
     return method
 
 
-def _binary(function: Any) -> Any:
+def _binary(operation: int) -> Any:
     def method(self: Symbol, other: Any) -> Any:
         right = _lift(other)
-        return NotImplemented if right is None else Symbol(function(self.sx, right))
+        return NotImplemented if right is None else Symbol(ca.SX.binary(operation, self.sx, right))
 
     return method
 
 
-def _reflected(function: Any) -> Any:
+def _reflected(operation: int) -> Any:
     def method(self: Symbol, other: Any) -> Any:
         left = _lift(other)
-        return NotImplemented if left is None else Symbol(function(left, self.sx))
+        return NotImplemented if left is None else Symbol(ca.SX.binary(operation, left, self.sx))
 
     return method
 
@@ -65,31 +67,34 @@ class Symbol:
     def __init__(self, sx: ca.SX) -> None:
         self.sx = sx
 
-    __add__, __radd__ = _binary(lambda a, b: a + b), _reflected(lambda a, b: a + b)
-    __sub__, __rsub__ = _binary(lambda a, b: a - b), _reflected(lambda a, b: a - b)
-    __mul__, __rmul__ = _binary(lambda a, b: a * b), _reflected(lambda a, b: a * b)
-    __truediv__, __rtruediv__ = _binary(lambda a, b: a / b), _reflected(lambda a, b: a / b)
-    __pow__, __rpow__ = _binary(lambda a, b: a**b), _reflected(lambda a, b: a**b)
-    __neg__, __abs__ = _unary(lambda a: -a), _unary(ca.fabs)
-    __lt__, __le__ = _binary(lambda a, b: a < b), _binary(lambda a, b: a <= b)
-    __gt__, __ge__ = _binary(lambda a, b: a > b), _binary(lambda a, b: a >= b)
-    __eq__ = _binary(lambda a, b: a == b)  # type: ignore[assignment]
-    __ne__ = _binary(lambda a, b: a != b)  # type: ignore[assignment]
-    __and__, __or__ = _binary(ca.logic_and), _binary(ca.logic_or)
-    __invert__ = _unary(ca.logic_not)
+    __add__, __radd__ = _binary(ca.OP_ADD), _reflected(ca.OP_ADD)
+    __sub__, __rsub__ = _binary(ca.OP_SUB), _reflected(ca.OP_SUB)
+    __mul__, __rmul__ = _binary(ca.OP_MUL), _reflected(ca.OP_MUL)
+    __truediv__, __rtruediv__ = _binary(ca.OP_DIV), _reflected(ca.OP_DIV)
+    __pow__, __rpow__ = _binary(ca.OP_POW), _reflected(ca.OP_POW)
+    __neg__, __abs__ = _unary(ca.OP_NEG), _unary(ca.OP_FABS)
+    __lt__, __le__ = _binary(ca.OP_LT), _binary(ca.OP_LE)
+    __gt__, __ge__ = _reflected(ca.OP_LT), _reflected(ca.OP_LE)  # a > b is b < a
+    __eq__ = _binary(ca.OP_EQ)  # type: ignore[assignment]
+    __ne__ = _binary(ca.OP_NE)  # type: ignore[assignment]
+    __and__, __or__ = _binary(ca.OP_AND), _binary(ca.OP_OR)
+    __invert__ = _unary(ca.OP_NOT)
 
     def __pos__(self) -> Symbol:
         return self
 
     # NumPy's ufuncs on object arrays call the method of the same name.
-    sin, cos, tan = _unary(ca.sin), _unary(ca.cos), _unary(ca.tan)
-    arcsin, arccos, arctan = _unary(ca.asin), _unary(ca.acos), _unary(ca.atan)
-    sinh, cosh, tanh = _unary(ca.sinh), _unary(ca.cosh), _unary(ca.tanh)
-    arcsinh, arccosh, arctanh = _unary(ca.asinh), _unary(ca.acosh), _unary(ca.atanh)
-    exp, log, sqrt = _unary(ca.exp), _unary(ca.log), _unary(ca.sqrt)
-    expm1, log1p = _unary(ca.expm1), _unary(ca.log1p)
-    __floor__, __ceil__ = _unary(ca.floor), _unary(ca.ceil)  # np.floor and np.ceil go through the math module
-    arctan2, hypot = _binary(ca.atan2), _binary(ca.hypot)
+    sin, cos, tan = _unary(ca.OP_SIN), _unary(ca.OP_COS), _unary(ca.OP_TAN)
+    arcsin, arccos, arctan = _unary(ca.OP_ASIN), _unary(ca.OP_ACOS), _unary(ca.OP_ATAN)
+    sinh, cosh, tanh = _unary(ca.OP_SINH), _unary(ca.OP_COSH), _unary(ca.OP_TANH)
+    arcsinh, arccosh, arctanh = _unary(ca.OP_ASINH), _unary(ca.OP_ACOSH), _unary(ca.OP_ATANH)
+    exp, log, sqrt = _unary(ca.OP_EXP), _unary(ca.OP_LOG), _unary(ca.OP_SQRT)
+    expm1, log1p = _unary(ca.OP_EXPM1), _unary(ca.OP_LOG1P)
+    __floor__, __ceil__ = (
+        _unary(ca.OP_FLOOR),
+        _unary(ca.OP_CEIL),
+    )  # np.floor and np.ceil go through the math module
+    arctan2, hypot = _binary(ca.OP_ATAN2), _binary(ca.OP_HYPOT)
 
     def log10(self) -> Symbol:
         """Decimal logarithm."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
+from flexhinf.untrusted import is_real, value_text
 
 __all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "serial", "symbols", "trace", "unpack"]
 
@@ -28,16 +29,30 @@ def symbols(name: str, shape: Shape) -> np.ndarray:
 def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
     """A column of SX as an object array of `Symbol`, in C order."""
     array = np.empty(column.numel(), dtype=object)
-    for i in range(column.numel()):
-        array[i] = Symbol(column[i])
+    elements: list[Any] = column.elements()  # each an SX
+    array[:] = [Symbol(element) for element in elements]
     return array.reshape(shape)
 
 
 def pack(array: Any) -> ca.SX:
-    """A dense SX column from an array of symbols and numbers, in C order."""
+    """A dense SX column from an array of symbols and numbers, in C order.
+
+    Raises
+    ------
+    InvalidInput
+        For text, complex numbers and whatever else is no real number.
+    """
     flat = np.asarray(array, dtype=object).ravel()
+    strange = next((a for a in flat if not isinstance(a, Symbol) and not is_real(a)), None)
+    if strange is not None:
+        raise InvalidInput(
+            "The code computes something that is no real number.",
+            f"expected numbers and expressions of its arguments, got {value_text(strange)}",
+            "an array of them: np.array([...])",
+        )
     parts = [a.sx if isinstance(a, Symbol) else ca.SX(float(a)) for a in flat]
-    return ca.densify(ca.vertcat(*parts)) if parts else ca.SX.zeros(0, 1)
+    column = ca.vertcat(*parts) if parts else ca.SX.zeros(0, 1)
+    return column if column.is_dense() else ca.densify(column)
 
 
 def trace(
@@ -67,6 +82,7 @@ def trace(
     """
     labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
+    inputs = [pack(argument) for argument in arguments]  # before the code may write into its arguments
     results = function(*arguments)
     if not isinstance(results, tuple):
         results = (results,)
@@ -76,7 +92,7 @@ def trace(
     edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
     results_named = [f"o{k}" for k in range(len(split))]
-    return ca.Function(name, [pack(a) for a in arguments], split, labels, results_named)
+    return ca.Function(name, inputs, split, labels, results_named)
 
 
 def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:

@@ -149,6 +149,6 @@ def test_a_law_that_could_not_be_made_is_named_with_its_reason(report_comparison
 
 def test_alone_there_is_nothing_to_compare(report_comparison: Comparison) -> None:
     alone = dataclasses.replace(report_comparison, rows=report_comparison.rows[:1])
-    assert comparison_verdict(alone) == "No other law could be compared with nl-hinf."
+    assert comparison_verdict(alone) == "No other law could be compared with the design."
     ids = [section.id for section in comparison_page(alone, ["flexhinf"]).sections]
     assert "trade-off" not in ids

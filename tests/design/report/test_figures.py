@@ -11,9 +11,9 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Design
 from flexhinf.design.report.drawing import framed, thin, widened
+from flexhinf.design.report.sections.arm_figure import arm_figure, instants
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.poles import PoleGroup, poles_figure
-from flexhinf.design.report.sections.step import arm_figure, instants
 
 Make = Callable[[str], Design]
 

@@ -25,8 +25,9 @@ from flexhinf.design.report.sections.region import level_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, limit_text, requirement_table
 from flexhinf.design.report.sections.weights import candidate_rows, robust_rows, selected_candidates
 from flexhinf.design.report.settings import design_settings
-from flexhinf.design.requirements import Requirement, Status
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
+from flexhinf.design.status import Status
 from flexhinf.report import Column
 
 Make = Callable[[str], Design]

@@ -123,3 +123,12 @@ def test_names():
     assert signal_name({"a": Step(1.0), "b": 2.0}) == "a: step to 1 at 0 s; b: constant 2.0"
     assert signal_name(np.sin) == "sin"
     assert signal_name([1.0, None]) == "constant 1.0; none"
+
+
+def test_disturbances_by_name_are_those_of_all_channels_with_room_behind():
+    parts = {"b": Sine(2.0, 3.0), "a": 0.5}
+    named = sample_disturbance(parts, 1e-3, 40, 3, ("a", "b"), room=4)
+    whole = sample_disturbance((0.5, parts["b"]), 1e-3, 40, 3, ("a", "b"))
+    assert named.shape == (40, 4, 3, 2)
+    np.testing.assert_array_equal(named[:, :3], whole)
+    assert not named[:, 3].any()

@@ -59,7 +59,7 @@ def test_the_true_state_fed_back_and_a_run_alone_in_its_lanes(made):
 
 
 def test_undisturbed_runs_read_one_array_of_zeros(made):
-    """Of seven links 2.7 kB a sample; with a copy for each lane it was a third of a design's memory."""
+    """Of seven links 43 kB a sample: with a copy for each lane it was most of a design's memory."""
     run = prepared(made, 1, estimator=False)[0]
     zeros = run.inputs["disturbance"]
     assert not zeros.any()

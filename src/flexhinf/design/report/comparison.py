@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.laws import REFERENCE
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
+from flexhinf.design.ranking import best_rival, is_ours, ranked, trade_offs
 from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
@@ -15,8 +16,9 @@ from flexhinf.design.report.sections.law_responses import responses_figure, trad
 from flexhinf.design.report.sections.requirements import requirement_text
 from flexhinf.design.report.settings import comparison_settings, files_section
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TunedLaw, best_rival, trade_offs
+from flexhinf.design.tuning import TunedLaw, unstable_corners
 from flexhinf.report import (
+    Column,
     KeyNumber,
     Note,
     Page,
@@ -44,8 +46,8 @@ KEYS = (
 #: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
 RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
 
-#: Differences of the criterion smaller than this fraction are none.
-EQUAL = 0.02
+#: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
+EQUAL = 0.1
 
 #: A deviation that remains under the load is named where it is so many times that of the design's own law.
 OFFSET = 10.0
@@ -68,7 +70,7 @@ def comparison_page(
     sections = [
         Section(
             "Laws by the criterion",
-            (*notes, Paragraph(_ranking_text(comparison)), _ranking(comparison)),
+            (_limits(comparison), Paragraph(_ranking_text(comparison)), _ranking(comparison), *notes),
             "criterion",
         ),
         _trade_off(comparison),
@@ -100,74 +102,101 @@ def rival_of(comparison: Comparison) -> TunedLaw | None:
     return best_rival(tuned_laws(comparison))
 
 
+def ours_of(comparison: Comparison) -> TunedLaw:
+    """What the rivals are compared with: the best nonlinear H∞ law tuned as they are; the design as it is where that
+    keeps no limit, or is worse."""
+    design = comparison.own.tuned
+    assert design is not None
+    return min(
+        [*(law for law in ranked(tuned_laws(comparison)) if is_ours(law.name)), design],
+        key=lambda law: law.cost,
+    )
+
+
 def comparison_verdict(comparison: Comparison) -> str:
-    """The best rival against the design's own law by the criterion; where ours loses, the first sentence says so."""
-    rival, own = rival_of(comparison), comparison.own.tuned
-    if own is None or not np.isfinite(own.cost):
-        return f"{REFERENCE} cannot be judged: its run diverges."
-    others = [law for law in tuned_laws(comparison) if law.name != REFERENCE]
+    """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
+    rival, ours = rival_of(comparison), ours_of(comparison)
+    others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
+    if not others:
+        return f"No other law could be compared with {_called(ours)}."
     if rival is None:
-        if not others:
-            return f"No other law could be compared with {REFERENCE}."
         return (
-            f"No other law keeps every limit with at most as many unstable corners as {REFERENCE}, so none is ranked "
-            f"against it. {_closest(comparison, others)}"
+            f"No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
+            f"against {_called(ours)}. {_closest(comparison, others)}"
         )
-    first = _outcome(rival, own)
-    return f"{first} {_ratios_text(comparison, rival)} {_second(others, rival, own)}".strip()
+    sentences = (
+        _outcome(rival, ours),
+        _second(comparison, rival, ours),
+        _ratios_text(comparison, rival, ours),
+        _design_text(comparison, ours),
+    )
+    return " ".join(sentence for sentence in sentences if sentence)
 
 
-def _outcome(rival: TunedLaw, own: TunedLaw) -> str:
-    """Best rival and who is better, in one sentence."""
-    costs = f"{number(rival.cost, 3)} against {number(own.cost, 3)}; less is better"
-    if rival.cost < own.cost * (1.0 - EQUAL):
-        return f"The best rival, {rival.name}, beats {REFERENCE} by the criterion ({costs})."
-    if rival.cost <= own.cost * (1.0 + EQUAL):
-        return f"The best rival, {rival.name}, is as good as {REFERENCE} by the criterion ({costs})."
-    return f"The best rival, {rival.name}, loses to {REFERENCE} by the criterion ({costs})."
+def _called(law: TunedLaw) -> str:
+    """A law in a sentence."""
+    return "the design" if law.name == DESIGN else law.name
 
 
-def _ratios_text(comparison: Comparison, rival: TunedLaw) -> str:
-    """The three parts of the criterion of the best rival."""
-    found = comparison.criterion.ratios(rival.figures)
-    parts = [f"{number(found[name], 3)} times the {text}" for name, text in RATIOS.items()]
-    text = f"Relative to {REFERENCE}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
+def _design_text(comparison: Comparison, ours: TunedLaw) -> str:
+    """Where the design itself stands, unless it is already the one that is compared."""
+    design = comparison.own.tuned
+    if design is None or ours is design:
+        return ""
+    return f"The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
+
+
+def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
+    """Best rival, who is better, and what nonlinear H∞ is worth by the criterion."""
+    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
+    nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
+    if rival.cost < ours.cost * (1.0 - EQUAL):
+        return f"The best rival, {rival.name}, beats {_called(ours)} by the criterion ({costs}), {nothing}"
+    if rival.cost <= ours.cost * (1.0 + EQUAL):
+        return f"The best rival, {rival.name}, is as good as {_called(ours)} by the criterion ({costs}), {nothing}"
+    return f"The best rival, {rival.name}, loses to {_called(ours)} by the criterion ({costs})."
+
+
+def _ratios_text(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
+    """The three parts of the criterion of the best rival, and what it does not count."""
+    ratios = comparison.criterion.ratios
+    theirs, mine = ratios(rival.figures), ratios(ours.figures)
+    parts = [f"{number(theirs[name] / mine[name], 3)} times the {text}" for name, text in RATIOS.items()]
+    text = f"Relative to {_called(ours)}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
     figure = next(figure for figure in FIGURES if figure.key == "load_remaining")
-    mine, theirs = (law.metrics.get(figure.key) for law in (comparison.own, comparison.row(rival.name)))
-    if mine is None or theirs is None or not OFFSET * mine < theirs < np.inf:
+    kept, remains = (law.evaluation.metrics.get(figure.key) for law in (ours, rival))
+    if kept is None or remains is None or not OFFSET * kept < remains < np.inf:
         return text
     unit = unit_of(figure, comparison)
     return (
-        f"{text} Under a constant load it keeps a deviation of {cell(figure, theirs, comparison)} {unit}, "
-        f"{REFERENCE} of "
-        f"{cell(figure, mine, comparison)} {unit}: the criterion does not count that."
+        f"{text} Under a constant load it keeps a deviation of {cell(figure, remains, comparison)} {unit}, "
+        f"{_called(ours)} of {cell(figure, kept, comparison)} {unit}: the criterion does not count that."
     )
 
 
-def _second(others: Sequence[TunedLaw], rival: TunedLaw, own: TunedLaw) -> str:
-    """Other laws that keep every limit and beat the design's own law."""
-    better = sorted(
-        (law for law in others if law is not rival and law.feasible and law.cost < own.cost * (1.0 - EQUAL)),
-        key=lambda law: law.cost,
-    )
+def _second(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
+    """Other laws that keep every limit and beat nonlinear H∞."""
+    better = [
+        law for law in ranked(tuned_laws(comparison))
+        if law is not rival and not is_ours(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
+    ]  # fmt: skip
     if not better:
         return ""
     names = ", ".join(f"{law.name} ({number(law.cost, 3)})" for law in better[:3])
-    return f"Better than {REFERENCE} {'is' if len(better) == 1 else 'are'} also {names}."
+    return f"Better than {_called(ours)} {'is' if len(better) == 1 else 'are'} also {names}."
 
 
 def _closest(comparison: Comparison, others: Sequence[TunedLaw]) -> str:
     """The law with the smallest criterion, and why it is not ranked."""
     law = min(others, key=lambda law: law.cost)
-    own, found = comparison.own.evaluation, law.evaluation
     if not law.feasible:
         return f"The smallest criterion has {law.name} ({number(law.cost, 3)}); {law.reason}."
-    if own is not None and found.corners is not None and own.corners is not None:
-        return (
-            f"The smallest criterion has {law.name} ({number(law.cost, 3)}), with {found.corners.unstable} unstable "
-            f"corners against {own.corners.unstable}."
-        )
-    return ""
+    own = comparison.own.evaluation
+    assert own is not None
+    return (
+        f"The smallest criterion has {law.name} ({number(law.cost, 3)}), with {unstable_corners(law.evaluation)} "
+        f"unstable corners against {unstable_corners(own)}."
+    )
 
 
 def _intro(comparison: Comparison) -> str:
@@ -179,19 +208,20 @@ def _intro(comparison: Comparison) -> str:
     return (
         f"{comparison.robot.name}, {joint_count(len(own.setup.joints))}, {comparison.robot.drive} driven; step from "
         f"{way}. {count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots and seeds. "
-        f"{REFERENCE} is the law of flexhinf design (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}). Criterion: "
-        f"{comparison.criterion.text}"
-    ).replace(REFERENCE, _whole(REFERENCE))
+        f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {NL_HINF} is the same problem "
+        f"tuned as the other laws are. Criterion: {comparison.criterion.measure} All keep the same limits, which stand "
+        "below."
+    ).replace(NL_HINF, _whole(NL_HINF))
 
 
 def _status(comparison: Comparison) -> list[Status]:
     """What the design's own law misses of the specification, and what was only sampled."""
     missed = [line for line in comparison.own.requirements if not line.met]
-    found = [Status("met", f"{_whole(REFERENCE)} meets {len(comparison.own.requirements)} requirements.")]
+    found = [Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")]
     if missed:
         text = "; ".join(requirement_text(line) for line in missed)
-        found = [Status("not met", f"{_whole(REFERENCE)}: {text}.")]
+        found = [Status("not met", f"The design as it is: {text}.")]
     return [
         *found,
         Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."),
@@ -216,10 +246,11 @@ def comparison_notes(comparison: Comparison) -> list[str]:
         found.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
     names = [row.name for row in comparison.compared]
     if comparison.synthesis.chosen.degree == 2 and "hinf" in names:
-        found.append(f"The design chose degree 2: {REFERENCE} is a linear law, as hinf is.")
+        found.append("The design chose degree 2: it is a linear law, as hinf is.")
     if s.via:
         found.append(
-            f"{REFERENCE} switches between laws of several poses; its linear figures are of the one at the goal."
+            "The design switches between laws of several poses; its linear figures are of the one at the goal, and the "
+            "tuned laws have that one alone."
         )
     return found
 
@@ -227,36 +258,44 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 # Sections --------------------------------------------------------------------------------------------------
 def _ranking_text(comparison: Comparison) -> str:
     return (
-        f"The three columns of ratios are over those of {_whole(REFERENCE)}; the criterion is their mean, and less is "
+        "The three columns of ratios are over those of the design as it is; the criterion is their mean, and less is "
         "better. A law is ranked only if it keeps every limit and has no more unstable corners of the tolerances than "
-        f"{_whole(REFERENCE)}; others stand below the line of those that do, with the reason."
+        "the design; others stand below, with the reason. The searches are short: differences of less than "
+        f"{number(100 * EQUAL)} % say nothing."
     )
+
+
+def _limits(comparison: Comparison) -> Table:
+    """What every law keeps, and who says so."""
+    rows = [
+        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+        for x in comparison.criterion.limits
+    ]
+    return Table(("limit for every law", "value", "stated by"), rows, id="table-limits")
 
 
 def _ranking(comparison: Comparison) -> Table:
     """Laws that keep every limit first, by the criterion."""
-    laws = sorted(tuned_laws(comparison), key=lambda law: (not _ranked(comparison, law), law.cost))
+    laws = tuned_laws(comparison)
+    first = {law.name for law in ranked(laws)} | {DESIGN}
     rows = []
-    for law in laws:
+    for law in sorted(laws, key=lambda law: (law.name not in first, law.cost)):
         ratios, corners = comparison.criterion.ratios(law.figures), law.evaluation.corners
         rows.append(
             (
-                _whole(law.name),
-                number(law.cost, 3) if np.isfinite(law.cost) else "diverges",
-                *(number(ratios[name], 3) if np.isfinite(ratios[name]) else "diverges" for name in RATIOS),
+                _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
+                *(
+                    value if np.isfinite(value) else None
+                    for value in (law.cost, *(ratios[name] for name in RATIOS))
+                ),
                 "–" if corners is None else corners.unstable,
+                ", ".join(law.sensors).replace("_", " ") or "true state",
                 "yes" if law.feasible else law.reason,
             )
         )
-    columns = ("law", "criterion", *RATIOS.values(), "unstable corners", "every limit kept")
+    figures = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
+    columns = ("law", *figures, "unstable corners", "measured", "every limit kept")
     return Table(columns, rows, "", "table-criterion")
-
-
-def _ranked(comparison: Comparison, law: TunedLaw) -> bool:
-    own = comparison.own.evaluation
-    allowed = 0 if own is None or own.corners is None else own.corners.unstable
-    found = law.evaluation.corners
-    return law.feasible and (found is None or found.unstable <= allowed)
 
 
 def _trade_off(comparison: Comparison) -> Section | None:
@@ -265,12 +304,13 @@ def _trade_off(comparison: Comparison) -> Section | None:
 
 
 def _frequency(comparison: Comparison) -> Section | None:
-    """The design's own law and the best others, in one joint."""
+    """The design, nonlinear H∞ and the best others, in one joint."""
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
+    always = (DESIGN, NL_HINF)
     others = sorted(
-        (law for law in laws if law.name != REFERENCE), key=lambda law: (not law.feasible, law.cost)
+        (law for law in laws if law.name not in always), key=lambda law: (not law.feasible, law.cost)
     )
-    chosen = [*(law for law in laws if law.name == REFERENCE), *others[:DRAWN]]
+    chosen = [*(law for law in laws if law.name in always), *others[: DRAWN - 1]]
     if not chosen:
         return None
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
@@ -281,15 +321,14 @@ def _frequency(comparison: Comparison) -> Section | None:
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    """Figures of the design's own law beside those of the best rival."""
-    rival, found = rival_of(comparison), []
+    """Figures of nonlinear H∞ beside those of the best rival."""
+    rival, ours, found = rival_of(comparison), ours_of(comparison), []
     for figure in (f for key in KEYS for f in FIGURES if f.key == key):
-        mine = comparison.own.metrics.get(figure.key)
-        if mine is None:
+        if ours.evaluation.metrics.get(figure.key) is None:
             continue
         note = "" if rival is None else f"{_whole(rival.name)}: {_cell_of(comparison, figure, rival)}"
-        label = f"{_whole(REFERENCE)}: {figure.label}"
-        found.append(KeyNumber(label, cell(figure, mine, comparison), unit_of(figure, comparison), note))
+        label = f"{_whole(_called(ours))}: {figure.label}"
+        found.append(KeyNumber(label, _cell_of(comparison, figure, ours), unit_of(figure, comparison), note))
     return found
 
 
@@ -299,8 +338,9 @@ def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
 
 def _laws(comparison: Comparison) -> list[Any]:
     text = (
-        f"Every law but {_whole(REFERENCE)} is tuned over all its parameters and the noise levels of its estimator, "
-        "with the sensors that its proponents would choose. All run in error coordinates about the goal or the move, "
+        "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
+        "two rounds with as many candidates per parameter, with the sensors that its proponents would choose. All run "
+        "in error coordinates about the goal or the move, "
         "(x_d, u_d) from the elastic inverse dynamics, with integrals at zero when the command comes."
     )
     columns = (
@@ -354,6 +394,6 @@ def _is(name: str, state: str) -> bool:
 
 def _whole(text: str) -> str:
     """Names of laws with hyphens at which no line breaks."""
-    for name in (REFERENCE, "lqr-gravity", "torque-i", "flatness-i"):
+    for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", "\u2011"))
     return text

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 __all__ = [
-    "figure_block", "framed", "frequency_axis", "joint_lines", "limit_lines", "line_style", "panels",
+    "figure_block", "framed", "frequency_axis", "joint_lines", "limit_lines", "line_style", "panels", "plan_lines",
     "reference_line", "thin",
     "vertical_line", "widened",
 ]  # fmt: skip
@@ -62,6 +62,15 @@ def joint_lines(
     with house_style():
         for joint, name in enumerate(joints):
             axes.plot(time[few], values[few, joint], label=name, **{**line_style(joint), **style})
+
+
+def plan_lines(axes: Axes, time: np.ndarray, values: np.ndarray, name: str) -> None:
+    """Planned signals (N, n) over time (N,), dotted."""
+    few = thin(time)
+    with house_style():
+        for joint, column in enumerate(values[few].T):
+            style: dict[str, Any] = {"color": MUTED, "linewidth": 1.2, "linestyle": DOTTED}
+            axes.plot(time[few], column, label=None if joint else name, **style)
 
 
 def reference_line(axes: Axes, value: float = 0.0) -> None:

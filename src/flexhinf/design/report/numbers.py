@@ -12,16 +12,18 @@ from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.modes import Mode
+from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
 from flexhinf.design.report.formatting import finite
 from flexhinf.design.report.page import notes, verdict
 from flexhinf.design.report.sections.corners import corner_rows
+from flexhinf.design.report.sections.estimator_noise import is_used
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import input_rows
 from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.tuning import TradeOff, best_rival, trade_offs
+from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
 
 __all__ = ["comparison_numbers", "design_numbers"]
 
@@ -76,7 +78,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     found = {
-        "version": 2,
+        "version": 3,
         "robot": comparison.robot.name,
         "joints": list(comparison.robot.joint_names),
         "unit": comparison.units()["input"],
@@ -131,7 +133,7 @@ def _weights(design: Design) -> dict[str, Any]:
         "wanted": None if target is None else _picked(target, "bandwidth", "damping"),
         "tries": [
             {
-                **_picked(c, "damping_weight", "target_frequency"),
+                **_picked(c, "damping_weights", "target_frequency"),
                 **_picked(c.behaviour, "bandwidth", "damping", "nominal_damping"),
                 "gamma_star": c.design.gamma_star,
                 "used": search is not None and c is search.chosen,
@@ -147,18 +149,23 @@ def _estimator_noise(design: Design) -> dict[str, Any] | None:
     if design.specification.estimator == "none":
         return None
     noise, search = design.setup.process_noise, design.noise_search
-    figures = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise")
+    figures = ("peak_sensitivity", "gain_margin", "damping", "compliance", "input_noise", "noises", "missed")
     tried = [
         {
             **_picked(one.levels, "motor_velocities", "link_velocities"),
             **_picked(one, *figures, unstable_corners="unstable"),
-            "used": search is not None and one is search.chosen,
+            "used": search is not None and is_used(search, one),
         }
-        for one in (() if search is None else search.candidates)
+        for one in (() if search is None else _shown(search))
     ]
-    unreachable = [] if search is None else list(search.unreachable)
     levels = _picked(noise, "all_states", "link_velocities", "motor_velocities", "source")
-    return {**levels, "unreachable_limits": unreachable, "tried": tried}
+    return {**levels, "count": 0 if search is None else search.count, "tried": tried}
+
+
+def _shown(search: NoiseSearch) -> list[NoiseCandidate]:
+    """The trade-off, and the levels in use where they are none of it."""
+    others = [one for one in search.trade_off if not is_used(search, one)]
+    return sorted([*others, search.chosen], key=lambda one: one.input_noise)
 
 
 def _margins(m: Margins) -> dict[str, Any]:

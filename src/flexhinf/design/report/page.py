@@ -19,6 +19,7 @@ from flexhinf.design.report.formatting import (
 )
 from flexhinf.design.report.sections import (
     corners,
+    estimator_noise,
     load_and_move,
     margins,
     monte_carlo,
@@ -32,8 +33,8 @@ from flexhinf.design.report.sections import (
 from flexhinf.design.report.sections import law as law_section
 from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.requirements import Status as Judged
 from flexhinf.design.result import Design
+from flexhinf.design.status import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
@@ -60,7 +61,7 @@ PARTS = (
     Part("modes", "Poles", poles.blocks, poles.remarks),
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
     Part("weights", "Weights", weights.blocks),
-    Part("noise", "Noise levels of the estimator", weights.noise_blocks),
+    Part("noise", "Noise levels of the estimator", estimator_noise.blocks),
     Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
     Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
     Part("law", "The law", law_section.law_blocks, law_section.law_remarks),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, noise_variances
+from flexhinf.design.estimators import INITIAL_VARIANCE, EstimatorNoise, Levels, noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
 from flexhinf.design.report.formatting import limit_text, units_of
@@ -74,7 +74,16 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
     counted = "for the number of states"
     rows = [
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", synthesis.goal, _units(e), "the robot's home" if s.pose is None else "option --pose"),
+        (
+            "pose",
+            synthesis.goal,
+            _units(e),
+            "option --pose"
+            if s.pose is not None
+            else "the robot's home"
+            if s.move is None
+            else "the last waypoint of --move",
+        ),
         *(
             (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
             for w in state_weights(problem, e.setup.joints)
@@ -122,8 +131,8 @@ def _estimator(e: LawEvaluation) -> list[Setting]:
         *rows,
         Setting("simulated noise", "white, of these variances", "", "ours"),
         Setting("Rᵛ on every state", noise.all_states, "per sample", noise.source),
-        Setting("Rᵛ on link velocities, added", noise.link_velocities, "per sample", noise.source),
-        Setting("Rᵛ on motor velocities, added", noise.motor_velocities, "per sample", noise.source),
+        Setting("Rᵛ on link velocities, added", _each(noise.link_velocities), "per sample", noise.source),
+        Setting("Rᵛ on motor velocities, added", _each(noise.motor_velocities), "per sample", noise.source),
         Setting("initial estimate", "the equilibrium at the start of the run", "", "ours"),
         Setting("P0", _initial(noise), "", "ours"),
         Setting("model", "the nominal robot without extras", "", "ours"),
@@ -133,6 +142,10 @@ def _estimator(e: LawEvaluation) -> list[Setting]:
             else []
         ),
     ]
+
+
+def _each(levels: Levels) -> Any:
+    return list(levels) if isinstance(levels, tuple) else levels
 
 
 def _initial(noise: EstimatorNoise) -> str:
@@ -154,7 +167,9 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
     rows = [
         ("start pose", e.setup.start, _units(e),
          "ours: 0.1 rad (10 mm) from the goal" if s.start is None else "option --from-pose"),
-        ("command", "the goal, from the first sample on", "", "ours"),
+        ("command", "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name, "",
+         _option(s, "shaping")),
+        ("move", runs.plan.name, "", "ours: the way of the step" if s.move is None else "option --move"),
         ("true plant", f"nominal numbers{extras}", "", _option(s, "extras")),
         ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
          "ours: their slope at standstill holds only for the smallest velocities"),
@@ -195,18 +210,29 @@ def _comparison(comparison: Comparison, own: LawEvaluation) -> list[Setting]:
             for limit in criterion.limits
         ),
         Setting("shared limit", criterion.mode, "", "option --tune"),
+        Setting("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         Setting("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
         Setting(
             "load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s long, in equilibrium at the goal"
         ),
-        Setting("plan of the move", float(runs.plan.duration), "s", "limited jerk, the same for every law"),
+        Setting("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         Setting("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]  # fmt: skip
 
 
 def files_section(files: Sequence[str]) -> Section:
-    """One row for each file."""
-    rows = [(f"`{name}`", _meaning(name)) for name in sorted(files)]
+    """One row for each file; those of one folder that mean the same share a row."""
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for name in sorted(files):
+        folder, _, file = name.rpartition("/")
+        grouped.setdefault((folder, _meaning(name)), []).append(file)
+    rows = [
+        (
+            ", ".join(f"`{f'{folder}/' if folder and k == 0 else ''}{file}`" for k, file in enumerate(names)),
+            meaning,
+        )
+        for (folder, meaning), names in grouped.items()
+    ]
     return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")
 
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from flexhinf.design.report.formatting import count_text, law_name, units_of
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
+from flexhinf.design.report.sections.estimator_noise import is_used, selected
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
@@ -23,7 +24,6 @@ from flexhinf.design.report.sections.weights import (
     candidate_rows,
     robust_rows,
     selected_candidates,
-    selected_noise,
 )
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.specification import TOLERANCE
@@ -198,8 +198,8 @@ def _search(design: Design) -> Table:
     title = f"Search for the weights: {len(shown)} of {count_text(len(rows), 'candidate')} (* used)"
     heads = ("weight ζ", "target ω, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
     table = _table(title, *heads)
-    for weight, target, bandwidth, worst, nominal, gamma, is_used in shown:
-        mark = f"{weight:.3f}{' *' if is_used else '  '}"
+    for weight, target, bandwidth, worst, nominal, gamma, used in shown:
+        mark = f"{weight:.3f}{' *' if used else '  '}"
         table.add_row(mark, target, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
     return table
 
@@ -219,17 +219,13 @@ def _robust(design: Design) -> Table:
 def _noise(design: Design) -> Table:
     search = design.noise_search
     assert search is not None
-    shown = selected_noise(design)
+    shown = selected(search)
     unit = design.setup.model.unit(design.setup.model.inputs[0])
-    title = f"Noise levels of the estimator: {len(shown)} of {count_text(len(search.candidates), 'candidate')} (* used)"
-    heads = ("Rᵛ motors", "Rᵛ links", "|S|", "gain", "damping", f"noise, {unit}", "unstable")
-    table = _table(title, *heads)
-    for one in shown:
-        mark = " *" if one is search.chosen else "  "
-        cells = (one.levels.motor_velocities, one.levels.link_velocities, one.peak_sensitivity, one.gain_margin,
-                 one.damping, one.input_noise)  # fmt: skip
-        unstable = "–" if one.unstable is None else str(one.unstable)
-        table.add_row(*(_short(value) for value in cells), f"{unstable}{mark}")
+    title = f"Noise levels of the estimator: {len(shown)} of {count_text(search.count, 'candidate')} (* used)"
+    table = _table(title, f"noise, {unit}", "damping", "compliance", "|S|", "gain", "")
+    for one, note in shown:
+        cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, one.gain_margin)
+        table.add_row(*(_short(value) for value in cells), "*" if is_used(search, one) else note)
     return table
 
 
@@ -291,12 +287,12 @@ def _table(title: str, *columns: str) -> Table:
 # Comparison ----------------------------------------------------------------------------------------------
 def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Table]:
     """Tables of at most `width` columns, as many laws as fit, the design's own in each; * marks the best."""
-    first, found = comparison.own, []
+    first, found = comparison.tuned_design, []
     names = max(len(_label(line)) for line in table_lines(comparison, (first,), short=True))
     left = width - names - GAP - _width(comparison, first)
     part: list[ComparedLaw] = [first]
     room = left
-    for row in comparison.compared[1:]:
+    for row in (row for row in comparison.compared if row is not first):
         needed = _width(comparison, row)
         if needed > room and len(part) > 1:
             found.append(_part(comparison, part, not found))

@@ -141,9 +141,12 @@ def preset_of(robot: Any, s: Specification) -> str:
     return "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
 
 
-def required_damping(s: Specification) -> float:
-    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`."""
-    return DAMPING if s.damping is None else s.damping
+def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
+    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
+    where a design that states none was given less, see `flexhinf.design.synthesis`."""
+    if s.damping is not None:
+        return s.damping
+    return DAMPING if target is None else min(DAMPING, target.damping)
 
 
 def _contradiction(both: str, advice: str) -> InvalidInput:
@@ -154,8 +157,16 @@ def _contradiction(both: str, advice: str) -> InvalidInput:
     )
 
 
-def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) -> DesignProblem:
+def choose(
+    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
+) -> DesignProblem:
     """The problem of a specification.
+
+    Parameters
+    ----------
+    robot, goal, start, s
+    near : DesignProblem, optional
+        Of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
 
     Raises
     ------
@@ -166,7 +177,7 @@ def choose(robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification) ->
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
-        return _searched(robot, goal, start, s, preset)
+        return _searched(robot, goal, start, s, preset, None if near is None else near.search)
     penalty, source, priced = _stated(robot, goal, s)
     problem = _problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
@@ -210,22 +221,22 @@ def _command(s: Specification) -> str | None:
 
 
 def _searched(
-    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str
+    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
     plant, equilibrium = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal), JointScales.of(plant, equilibrium)
+    family, scales = LinearFamily.of(robot, goal, period=s.period), JointScales.of(plant, equilibrium)
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
         names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
         torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
 
-    def nominal(target_frequency: np.ndarray, damping: float) -> LinearProblem:
+    def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
             family, scales.rows(target_frequency, damping), _command(s) is not None, torques
         )
 
-    def synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+    def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
         linear = nominal(target_frequency, damping)
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
@@ -234,10 +245,10 @@ def _searched(
     def many() -> LinearFamily:
         return LinearFamily.of(robot, goal, MANY, seed=1)
 
-    found, family = _widened(many, target, family, synthesis, scales.held)
+    found, family = _widened(many, target, family, synthesis, scales.held, near)
     source = f"found for {_words(target)}"
     if preset == "damped":
-        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+        penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
         problem = _problem(robot, goal, s, penalty)
         star = smallest_gamma(problem)
         return DesignProblem(
@@ -261,7 +272,7 @@ def _searched(
         """With all tolerances enlarged by a factor."""
         larger = replace(scalings, fraction=factor * scalings.fraction)
 
-        def robust_synthesis(target_frequency: np.ndarray, damping: float) -> LinearDesign:
+        def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
             return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
                 s.gamma_ratio, larger
             )
@@ -287,17 +298,19 @@ def _widened(
     family: LinearFamily,
     synthesis: Any,
     held: float,
+    near: SearchResult | None = None,
 ) -> tuple[SearchResult, LinearFamily]:
     """A search, and again with the worst of many corners among the members."""
-    found = search(target, family, synthesis, held)
+    start = None if near is None else near.chosen
     if len(family.a) == 1:
-        return found, family
+        return search(target, family, synthesis, held, near=start), family
+    found = search(target, family, synthesis, held, each=False) if near is None else near
     wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
-    return search(target, wider, synthesis, held), wider
+    return search(target, wider, synthesis, held, near=start), wider
 
 
 def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
-    return nominal(found.chosen.target_frequency, found.chosen.damping_weight)
+    return nominal(found.chosen.target_frequency, found.chosen.damping_weights)
 
 
 def _robust(
@@ -316,9 +329,9 @@ def _robust(
     star = robust.gamma_star(scalings, 1e-6)
     gamma = s.gamma_ratio * star
     enter, seen, price = robust.parts(scalings)
-    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weight)
+    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
     nominal = _problem(robot, goal, s, base)
-    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weight), seen])
+    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weights), seen])
     physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     problem = with_channels(nominal.plant, gamma * enter).with_objective(

@@ -1,21 +1,35 @@
 """Noise levels of the estimator, searched for on the running loop.
 
-With the true state fed back the law has wide margins; the estimator takes most of them away, and how much depends on
-R^v alone (R^n is the sensors'). Noise on the motor's velocity, where the input acts, gives the margins back as it grows
-(loop transfer recovery, [doyle1981]), at the price of noise at the motors; noise on the link's velocity makes the
-estimator follow a load on the link.
+The running loop has the poles of the law and those of the estimation error, and the least damped of both rings. With
+the true state fed back the law has wide margins and the damping that its weights were searched for; how much of both is
+left depends on R^v alone (R^n is the sensors'). A filter that takes the link's and the motor's motion for undisturbed
+hardly corrects a vibration, and its error rings as the spring itself does. For a joint of inertias M and J, whose
+vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a velocity
+gives the error's vibration the damping
 
-The default levels (`EstimatorNoise.stated`) are kept where the running loop keeps every limit with them. Otherwise the
-search looks at levels q on the motors' velocities and f·q on the links', from the default level up, and takes the first
-q, and the f, with the least noise at the motors for which every limit is kept: peak sensitivity, gain margin, damping
-where one is required, no unstable corner of the tolerances, and a load compliance of at most `COMPLIANCE` times that of
-the law fed the true state. A limit that no levels keep is left out, so that no noise is paid for it in vain: the
-default levels stay where they keep the others. Where the others cannot be kept together, those that miss them least.
+    ζ = sin(½ atan(ρ/ω_v²)),   ρ = a √(q/R) / T,
+
+a = J/(M + J) for the link's position, M/(M + J) for the motor's, 1 for the torque between them. So levels are counted
+in units of the q with which ρ = ω_v², joint by joint: one level for all joints that damps the lightest link's vibration
+would make the heaviest joint's estimator needlessly fast, and one that suits the heavy joint leaves the light one
+ringing. Noise where the input acts gives margins back too (loop transfer recovery, [doyle1981]), which takes an
+estimator that is fast beside the bandwidth, at any joint. So two families are looked at first: the same speed relative
+to each joint's vibration, and the same speed of all joints; each with several ratios of the links' to the motors'
+levels. From the best of them the levels of single joints are moved one after the other.
+
+What is searched for is the least noise at the motors (the geometric mean, since motors differ in size) for which every
+limit is kept: peak sensitivity, gain margin, damping where one is required, a load compliance of at most `COMPLIANCE`
+times that of the law fed the true state, a noise of at most `MOST_NOISE` of what each motor gives, and no unstable
+corner of the tolerances. The default levels are kept where they keep all of it. Where the limits cannot be kept
+together, those levels are taken that miss them least. A limit that the law itself misses with the true state, or that
+all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is far out
+of reach only as far as `RINGS`, so that no noise is paid for it in vain. The candidates that no other one betters in
+noise, damping and compliance at once are the trade-off that the report shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,47 +37,74 @@ import numpy as np
 
 from flexhinf.analysis import (
     EquilibriumLoop,
-    FrequencyResponse,
-    LinearLoop,
+    FilteredLoop,
+    bandwidth_of,
+    compliance_of,
     corner_plants,
     frequency_response,
+    gain_margins_of,
 )
-from flexhinf.analysis.margins import LARGEST_FACTOR
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.specification import TOLERANCE
+from flexhinf.design.specification import RINGS, TOLERANCE
+from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError
 
-__all__ = ["COMPLIANCE", "LIMITS", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
+__all__ = ["COMPLIANCE", "LIMITS", "MOST_NOISE", "NoiseCandidate", "NoiseSearch", "is_free", "search_noise"]
 
-#: Levels on the motors' velocities that are tried, as multiples of R^n per s²: with R^n = 1e-8, 1e-7 to 1e-3. A slower
-#: estimator than the default one takes dry friction for a slow motion.
-LEVELS = tuple(10.0**k for k in range(1, 6))
+#: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
+#: least so much of the joint's own.
+SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
 
-#: Fractions of it on the links' velocities.
-FRACTIONS = (1.0, 0.1, 0.03, 0.01, 0.0)
+#: Levels of the side that is not measured over those of the other, tried in both families.
+FRACTIONS = (1.0, 0.1, 0.01)
 
-#: With more states each candidate takes seconds, and fewer are tried.
-MANY_STATES, FEW_LEVELS, FEW_FRACTIONS = 15, (1e2, 1e4), (0.1, 0.01)
+#: The same for up to so many joints, whose candidates cost a few milliseconds; and how many of them single levels are
+#: moved from.
+FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
 
-#: The first level that keeps the limits is refined by so many halvings of its exponent.
-HALVINGS = 2
+#: Smallest level on a motor's velocity, as a multiple of R^n per s². A slower estimator takes dry friction for a slow
+#: motion.
+SLOWEST = 10.0
 
-#: A gain margin and the inverse of a peak that stand for an unstable loop.
-UNSTABLE = 1e-9
+#: Range of ρ/ω_v² of a single level.
+LEAST, MOST = 1e-4, 1e4
+
+#: Single levels are moved by so many decades first, and until the steps are smaller than the second; most turns.
+FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
+
+#: Factors on all chosen levels that are looked at for the trade-off.
+SCALED = tuple(10.0 ** (k / 4.0) for k in range(-8, 7))
 
 #: Largest peak of |load torque → link position|, over that of the law fed the true state; both up to so many times the
 #: law's bandwidth, below the vibrations.
 COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
 
+#: Largest noise of a motor, rms, over what it gives: its limit of effort, or what the step asks of the law at once.
+MOST_NOISE = 0.1
+
 #: What may limit the choice, beside unstable corners.
-LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance")
+LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
 
-#: What a decade of noise at the motors counts, beside the limits that are missed, where no levels keep all of them.
-NOISE_WEIGHT = 0.1
+#: What a limit that is missed by the factor e counts, in decades of noise.
+MISSED_WEIGHT = 20.0
+
+#: How much of that the limit of the noise counts: a loop that rings or has no margin is worse than a loud one.
+NOISE_COUNTS = 0.25
+
+#: A limit out of reach counts as far as the best of the families times e to the first power; a damping that is missed
+#: by more than e to the second only as far as `RINGS`.
+SHORT_OF_BEST, FAR = 0.05, 0.2
+
+#: What the families miss by less than e to this power may be reached by single levels.
+NEAR = 0.1
+
+#: A gain margin, and the inverse of a figure, that stand for none.
+NOTHING = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NoiseCandidate:
     """Levels that were tried, and the running loop with them.
 
@@ -71,15 +112,16 @@ class NoiseCandidate:
     ----------
     levels : EstimatorNoise
     peak_sensitivity, gain_margin, damping : float
-        Infinite, 0 and −1 for an unstable loop.
     compliance : float
         Peak of |load torque → link position| over that of the law fed the true state.
-    input_noise : float
-        RMS of the noisiest input, V or N·m.
+    noises : (m,)
+        RMS of each input, V or N·m.
     missed : mapping of str to float
         ln(figure/limit) of each of `LIMITS` that is missed by more than a requirement allows.
+    avoidable : mapping of str to float
+        The same beyond what the law fed the true state misses, and every candidate of the families.
     unstable : int or None
-        Corners of the tolerances; None without tolerances, and where a margin or the damping is missed: not looked at.
+        Corners of the tolerances; None without tolerances, and where they were not looked at.
     """
 
     levels: EstimatorNoise
@@ -87,31 +129,59 @@ class NoiseCandidate:
     gain_margin: float
     damping: float
     compliance: float
-    input_noise: float
+    noises: np.ndarray
     missed: Mapping[str, float]
-    unstable: int | None
+    avoidable: Mapping[str, float]
+    unstable: int | None = None
+
+    @property
+    def input_noise(self) -> float:
+        """RMS of the noisiest input, V or N·m."""
+        return float(self.noises.max())
+
+    @property
+    def score(self) -> float:
+        """What is minimised: decades of noise, and mainly what is missed of what can be kept."""
+        return self._cost(self.avoidable)
+
+    @property
+    def whole_score(self) -> float:
+        """The same with all that is missed: of different laws, for which different limits are out of reach."""
+        return self._cost(self.missed)
+
+    def _cost(self, missed: Mapping[str, float]) -> float:
+        counted = sum(
+            excess * (NOISE_COUNTS if limit == "noise" else 1.0) for limit, excess in missed.items()
+        )
+        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
     @property
     def feasible(self) -> bool:
-        """Whether every limit is kept, with no unstable corner."""
-        return not self.missed and not self.unstable
+        """Whether every limit that can be kept is kept, with no unstable corner."""
+        return not self.avoidable and not self.unstable
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NoiseSearch:
-    """The outcome, and the way to it.
+    """The outcome, and the trade-off round it.
 
     Attributes
     ----------
     chosen : NoiseCandidate
-    candidates : tuple of NoiseCandidate
-        In the order of the search.
+    default : NoiseCandidate or None
+        The default levels; None where the loop is unstable with them.
+    trade_off : tuple of NoiseCandidate
+        Those that no other one betters in noise, damping and compliance at once, the quietest first.
+    count : int
+        Candidates with a stable loop.
     unreachable : tuple of str
-        Those of `LIMITS` that no candidate keeps; they do not count in the choice.
+        Those of `LIMITS` that the law misses with the true state fed back too, or every choice of levels.
     """
 
     chosen: NoiseCandidate
-    candidates: tuple[NoiseCandidate, ...]
+    default: NoiseCandidate | None
+    trade_off: tuple[NoiseCandidate, ...]
+    count: int
     unreachable: tuple[str, ...]
 
 
@@ -137,118 +207,224 @@ def search_noise(
     Returns
     -------
     NoiseSearch or None
-        None where the levels are not free, or the loop has no equilibrium at the goal.
+        None where the levels are not free, the loop has no equilibrium at the goal, or no levels make it stable.
     """
     if not is_free(setup):
         return None
-    search = _Search(setup, damping)
     try:
-        search.run()
-        found = search.choose()
+        found = _Search(setup, damping).run()
     except FlexhinfError:
         return None
-    progress(f"noise levels of the estimator: {len(found.candidates)} tried")
+    if found is not None:
+        progress(f"noise levels of the estimator: {found.count} tried")
     return found
 
 
 class _Search:
-    """Candidates of one loop."""
+    """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:
         self.setup, self.damping = setup, damping
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
-        self.many = len(setup.linear_law.state_names) > MANY_STATES
+        law = setup.equilibrium_loop(estimated=False).linear()
+        fed_back = frequency_response(law)
+        self.bandwidth = bandwidth_of(fed_back)
+        top = COMPLIANT_BAND * self.bandwidth
+        assert setup.noise is not None
+        self.filtered = FilteredLoop(self.loop, setup.noise, self.bandwidth, top)
+        self.stiff = compliance_of(fed_back, top)
+        self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        own = law.running.damping[0], gain_margins_of(fed_back.input_loops).min()
+        self.unavoidable = self.excess(fed_back.peaks[0], own[1], own[0])
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
-        fed_back = frequency_response(setup.equilibrium_loop(estimated=False))
-        self.top = COMPLIANT_BAND * _bandwidth(fed_back)
-        self.stiff = _compliance(fed_back, self.top)
 
-    def run(self) -> None:
-        """Levels from small to large until one keeps the limits, and then between it and the one before."""
-        stated = EstimatorNoise.stated(self.setup.specification)
-        if self.candidate(stated.motor_velocities, 1.0).feasible:
-            return
-        scale = self.setup.specification.measurement_noise
-        levels = FEW_LEVELS if self.many else LEVELS
-        fractions = FEW_FRACTIONS if self.many else FRACTIONS
-        before = None
-        for level in levels:
-            here = [self.candidate(scale * level, fraction) for fraction in fractions]
-            feasible = [c for c in here if c.feasible]
-            if feasible:
-                if before is not None and not self.many:
-                    self.refine(before, scale * level, min(feasible, key=lambda c: c.input_noise))
-                return
-            before = scale * level
+    def run(self) -> NoiseSearch | None:
+        """The default levels, the families, then single levels, and what all candidates trade off."""
+        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
+        begun = [(found, x) for x in self.families() if (found := self.at(x)) is not None]
+        if not begun:
+            return None
+        self.leave_out()
+        default = None if default is None else self.counted(default)
+        if default is not None and not default.avoidable and self.with_corners(default).feasible:
+            chosen = self.with_corners(default)
+            start = self.place(default.levels)
+        else:
+            begun.sort(key=lambda one: self.counted(one[0]).score)
+            several = STARTS if len(self.unit) <= FEW else 1
+            chosen, start = min(
+                (self.descend(x) for _, x in begun[:several]),
+                key=lambda one: (one[0].unstable or 0, one[0].score),
+            )
+        for factor in SCALED:
+            self.at(start + np.log10(factor))
+        return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
 
-    def refine(self, low: float, high: float, best: NoiseCandidate) -> None:
-        """Smaller levels of the same fraction."""
-        fraction = best.levels.link_velocities / best.levels.motor_velocities
-        for _ in range(HALVINGS):
-            middle = float(np.sqrt(low * high))
-            feasible = self.candidate(middle, fraction).feasible
-            low, high = (low, middle) if feasible else (middle, high)
+    def leave_out(self) -> None:
+        """What every candidate so far misses, or the law, is counted only in part; see the head of this file."""
+        for limit in LIMITS:
+            least = max(
+                min(one.missed.get(limit, 0.0) for one in self.tried), self.unavoidable.get(limit, 0.0)
+            )
+            if least > NEAR:
+                far = limit == "damping" and least > FAR
+                ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
+                self.unavoidable[limit] = max(least + SHORT_OF_BEST, ringing)
 
-    def candidate(self, level: float, fraction: float) -> NoiseCandidate:
-        """The running loop with these levels; the corners are looked at where it keeps its margins and damping."""
-        s = self.setup.specification
-        levels = EstimatorNoise(0.0, fraction * level, level, "searched on the running loop")
-        process = levels.covariance(self.setup.model.states)
-        found = _figures(self.loop.linear(process_noise=process), self.setup.noise, self.top)
-        compliance = found.compliance / self.stiff
-        ratios = (
-            found.peak_sensitivity / s.peak_sensitivity_limit,
-            s.gain_margin_limit / max(found.gain_margin, UNSTABLE),
-            (self.damping or 0.0) / max(found.damping, UNSTABLE),
-            compliance / COMPLIANCE,
-        )
-        missed = {
-            limit: float(np.log(ratio))
-            for limit, ratio in zip(LIMITS, ratios, strict=True)
-            if ratio > 1.0 + 0.9 * TOLERANCE
+    def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with what it misses beyond what is not counted."""
+        left = {
+            limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
         }
+        kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
+        return replace(candidate, avoidable=kept)
+
+    # Levels ---------------------------------------------------------------------------------------------
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample."""
+        s = self.setup.specification
+        return s.measurement_noise * (s.period * self.scales.vibration**2) ** 2
+
+    def levels(self, x: np.ndarray) -> EstimatorNoise:
+        """R^v of x (2 joints,)."""
+        n, s = len(self.unit), self.setup.specification
+        links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
+        motors = np.maximum(motors, SLOWEST * s.measurement_noise)
+        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
+        return EstimatorNoise(0.0, link, motor, "searched on the running loop")
+
+    def place(self, levels: EstimatorNoise) -> np.ndarray:
+        """x (2 joints,) of levels on the velocities."""
+        n = len(self.unit)
+        both = np.concatenate(
+            [np.broadcast_to(each, n) for each in (levels.link_velocities, levels.motor_velocities)]
+        )
+        return 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
+
+    def families(self) -> Iterator[np.ndarray]:
+        """x of both families, see the head of this file."""
+        slowest, vibration = self.scales.vibration.min(), self.scales.vibration
+        every = [np.full(len(vibration), speed) for speed in SPEEDS]
+        every += [np.maximum((rate * slowest / vibration) ** 2, floor) for rate in RATES for floor in FLOORS]
+        link, motor = self.scales.sides
+        measured = " ".join(self.setup.model.outputs)
+        seen = link if "link" not in measured and "joint_torque" not in measured else motor
+        share = np.ones(len(link)) if "joint_torque" in measured else seen / (link + motor)
+        # The side that is not measured disturbs the other less than its own torque would.
+        less = np.minimum(1.0, seen / (link + motor - seen))
+        for speed in every:
+            for fraction in MORE_FRACTIONS if len(link) <= FEW else FRACTIONS:
+                here, there = np.log10(speed / share), np.log10(speed / share * less * np.sqrt(fraction))
+                yield np.concatenate([here, there] if seen is link else [there, here])
+
+    # Candidates -----------------------------------------------------------------------------------------
+    def at(self, x: np.ndarray) -> NoiseCandidate | None:
+        """The candidate of x (2 joints,); None for an unstable loop."""
+        return self.candidate(self.levels(np.clip(x, np.log10(LEAST), np.log10(MOST))))
+
+    def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
+        """The running loop with these levels; None for an unstable one."""
+        try:
+            found = self.filtered.figures(levels.covariance(self.setup.model.states))
+        except FlexhinfError:
+            return None
+        if found is None:
+            return None
+        compliance = found.compliance / self.stiff
+        noise = float((found.input_noise / self.authority).max()) / MOST_NOISE
+        missed = self.excess(
+            found.peak_sensitivity, found.gain_margin, found.damping, compliance / COMPLIANCE, noise
+        )
         candidate = NoiseCandidate(
-            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise,
-            missed, self.unstable(process) if set(missed) <= {"compliance"} else None,
+            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise, missed,
+            missed,
         )  # fmt: skip
+        candidate = self.counted(candidate)
         self.tried.append(candidate)
         return candidate
 
-    def choose(self) -> NoiseSearch:
-        """The best candidate; among limits that some candidate keeps."""
-        unreachable = tuple(limit for limit in LIMITS if all(limit in c.missed for c in self.tried))
-        left_out = {"compliance", *unreachable}
-        tried = [self.looked_at(c) if set(c.missed) <= left_out else c for c in self.tried]
-        chosen = min(tried, key=lambda c: self.score(c, unreachable))
-        default = tried[0]
-        if set(default.missed) <= set(unreachable) and not default.unstable:
-            chosen = default
-        return NoiseSearch(chosen, tuple(tried), unreachable)
+    def excess(
+        self, sensitivity: float, gain_margin: float, damping: float, *others: float
+    ) -> dict[str, float]:
+        """ln(figure/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
+        s = self.setup.specification
+        ratios = (
+            sensitivity / s.peak_sensitivity_limit,
+            s.gain_margin_limit / max(gain_margin, NOTHING),
+            (1.0 + 0.5 * TOLERANCE)
+            * (self.damping or 0.0)
+            / max(damping, NOTHING),  # aimed at without allowance
+            *others,
+        )
+        return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
 
-    def looked_at(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with its unstable corners, also where it misses a limit."""
-        if candidate.unstable is not None:
+    @cached_property
+    def authority(self) -> np.ndarray:
+        """What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
+        within the law's bandwidth, ask of the strongest motor."""
+        setup, scales, rate = self.setup, self.scales, self.bandwidth
+        held = np.max(
+            [np.abs(setup.robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0
+        )
+        inertia = scales.link_inertia + scales.motor_inertia
+        moved = (
+            rate
+            * np.hypot(inertia * rate, scales.damping)
+            / scales.per_input
+            * np.abs(setup.goal - setup.start)
+        )
+        limits = setup.limits.effort
+        return np.minimum(float((held + moved).max()), limits)
+
+    # Single levels --------------------------------------------------------------------------------------
+    def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
+        """The best candidate found from x by moving all links', all motors' and then single levels, and its x.
+
+        Of the way there, the last place without unstable corners, where there is one.
+        """
+        n = len(self.unit)
+        moves = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), *(np.eye(2 * n) if n > 1 else ())]
+        steps = np.full(len(moves), FIRST_STEP)
+        best = self.at(x)
+        assert best is not None
+        way = [(best, x)]
+        for _ in range(TURNS):
+            for k, move in enumerate(moves):
+                found = self.at(x + steps[k] * move)
+                if found is not None and found.score < best.score - 1e-4:
+                    best, x = found, x + steps[k] * move
+                    way.append((best, x))
+                    steps[k] *= 1.5
+                else:
+                    steps[k] *= -0.5
+            if np.abs(steps).max() < LAST_STEP:
+                break
+        return self.standing(way)
+
+    def standing(self, way: list[tuple[NoiseCandidate, np.ndarray]]) -> tuple[NoiseCandidate, np.ndarray]:
+        """The last place on the way without unstable corners, found by bisection; else that with the fewest."""
+        last = self.with_corners(way[-1][0])
+        if not last.unstable:
+            return last, way[-1][1]
+        low, high = 0, len(way) - 1
+        looked = [(last.unstable, -high, last, way[-1][1])]
+        while high - low > 0:
+            middle = (low + high) // 2
+            found = self.with_corners(way[middle][0])
+            looked.append((found.unstable or 0, -middle, found, way[middle][1]))
+            low, high = (low, middle) if found.unstable else (middle + 1, high)
+        return min(looked, key=lambda one: one[:2])[2:]
+
+    def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with its unstable corners of the tolerances."""
+        if not self.setup.robot.uncertain:
             return candidate
         process = candidate.levels.covariance(self.setup.model.states)
-        return replace(candidate, unstable=self.unstable(process))
-
-    def score(self, candidate: NoiseCandidate, unreachable: Sequence[str]) -> tuple[bool, float]:
-        """What is minimised: the noise where everything that counts is kept, otherwise mainly what is missed."""
-        missed = sum(excess for limit, excess in candidate.missed.items() if limit not in unreachable)
-        if not missed and not candidate.unstable:
-            return False, candidate.input_noise
-        corners = len(self.corners) if self.setup.robot.uncertain else 1
-        unstable = 1.0 if candidate.unstable is None else candidate.unstable / corners
-        return True, missed + unstable + NOISE_WEIGHT * float(np.log10(max(candidate.input_noise, 1e-12)))
-
-    def unstable(self, process: np.ndarray) -> int | None:
-        """Unstable corners with this R^v (n, n); None without tolerances."""
-        if not self.setup.robot.uncertain:
-            return None
         modes = self.loop.modes(self.corners, process, self.equilibria)
         self.equilibria = modes.equilibrium
-        return int((modes.rate >= 0.0).sum())
+        return replace(candidate, unstable=int((modes.rate >= 0.0).sum()))
 
     @cached_property
     def corners(self) -> np.ndarray:
@@ -258,57 +434,12 @@ class _Search:
         return self.loop.vectors([table.known(values) for values in found.values[:-1]])
 
 
-@dataclass(frozen=True)
-class _Figures:
-    """Of one linear loop, on a grid of frequencies with points round every pole: near those of `margins`."""
-
-    peak_sensitivity: float
-    gain_margin: float
-    damping: float
-    compliance: float
-    input_noise: float
-
-
-def _bandwidth(response: FrequencyResponse) -> float:
-    """Of the fastest joint, rad/s: where |command → position| is 3 dB below its value at the lowest frequency."""
-    followed = np.abs(np.diagonal(response.command, axis1=1, axis2=2))
-    below = followed < followed[0] / np.sqrt(2.0)
-    first = np.where(below.any(axis=0), below.argmax(axis=0), len(below) - 1)
-    return float(response.frequencies[first.max()])
-
-
-def _figures(linear: LinearLoop, noise: np.ndarray | None, top: float) -> _Figures:
-    if not linear.running.stable:
-        return _Figures(1.0 / UNSTABLE, UNSTABLE, -1.0, 1.0 / UNSTABLE, np.inf)
-    response = frequency_response(linear)
-    rms = linear.part("v", "u").rms() * (0.0 if noise is None else noise)
-    return _Figures(
-        response.peaks[0],
-        _gain_margin(response.input_loops),
-        linear.running.damping[0],
-        _compliance(response, top),
-        float(np.linalg.norm(rms, axis=1).max()),
-    )
-
-
-def _gain_margin(loops: np.ndarray) -> float:
-    """Smallest factor by which the gain of one input may rise or fall, infinite beyond `LARGEST_FACTOR`: where L_i
-    (F, m) crosses the negative axis."""
-    found = np.inf
-    for loop in loops.T:
-        before, after = loop[:-1], loop[1:]
-        crosses = np.flatnonzero((before.imag * after.imag <= 0.0) & (before.real + after.real < 0.0))
-        for k in crosses:
-            weight = (
-                before[k].imag / (before[k].imag - after[k].imag) if before[k].imag != after[k].imag else 0.0
-            )
-            at = abs(before[k].real + weight * (after[k].real - before[k].real))
-            found = min(found, max(at, 1.0 / at) if at > 0.0 else np.inf)
-    return float(found) if found <= LARGEST_FACTOR else np.inf
-
-
-def _compliance(response: FrequencyResponse, top: float) -> float:
-    """Peak of |load torque → link position| up to a frequency, rad/N·m or m/N."""
-    torques = [k for k, name in enumerate(response.disturbances) if name.startswith("link_torque")]
-    band = response.disturbance[response.frequencies <= top][:, :, torques]
-    return float(np.linalg.norm(band, 2, axis=(1, 2)).max())
+def _trade_off(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
+    """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
+    figures = np.array([[one.input_noise, -one.damping, one.compliance] for one in tried])
+    kept = []
+    for k, own in enumerate(figures):
+        better = np.all(figures <= own, axis=1) & np.any(figures < own, axis=1)
+        if not better.any() and not any(np.array_equal(own, figures[j]) for j in kept):
+            kept.append(k)
+    return tuple(sorted((tried[k] for k in kept), key=lambda one: one.input_noise))

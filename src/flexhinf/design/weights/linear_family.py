@@ -6,12 +6,15 @@ member, the integrals of the tracking errors appended, deviations from each memb
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 
-from flexhinf.design.modes import modes_of, stiffness_and_inertia
+from flexhinf.design.modes import Mode, modes_of, named_modes, stiffness_and_inertia
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
@@ -41,6 +44,8 @@ class LinearFamily:
     joints : tuple of str
     energy : (stiffness, inertia)
         Of the nominal robot, to tell vibrations from other modes.
+    period : float
+        s, of the samples at which the law of the nominal robot acts; 0: always.
     """
 
     a: np.ndarray
@@ -48,6 +53,16 @@ class LinearFamily:
     torques: np.ndarray
     joints: tuple[str, ...]
     energy: tuple[np.ndarray, np.ndarray]
+    period: float = 0.0
+
+    @cached_property
+    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Φ, Γ) of the nominal robot over one period with a constant input."""
+        n, m = self.nominal[1].shape
+        both = np.zeros((n + m, n + m))
+        both[:n] = np.hstack(self.nominal)
+        held = scipy.linalg.expm(both * self.period)
+        return held[:n, :n], held[:n, n:]
 
     @property
     def nominal(self) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +76,9 @@ class LinearFamily:
         return replace(self, a=a, b=b)
 
     @staticmethod
-    def of(robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0) -> LinearFamily:
+    def of(
+        robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
+    ) -> LinearFamily:
         """Of a robot, corners sampled with a fixed seed.
 
         Parameters
@@ -73,6 +90,8 @@ class LinearFamily:
             Corners; none for a robot without tolerances.
         seed : int
             Of the corners.
+        period : float
+            s, see the class.
         """
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
         plant.traced_jacobians  # noqa: B018  traced once, shared by all members
@@ -89,7 +108,9 @@ class LinearFamily:
         a[:, n:, :joints] = np.eye(joints)
         torques = np.zeros((n + joints, 2 * joints))
         torques[:n] = matrices[0][2]
-        return LinearFamily(a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium))
+        return LinearFamily(
+            a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium), period
+        )
 
 
 def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:
@@ -120,35 +141,55 @@ class Behaviour:
         Smallest damping ratio of an oscillation; infinite where nothing oscillates, −∞ for a loop that is unstable.
     nominal_damping : float
         Of the nominal robot.
+    joint_damping : (n,)
+        Smallest of the vibrations that are mainly in the spring of each joint; infinite where there is none.
     """
 
     bandwidth: np.ndarray
     damping: float
     nominal_damping: float
+    joint_damping: np.ndarray
 
 
 def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     """Of u = u* + K x, K (m, n)."""
     loops = family.a + family.b @ gain
-    damping = [_damping(family, loop) for loop in loops]
+    modes = [_modes(family, loop) for loop in loops]
+    if family.period:
+        modes[0] = _sampled_modes(family, gain)
+    damping = [_damping(each) for each in modes]
     stable = min(damping) > -np.inf
     joints = len(family.joints)
     bandwidths = _bandwidths(loops, joints).min(axis=0) if stable else np.zeros(joints)
-    return Behaviour(bandwidths, min(damping), damping[0])
+    vibrations = [mode for each in modes for mode in each if mode.vibration]
+    own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
+    return Behaviour(bandwidths, min(damping), damping[0], np.array(own))
 
 
 def worst_members(family: LinearFamily, gain: np.ndarray) -> list[int]:
     """The members with the smallest bandwidth of each joint, and with the smallest damping."""
     loops = family.a + family.b @ gain
-    damping = [_damping(family, loop) for loop in loops]
+    damping = [_damping(_modes(family, loop)) for loop in loops]
     worst = [int(np.argmin(damping))]
     if min(damping) > -np.inf:
         worst += [int(k) for k in np.argmin(_bandwidths(loops, len(family.joints)), axis=0)]
     return worst
 
 
-def _damping(family: LinearFamily, loop: np.ndarray) -> float:
-    modes = modes_of(loop, family.joints, *family.energy)
+def _modes(family: LinearFamily, loop: np.ndarray) -> tuple[Mode, ...]:
+    return modes_of(loop, family.joints, *family.energy)
+
+
+def _sampled_modes(family: LinearFamily, gain: np.ndarray) -> tuple[Mode, ...]:
+    """Of the nominal robot, the law acting at samples; those gone within two samples do not oscillate."""
+    phi, held = family.sampled
+    values, vectors = np.linalg.eig(phi + held @ gain)
+    rates = np.log(np.where(np.abs(values) > 1e-12, values, 1e-12).astype(complex)) / family.period
+    lasting = rates.real > -0.5 / family.period
+    return named_modes(rates[lasting], vectors[:, lasting], family.joints, *family.energy)
+
+
+def _damping(modes: Sequence[Mode]) -> float:
     if not all(mode.stable for mode in modes):
         return -np.inf
     return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)

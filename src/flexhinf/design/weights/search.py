@@ -2,8 +2,10 @@
 
 Inside, for a given damping weight ζ, each joint's target frequency ω is multiplied by the ratio of the required to the
 found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped
-as required, and is then bisected to the smallest value that does. All members of the family count: the nominal robot
-and corners of its tolerances.
+as required, and is then bisected to the smallest value that does. One ζ damps most vibrations more than is asked, the
+light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ of each joint is
+lowered to what its own vibration needs. All members of the family count: the nominal robot and corners of its
+tolerances.
 """
 
 from __future__ import annotations
@@ -23,6 +25,13 @@ SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 
 #: Relative width of a bandwidth that fits; turns of the inner search, and of the bisection.
 FITS, TURNS, HALVINGS = 0.01, 30, 6
+
+#: Rounds in which the ζ of single joints are lowered, by this factor at most at once, and by no less than the second;
+#: the powers of the ratio of the required to the found damping that are tried.
+ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
+
+#: Factors on the ζ of another behaviour that are tried one after the other.
+PROPORTIONS = (1.0, 1.1, 1.25, 1.5, 2.0)
 
 #: A target frequency is multiplied by this power of the ratio: with 1, coupled joints would swing about the fit.
 CAUTION = 0.6
@@ -55,16 +64,21 @@ class Candidate:
     ----------
     target_frequency : (n,)
         ω of each joint, rad/s.
-    damping_weight : float
-        ζ.
+    damping_weights : (n,)
+        ζ of each joint.
     design : LinearDesign
     behaviour : Behaviour
     """
 
     target_frequency: np.ndarray
-    damping_weight: float
+    damping_weights: np.ndarray
     design: LinearDesign
     behaviour: Behaviour
+
+    @property
+    def damping_weight(self) -> float:
+        """The largest ζ."""
+        return float(self.damping_weights.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +96,17 @@ class SearchResult:
     candidates: tuple[Candidate, ...]
 
 
-Synthesis = Callable[[np.ndarray, float], LinearDesign]
+Synthesis = Callable[[np.ndarray, np.ndarray], LinearDesign]
 
 
-def search(target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, held: float) -> SearchResult:
+def search(
+    target: TargetBehaviour,
+    family: LinearFamily,
+    synthesis: Synthesis,
+    held: float,
+    each: bool = True,
+    near: Candidate | None = None,
+) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
     Parameters
@@ -93,9 +114,13 @@ def search(target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, 
     target : TargetBehaviour
     family : LinearFamily
     synthesis : callable
-        (ω (n,), ζ) → LinearDesign.
+        (ω (n,), ζ (n,)) → LinearDesign.
     held : float
         Lowest vibration with held motors, rad/s.
+    each : bool
+        Whether the ζ of single joints are lowered at the end.
+    near : Candidate, optional
+        For another bandwidth or damping; the search begins at its ω and ζ in proportion, which saves most of it.
 
     Raises
     ------
@@ -103,7 +128,12 @@ def search(target: TargetBehaviour, family: LinearFamily, synthesis: Synthesis, 
         If it cannot be met: which limit binds, and the best that was found.
     """
     inside = _Inside(family, synthesis, held)
-    return SearchResult(_damped(target, inside), tuple(inside.candidates))
+    chosen = None if near is None else _from(near, target, inside)
+    if chosen is None:
+        chosen = _damped(target, inside)
+    if each and len(target.bandwidth) > 1 and chosen.damping_weight:
+        chosen = _each(target, inside, chosen)
+    return SearchResult(chosen, tuple(inside.candidates))
 
 
 class _Inside:
@@ -112,17 +142,20 @@ class _Inside:
     def __init__(self, family: LinearFamily, synthesis: Synthesis, held: float) -> None:
         self.family, self.synthesis, self.held = family, synthesis, held
         self.candidates: list[Candidate] = []
+        self.start: np.ndarray | None = None
         # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
         self.reached = 0.0
 
-    def fit(self, bandwidth: np.ndarray, damping_weight: float) -> Candidate | None:
+    def fit(self, bandwidth: np.ndarray, damping_weight: float | np.ndarray) -> Candidate | None:
         """The candidate, or None if no target frequencies give the bandwidth."""
-        target_frequency = np.minimum(1.5 * bandwidth, FASTEST * self.held)
+        weights = np.broadcast_to(np.asarray(damping_weight, dtype=float), len(bandwidth))
+        start = 1.5 * bandwidth if self.start is None else self.start
+        target_frequency = np.minimum(start, FASTEST * self.held)
         if self.candidates:
             target_frequency = self.candidates[-1].target_frequency
         for _ in range(TURNS):
             try:
-                design = self.synthesis(target_frequency, damping_weight)
+                design = self.synthesis(target_frequency, weights)
             except FlexhinfError:
                 return None
             found = behaviour_of(self.family, design.gain)
@@ -137,8 +170,19 @@ class _Inside:
                 return None
         else:
             return None
-        self.candidates.append(Candidate(target_frequency, damping_weight, design, found))
+        self.candidates.append(Candidate(target_frequency, weights, design, found))
         return self.candidates[-1]
+
+
+def _from(near: Candidate, target: TargetBehaviour, inside: _Inside) -> Candidate | None:
+    """The ω and ζ of another behaviour, in proportion; None where they do not damp every oscillation as required."""
+    inside.start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
+    weights = near.damping_weights * target.damping / near.behaviour.damping
+    for more in PROPORTIONS:
+        tried = inside.fit(target.bandwidth, more * weights)
+        if tried is not None and tried.behaviour.damping >= target.damping:
+            return tried
+    return None
 
 
 def _damped(target: TargetBehaviour, inside: _Inside) -> Candidate:
@@ -164,6 +208,27 @@ def _least(target: TargetBehaviour, inside: _Inside, below: float, above: Candid
         else:
             below = 0.5 * (below + above.damping_weight)
     return above
+
+
+def _each(target: TargetBehaviour, inside: _Inside, best: Candidate) -> Candidate:
+    """The ζ of each joint lowered to what its vibration needs, one after the other, the most damped one first.
+
+    A ζ that other joints need is kept: every oscillation stays damped as required.
+    """
+    for _ in range(ROUNDS):
+        before = best
+        for joint in np.argsort(-best.behaviour.joint_damping):
+            ratio = target.damping / min(best.behaviour.joint_damping[joint], MOST_LOWERED * target.damping)
+            for power in POWERS if ratio < WORTH else ():
+                weights = best.damping_weights.copy()
+                weights[joint] *= ratio**power
+                tried = inside.fit(target.bandwidth, weights)
+                if tried is not None and tried.behaviour.damping >= target.damping:
+                    best = tried
+                    break
+        if best is before:
+            break
+    return best
 
 
 def _text(values: np.ndarray) -> str:

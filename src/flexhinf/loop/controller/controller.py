@@ -38,6 +38,7 @@ from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
+from flexhinf.untrusted import value_text
 
 __all__ = ["ONE_TRACE", "Controller", "load_controller"]
 
@@ -244,7 +245,7 @@ class Controller(Running):
         if state is not None and self.estimator is None:
             raise InvalidInput(
                 "There is no estimate to set: this controller feeds back the true state.",
-                f"expected state=None, got {state!r}",
+                f"expected state=None, got {value_text(state)}",
                 "reset(); the state of the plant is the loop's initial_state",
             )
         k = len(self.tracked)

@@ -15,7 +15,7 @@ from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Limits, Mode
 from flexhinf.loop.controller.transfer import inverse_slope
 from flexhinf.plant import Estimator
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = ["Layout", "data_layout", "data_values", "filler", "input_before", "memory_layout"]
 
@@ -177,7 +177,7 @@ def input_before(given: Any, rest: Any, limits: Limits, names: tuple[str, ...]) 
         raise InvalidInput(
             "The input before the first sample does not fit.",
             f"expected a finite value for each of {list(names)} within {limits.lower.tolist()} and "
-            f"{limits.upper.tolist()}, got {given!r}",
+            f"{limits.upper.tolist()}, got {value_text(given)}",
             "the input that acts when the controller takes over",
         )
     return u

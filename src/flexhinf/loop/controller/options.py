@@ -76,13 +76,13 @@ class Mode:
         if not isinstance(self.moving, bool):
             raise InvalidInput(
                 "Whether the law acts about a moving reference is not said.",
-                f"expected moving=True or moving=False, got {self.moving!r}",
+                f"expected moving=True or moving=False, got {value_text(self.moving)}",
                 "moving=True for commands (x_d, u_d) of states and inputs",
             )
         if self.start not in ("zero", "bumpless"):
             raise InvalidInput(
                 "There is no such start of a controller.",
-                f"expected 'zero' or 'bumpless', got {self.start!r}",
+                f"expected 'zero' or 'bumpless', got {value_text(self.start)}",
                 "start='bumpless' to continue from the last input",
             )
 
@@ -132,7 +132,9 @@ def positive(value: Any, what: str, example: str) -> float:
     """A positive finite number of seconds."""
     seconds = real_number(value)
     if not (np.isfinite(seconds) and seconds > 0.0):
-        raise InvalidInput(f"The {what} is not positive.", f"expected seconds > 0, got {value!r}", example)
+        raise InvalidInput(
+            f"The {what} is not positive.", f"expected seconds > 0, got {value_text(value)}", example
+        )
     return seconds
 
 
@@ -216,7 +218,7 @@ def _edge(value: Any, inputs: int, name: str, advice: str) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise InvalidInput(
             f"The {LIMITS[name]} does not fit the {'command' if name.startswith('command') else 'inputs'}.",
-            f"expected one number or {inputs}, got {value!r}",
+            f"expected one number or {inputs}, got {value_text(value)}",
             f"{name}={advice}",
         ) from error
 

@@ -19,6 +19,7 @@ import numpy as np
 from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import NumericalFailure
+from flexhinf.untrusted import value_text
 
 __all__ = ["BAD_MEASUREMENT", "BAD_REFERENCE", "BAD_RESULT", "Remembered", "step_failure", "step_program"]
 
@@ -153,20 +154,20 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
         return NumericalFailure(
             f"The {'measurement' if code == BAD_MEASUREMENT else 'command'} is not a finite number; "
             "nothing was updated.",
-            f"got y={y!r}, reference={reference!r}",
+            f"got y={value_text(y)}, reference={value_text(reference)}",
             advice,
         )
     if back:
         return NumericalFailure(
             "The controller's estimate or input is no longer finite, again; the controller went back to what it "
             f"remembered {SPACING} to {2 * SPACING} samples ago, or at its start.",
-            f"after y={y!r}, reference={reference!r}",
+            f"after y={value_text(y)}, reference={value_text(reference)}",
             "go on with the next measurement, or reset(state); then look at the measurement's unit, saturation= and "
             "the noise covariances",
         )
     return NumericalFailure(
         "The controller's estimate or input is no longer finite; nothing was updated.",
-        f"after y={y!r}, reference={reference!r}",
+        f"after y={value_text(y)}, reference={value_text(reference)}",
         "step(None) to predict over this sample; if it goes on, reset(), and look at the measurement's unit, "
         "saturation= and the noise covariances",
     )

@@ -18,6 +18,7 @@ from flexhinf.loop.controller.remembered import BAD_RESULT, SPACING, Remembered,
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
+from flexhinf.untrusted import value_text
 
 __all__ = ["Running"]
 
@@ -227,7 +228,7 @@ class Running(Summarised):
         return InvalidInput(
             "The measurement or the command does not fit.",
             f"expected one measurement for each of {list(self.measured)} and one command for each of "
-            f"{list(self.commanded)}, got y={y!r}, reference={reference!r}",
+            f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
             "arrays of these lengths, or plain numbers for one signal",
         )
 

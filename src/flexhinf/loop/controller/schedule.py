@@ -14,7 +14,7 @@ from flexhinf.plant import Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import where
-from flexhinf.untrusted import real_number
+from flexhinf.untrusted import real_number, value_text
 
 __all__ = ["PaddedLaw", "Schedule", "chosen", "with_common_monomials"]
 
@@ -121,7 +121,9 @@ def _chosen(
 def _checked(laws: Any) -> tuple[Law, ...]:
     if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
         raise InvalidInput(
-            "A schedule needs laws.", f"expected a sequence of laws, got {laws!r}", "Schedule([law, other])"
+            "A schedule needs laws.",
+            f"expected a sequence of laws, got {value_text(laws)}",
+            "Schedule([law, other])",
         )
     for law in laws:
         check_kinds(law, None)
@@ -164,7 +166,7 @@ def _fraction(hysteresis: Any) -> float:
     if not 0.0 <= fraction < 1.0:
         raise InvalidInput(
             "The hysteresis of a schedule is no fraction.",
-            f"expected 0 <= number < 1, got {hysteresis!r}",
+            f"expected 0 <= number < 1, got {value_text(hysteresis)}",
             "hysteresis=0.1: another law must be nearer by 10 %",
         )
     return fraction

@@ -19,6 +19,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.options import Mode, positive
 from flexhinf.scalars import absolute, where
+from flexhinf.untrusted import value_text
 
 __all__ = ["FADE", "STEPS", "continued", "fade_time", "inverse_slope"]
 
@@ -46,7 +47,7 @@ def fade_time(fade: Any, mode: Mode) -> float:
     if fade is not None and not mode.takes_over:
         raise InvalidInput(
             "A time constant is given for a bias that never is.",
-            f"expected fade=None for one law that starts from zero, got {fade!r}",
+            f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
             "start='bumpless', or a Schedule of several laws",
         )
     return FADE if fade is None else positive(fade, "time constant of the fading bias", "fade=0.5")

@@ -72,7 +72,9 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
         If it is no integer >= 0, or higher than the signal's highest finite derivative.
     """
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 0:
-        raise InvalidInput("The order of a derivative is a number.", f"expected >= 0, got {order!r}", "4")
+        raise InvalidInput(
+            "The order of a derivative is a number.", f"expected >= 0, got {value_text(order)}", "4"
+        )
     if highest is not None and order > highest:
         raise InvalidInput(
             f"A {what} has no derivative of order {order}: {why}.",
@@ -233,7 +235,7 @@ class Quintic:
         _finite("Quintic", start=self.start, goal=self.goal, duration=self.duration, at=self.at)
         if self.duration <= 0.0:
             raise InvalidInput(
-                "A quintic needs time.", f"expected duration > 0 s, got {self.duration!r}", "1.0"
+                "A quintic needs time.", f"expected duration > 0 s, got {value_text(self.duration)}", "1.0"
             )
 
     @property

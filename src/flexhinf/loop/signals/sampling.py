@@ -19,7 +19,7 @@ from flexhinf.loop.signals.moving import Moving
 from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.untrusted import real_array
+from flexhinf.untrusted import real_array, value_text
 
 __all__ = [
     "by_name",
@@ -89,7 +89,7 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
     if values.shape not in _shapes(callable(signal), len(times), len(channels)):
         raise InvalidInput(
             f"The {what} does not fit its channels.",
-            f"expected {len(channels)} values for {list(channels)} at each time, got {signal!r}",
+            f"expected {len(channels)} values for {list(channels)} at each time, got {value_text(signal)}",
             f"a mapping by name, for example {{{channels[0]!r}: fh.Step(1.0)}}" if channels else f"no {what}",
         )
     values = values.reshape(len(times), -1) if callable(signal) else values
@@ -121,9 +121,9 @@ def _shapes(callable_: bool, samples: int, channels: int) -> tuple[tuple[int, ..
 
 
 def sample_disturbance(
-    signal: Any, period: float, samples: int, parts: int, channels: Sequence[str]
+    signal: Any, period: float, samples: int, parts: int, channels: Sequence[str], room: int | None = None
 ) -> np.ndarray:
-    """Values at the start, middle and end of every sub-step, (samples · parts · 3, channels).
+    """Values at the start, middle and end of every sub-step, (samples, room, 3, channels); zero beyond the last one.
 
     Parameters
     ----------
@@ -133,13 +133,15 @@ def sample_disturbance(
         s.
     samples, parts : int
         Number of samples, and of sub-steps in each.
+    room : int, optional
+        Sub-steps that there is room for, at least `parts`; so many by default.
 
     Raises
     ------
     InvalidInput
         As `sample_signal`, and if there would be too many numbers.
     """
-    count = samples * parts * 3
+    count, room = samples * parts * 3, parts if room is None else room
     if count * max(1, len(channels)) > MOST_NUMBERS:
         raise InvalidInput(
             "The run is too long for its sub-steps.",
@@ -148,11 +150,19 @@ def sample_disturbance(
             "a shorter run; or Loop(..., sub_steps=...) with fewer",
         )
     if signal is None:
-        return np.broadcast_to(0.0, (count, len(channels)))  # no memory for zeros
+        return np.broadcast_to(0.0, (samples, room, 3, len(channels)))  # no memory for zeros
     step = period / parts
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
-    return sample_signal(signal, times.ravel(), channels, "disturbance")
+    times, found = times.ravel(), np.zeros((samples, room, 3, len(channels)))
+    if not isinstance(signal, Mapping) or set(signal) - set(channels):
+        values = sample_signal(signal, times, channels, "disturbance")
+        found[:, :parts] = values.reshape(samples, parts, 3, len(channels))
+        return found
+    for name in signal:  # one channel at a time: all of them are 0.2 GB for 5 s of seven links
+        values = sample_signal(signal[name], times, [name], "disturbance")
+        found[:, :parts, :, tuple(channels).index(name)] = values.reshape(samples, parts, 3)
+    return found
 
 
 def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
@@ -166,7 +176,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
-            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {seed!r}", "seed=0"
+            "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
         )
     if noise is None:
         return np.zeros((samples, len(channels)))
@@ -176,7 +186,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     ):
         raise InvalidInput(
             "The measurement noise does not fit the measurements.",
-            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {noise!r}",
+            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
             "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
     return deviation * standard_normal(int(seed), samples, len(channels), sample)

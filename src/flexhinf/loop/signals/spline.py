@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order, checked_samples
+from flexhinf.untrusted import HUGE
 
 __all__ = ["Spline"]
 
@@ -41,11 +43,22 @@ class Spline:
     def __post_init__(self) -> None:
         for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
             object.__setattr__(self, name, array)
+        if np.abs(self.values).max() > HUGE:
+            raise InvalidInput(
+                "The values of a spline are out of all proportion.",
+                f"expected a magnitude of at most {HUGE:g}, got {np.abs(self.values).max():g}",
+                "values in SI units",
+            )
 
     @property
     def name(self) -> str:
         """A short description."""
-        return f"spline through {len(self.times)} samples over {self.times[-1] - self.times[0]:g} s"
+        return f"spline through {len(self.times)} samples over {self.duration:g} s"
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, s."""
+        return float(self.times[-1] - self.times[0])
 
     @cached_property
     def _curve(self) -> Any:
@@ -58,7 +71,7 @@ class Spline:
 
     @property
     def _unit(self) -> float:
-        return float(self.times[-1] - self.times[0]) / max(1, len(self.times) - 1)
+        return self.duration / max(1, len(self.times) - 1)
 
     def __call__(self, t: Any) -> Any:
         """The position."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import real_array, real_number
+from flexhinf.untrusted import real_array, real_number, value_text
 
 __all__ = ["DIRECT", "LONGEST", "WHOLE", "Channel", "check_delay"]
 
@@ -89,14 +89,14 @@ class Channel:
         ):
             raise InvalidInput(
                 "The quantisation does not fit the measurements.",
-                f"expected one step >= 0 or one for each of {list(measured)}, got {quantisation!r}",
+                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
                 "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
             )
         samples = late / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
             raise InvalidInput(
                 "The input delay is not a whole number of samples.",
-                f"expected a multiple of {period:g} s, got {delay!r} s",
+                f"expected a multiple of {period:g} s, got {value_text(delay)} s",
                 f"delay={period:g} for one sample",
             )
         check_delay(samples, period)

@@ -24,6 +24,7 @@ from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sa
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, sub_steps
+from flexhinf.untrusted import value_text
 
 __all__ = ["Loop"]
 
@@ -71,7 +72,9 @@ class Loop(Summarised):
             isinstance(sub_steps, bool) or not isinstance(sub_steps, int) or sub_steps < 1
         ):
             raise InvalidInput(
-                "The number of sub-steps is not usable.", f"expected an integer >= 1, got {sub_steps!r}", "4"
+                "The number of sub-steps is not usable.",
+                f"expected an integer >= 1, got {value_text(sub_steps)}",
+                "4",
             )
         self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
         if isinstance(true_plant, Plant):
@@ -227,18 +230,20 @@ class Loop(Summarised):
         times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
         samples, period, before = len(times), controller.period, controller.input_before(initial_input)
         x = starting_state(initial_state, plant.states, controller)
-        d = sample_disturbance(by_name(disturbance, plant), period, samples, parts, plant.disturbances)
+        d = sample_disturbance(
+            by_name(disturbance, plant), period, samples, parts, plant.disturbances, code.sizes.capacity
+        )
         arrays = {
             "x": x, "u": before.copy(),
             "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
             "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
             "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
-            "disturbance": code.undisturbed(samples) if disturbance is None else code.roomy(d, samples, parts),
+            "disturbance": code.undisturbed(samples) if disturbance is None else d.ravel(),
             "held": before.copy(),
         }  # fmt: skip
         recorded = {
             "reference": signals["reference"],
-            "disturbance": d.reshape(samples, -1)[:, : code.sizes.d].copy(),
+            "disturbance": d[:, 0, 0].copy(),
         }
         return PreparedRun(
             code,

@@ -80,17 +80,8 @@ class LoopCode:
         buffers = (replace(buffer, shared=buffer.name in names) for buffer in self.program.buffers)
         return replace(self.program, buffers=tuple(buffers)) if names else self.program
 
-    def roomy(self, d: np.ndarray, samples: int, parts: int) -> np.ndarray:
-        """Disturbances with room for `capacity` sub-steps a sample: a power of two, so that plants of a campaign
-        whose fastest modes differ a little run on one kernel."""
-        if parts == self.sizes.capacity:
-            return d.ravel()
-        room = np.zeros((samples, self.sizes.capacity, d.size // (samples * parts)))
-        room[:, :parts] = d.reshape(samples, parts, -1)
-        return room.ravel()
-
     def undisturbed(self, samples: int) -> np.ndarray:
-        """The same of no disturbance, as one array for all runs: pages that are never written take no memory."""
+        """No disturbance, as one array for all runs: pages that are never written take no memory."""
         return _zeros(samples * self.sizes.capacity * 3 * self.sizes.d)
 
 

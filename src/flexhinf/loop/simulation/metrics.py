@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import value_text
 
 __all__ = [
     "SETTLING_BAND",
@@ -147,7 +148,7 @@ def load_metrics(
     if not (np.isfinite(step) and step != 0.0):
         raise InvalidInput(
             "The recovery time needs the size of a step.",
-            f"expected a step other than zero, of which 2 % are the band, got {step!r}",
+            f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
             "step=0.1 as a reference, stated beside the result",
         )
     deviation = position[after] - command

@@ -81,7 +81,13 @@ class Axis(NamedTuple):
 
 
 def forward_dynamics(
-    tree: Tree, bodies: Sequence[Body], q: Any, dq: Any, torque: Any, gravity: Vector
+    tree: Tree,
+    bodies: Sequence[Body],
+    q: Any,
+    dq: Any,
+    torque: Any,
+    gravity: Vector,
+    armature: Sequence[Any] | None = None,
 ) -> list[Any]:
     """Joint accelerations q̈ = M(q)⁻¹ (τ − C(q, q̇) q̇ − G(q)), [featherstone2008].
 
@@ -93,7 +99,11 @@ def forward_dynamics(
         Positions, velocities and torques (forces of prismatic joints) of the joints, of any element.
     gravity : (3,)
         Acceleration of free fall in the world's frame, m/s².
+    armature : (n,), optional
+        Inertia that turns (mass that slides) with a joint alone: a rotor behind a rigid gear, M + diag(armature).
+        0.0 for none.
     """
+    own = [0.0] * len(tree) if armature is None else armature
     frames = frames_of(tree, q)
     n, parents = len(tree), tree.parents
     bias, products = _outwards_velocity(tree, bodies, frames, dq)
@@ -102,11 +112,11 @@ def forward_dynamics(
     left: list[Any] = [None] * n  # torque left for the acceleration
     for i in reversed(range(n)):
         slides, (force, moment) = tree.joints[i].slides, bias[i]
-        axes[i] = axis = _axis(slides, inertias[i])
+        axes[i] = axis = _axis(slides, inertias[i], own[i])
         left[i] = minus(torque[i], force[2] if slides else moment[2])
         if parents[i] < 0:
             continue
-        rest = _without(slides, inertias[i], axis)
+        rest = _without(slides, inertias[i], axis, _nothing(own[i]))
         linear, angular = products[i]
         drive = times(axis.inverse, left[i])
         force = add(force, add(add(apply(rest.a, linear), apply(rest.b, angular)), scaled(drive, axis.force)))
@@ -154,27 +164,31 @@ def _outwards_acceleration(
     return result
 
 
-def _axis(slides: bool, inertia: Inertia) -> Axis:
+def _nothing(armature: Any) -> bool:
+    return isinstance(armature, (float, int)) and armature == 0
+
+
+def _axis(slides: bool, inertia: Inertia, armature: Any) -> Axis:
     if slides:
         force = tuple(row[2] for row in inertia.a)
-        return Axis(force, inertia.b[2], 1.0 / force[2])
+        return Axis(force, inertia.b[2], 1.0 / plus(force[2], armature))
     moment = tuple(row[2] for row in inertia.d)
-    return Axis(tuple(row[2] for row in inertia.b), moment, 1.0 / moment[2])
+    return Axis(tuple(row[2] for row in inertia.b), moment, 1.0 / plus(moment[2], armature))
 
 
-def _without(slides: bool, inertia: Inertia, axis: Axis) -> Inertia:
-    """I − U Uᵀ / (Sᵀ I S): what is felt through the free joint; exactly zero along its axis."""
+def _without(slides: bool, inertia: Inertia, axis: Axis, bare: bool) -> Inertia:
+    """I − U Uᵀ / (Sᵀ I S + armature): what is felt through the joint; exactly zero along a bare one's axis."""
     f, m = axis.force, axis.moment
     g, k = scaled(axis.inverse, f), scaled(axis.inverse, m)
 
     def a(i: int, j: int) -> Any:
-        return 0.0 if slides and i == 2 else minus(inertia.a[i][j], times(f[i], g[j]))
+        return 0.0 if bare and slides and i == 2 else minus(inertia.a[i][j], times(f[i], g[j]))
 
     def d(i: int, j: int) -> Any:
-        return 0.0 if not slides and i == 2 else minus(inertia.d[i][j], times(m[i], k[j]))
+        return 0.0 if bare and not slides and i == 2 else minus(inertia.d[i][j], times(m[i], k[j]))
 
     def b(i: int, j: int) -> Any:
         free = i == 2 if slides else j == 2
-        return 0.0 if free else minus(inertia.b[i][j], times(f[i], k[j]))
+        return 0.0 if bare and free else minus(inertia.b[i][j], times(f[i], k[j]))
 
     return Inertia(symmetric(a), tuple(tuple(b(i, j) for j in range(3)) for i in range(3)), symmetric(d))

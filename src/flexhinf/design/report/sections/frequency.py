@@ -98,12 +98,12 @@ def bode_figure(loops: Sequence[Loop], joints: Sequence[str], load: str, positio
 def sensitivity_figure(loops: Sequence[Loop]) -> Figure:
     """Largest singular values of S and T, the loop broken at the inputs."""
     figure, ((axis,),) = _stacked(1, 3.6)
-    for place, loop in enumerate(loops):
-        style, response = line_style(place), loop.response
+    for loop in loops:
+        style, response = line_style(loop.style), loop.response
         hertz = response.frequencies / (2.0 * np.pi)
-        lead = "" if len(loops) == 1 else f"{loop.name}: "
+        name = "sensitivity S" if len(loops) == 1 else loop.name
         with house_style():
-            axis.plot(hertz, _decibel(_largest(response.sensitivity)), label=f"{lead}sensitivity S", **style)
+            axis.plot(hertz, _decibel(_largest(response.sensitivity)), label=name, **style)
             if len(loops) == 1:
                 other = line_style(1)
                 axis.plot(
@@ -112,7 +112,7 @@ def sensitivity_figure(loops: Sequence[Loop]) -> Figure:
                 )  # fmt: skip
     reference_line(axis)
     _bounded(axis)
-    label(axis, "largest singular value", "dB")
+    label(axis, f"largest singular value{'' if len(loops) == 1 else ' of S'}", "dB")
     legend(axis)
     what = (
         "S: how much the loop amplifies a disturbance at the motors (above 0 dB: more than without control)"

@@ -9,7 +9,15 @@ import numpy as np
 
 from flexhinf.design.modes import Mode
 from flexhinf.design.report.drawing import figure_block, framed, reference_line, thin
-from flexhinf.design.report.formatting import Units, count_text, joint_table, range_text, rounded, units_of
+from flexhinf.design.report.formatting import (
+    Units,
+    count_text,
+    finite,
+    joint_table,
+    range_text,
+    rounded,
+    units_of,
+)
 from flexhinf.design.report.sections.poles import vibration_damping
 from flexhinf.design.report.sections.step import spring_torques
 from flexhinf.design.requirements import RINGS
@@ -51,7 +59,11 @@ def law_blocks(design: Design) -> list[Any]:
 def law_remarks(design: Design) -> Iterator[str]:
     """A rigid design that was asked for and could not be made."""
     if design.specification.compare_rigid and design.rigid is None:
-        yield "No rigid design was made: a penalty that is code cannot be applied to a rigid robot."
+        yield (
+            "No rigid design was made: of a robot with rigid joints of its own it says nothing new."
+            if design.robot.rigid
+            else "No rigid design was made: a penalty that is code cannot be applied to a rigid robot."
+        )
 
 
 def _text(design: Design) -> str:
@@ -79,13 +91,15 @@ def _equilibrium(design: Design) -> Table:
     """State and input with which the robot is held at the goal."""
     n, plant, units = len(design.goal), design.problem.plant, units_of(design.evaluation)
     x, u = design.problem.operating_point, design.problem.operating_input
-    stiffness = np.atleast_1d(plant.parameters.named(plant.parameters.vector()).stiffness)
+    stiffness, layout = np.full(n, np.nan), design.robot.layout
+    stiffness[layout.elastic] = plant.parameters.named(plant.parameters.vector()).stiffness
+    whole = layout.whole(x)
     rows = [
         (
             name,
             units.scale * float(x[j]),
-            units.scale * float(x[2 * n + j]),
-            float(stiffness[j] * (x[2 * n + j] - x[j])),
+            units.scale * float(whole[2 * n + j]),
+            finite(stiffness[j] * (whole[2 * n + j] - x[j])),
             float(u[j]),
         )
         for j, name in enumerate(design.robot.joint_names)

@@ -103,10 +103,11 @@ def _title(group: str, comparison: Comparison) -> str:
     loads = ", ".join(number(float(value), 3) for value in runs.load)
     slides, degrees = setup.robot.links.slides, setup.specification.in_degrees
     way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
+    moved = "the same way" if setup.specification.move is None else "the stated waypoints"
     return {
         JUMP: f"Step {way}, commanded at once, integrals at zero",
         LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
-        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over the same way, with feedforward",
+        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
         SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
         LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
         COST: "Cost",
@@ -193,8 +194,8 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
         For a terminal.
     """
     found = [TableLine("criterion" if short else "Criterion and limits")]
-    found.append(_plain("criterion, nl-hinf = 1", "", [_cost(comparison, row) for row in rows]))
-    kept = ["–" if row.tuned is None else ("yes" if row.tuned.feasible else "no") for row in rows]
+    found.append(_plain("criterion, design = 1", "", [_cost(row) for row in rows]))
+    kept = ["yes" if row.tuned is not None and row.tuned.feasible else "no" for row in rows]
     found.append(_plain("limits of the tuning kept", "", kept))
     for lines in zip(*(row.requirements for row in rows)):
         first = lines[0]
@@ -215,9 +216,8 @@ def _plain(label: str, unit: str, cells: Sequence[str]) -> TableLine:
     return TableLine(label, unit, tuple(cells), tuple(False for _ in cells))
 
 
-def _cost(comparison: Comparison, row: ComparedLaw) -> str:
-    if row.tuned is None:
-        return "1" if row is comparison.own else "–"
+def _cost(row: ComparedLaw) -> str:
+    assert row.tuned is not None
     return number(row.tuned.cost, 3) if np.isfinite(row.tuned.cost) else "diverges"
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import REFERENCE
+from flexhinf.design.laws import NL_HINF
+from flexhinf.design.ranking import TradeOff
 from flexhinf.design.report.drawing import figure_block, line_style, panels, reference_line, thin
 from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TradeOff
 from flexhinf.report import Figure, house_style, label
 
 __all__ = ["responses_figure", "trade_off_figure"]
@@ -35,7 +35,7 @@ Signal = tuple[np.ndarray, np.ndarray]
 
 
 def responses_figure(comparison: Comparison) -> Figure:
-    """Errors of one joint in step, load and move: one row for each kind of laws, the design's own law in all."""
+    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
     groups = _groups(comparison)
     columns = _columns(comparison)
     figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
@@ -61,10 +61,10 @@ def responses_figure(comparison: Comparison) -> Figure:
     return figure_block(
         "laws", figure,
         (
-            "Errors of the true link position in the nonlinear loop, estimator and noise included. Left: the step, "
-            "commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link position "
-            f"minus plan. {REFERENCE} is in every row (thick). Axes are the same down a column; lines that leave a "
-            "panel go on.",
+            "Errors of the true link position in the nonlinear loop with estimator, without measurement noise. Left: "
+            "the step, commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link "
+            f"position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down a "
+            "column; lines that leave a panel go on.",
             f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
         ),
         "Laws in the same runs",
@@ -127,7 +127,7 @@ def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
     load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
     move = errors(lambda e: (e.move.response.run.time, e.move.error))
     shown = units_of(own)
-    plan = 1.5 * float(own.scenario.plan.duration)
+    plan = float(own.move.response.run.time[-1])
     return (
         _Column("step", "position − goal", shown.angle, "time (s)", step, shown.scale, (0.0, end)),
         _Column(
@@ -148,17 +148,19 @@ def _deviation(e: LawEvaluation) -> np.ndarray:
 
 
 def _groups(comparison: Comparison) -> list[tuple[str, list[ComparedLaw]]]:
-    """Laws of each kind beside the design's own; at least one row."""
+    """Laws of each kind beside nonlinear H∞."""
     found: dict[str, list[ComparedLaw]] = {}
-    for row in comparison.compared[1:]:
-        found.setdefault(row.kind.group, []).append(row)
+    for row in comparison.compared:
+        if row is not comparison.tuned_design:
+            found.setdefault(row.kind.group, []).append(row)
     return list(found.items()) or [(comparison.own.kind.group, [])]
 
 
 def _styles(comparison: Comparison, laws: Sequence[ComparedLaw]) -> list[tuple[ComparedLaw, dict[str, Any]]]:
-    """The design's own law thick, the others thin above it; a law has the same style in every figure of the page."""
+    """Nonlinear H∞ thick, the others thin above it; a law has the same style in every figure of the page."""
     styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
-    own = (comparison.own, {**styles[comparison.own.name], "linewidth": 2.2, "zorder": 2.5})
+    thick = comparison.tuned_design
+    own = (thick, {**styles[thick.name], "linewidth": 2.2, "zorder": 2.5})
     return [own, *((row, {**styles[row.name], "linewidth": 1.2, "zorder": 3.0}) for row in laws)]
 
 
@@ -201,7 +203,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
 
 
 def _trade_off(axis: Any, one: TradeOff, k: int) -> None:
-    style, own = line_style(k), one.name == REFERENCE
+    style, own = line_style(k), one.name == NL_HINF
     face = style["color"] if one.feasible else "none"
     with house_style():
         curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Two more runs: constant torques on the links at the goal, and the way of the step as a planned move."""
+"""Two more runs: constant torques on the links at the goal, and a move: the way of the step, or the stated one."""
 
 from __future__ import annotations
 
@@ -9,24 +9,21 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import (
-    DOTTED,
     figure_block,
     joint_lines,
     limit_lines,
+    plan_lines,
     reference_line,
-    thin,
     vertical_line,
 )
 from flexhinf.design.report.formatting import Units, joint_table, units_of
 from flexhinf.design.report.sections.step import effort_limit, peak_text
 from flexhinf.design.result import Design
 from flexhinf.report import (
-    MUTED,
     Column,
     Figure,
     Paragraph,
     Table,
-    house_style,
     label,
     legend,
     new_figure,
@@ -80,8 +77,9 @@ def _load_figure(e: LawEvaluation, units: Units) -> Figure:
 
 
 def _load_table(e: LawEvaluation, units: Units) -> Table:
-    parameters = e.setup.model.parameters
-    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness).astype(float)
+    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
+    stiffness = np.full(layout.n, np.inf)
+    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
     unit, scale = units.small
     rows = [
         (
@@ -121,43 +119,42 @@ def move_remarks(design: Design) -> Iterator[str]:
     """A move that diverges."""
     if design.evaluation.move.response.diverged_at is not None:
         yield (
-            "The loop diverges while it follows the planned move. Ask for a smaller step or a lower `--bandwidth`."
+            "The loop diverges while it follows the planned move. Ask for a slower move, "
+            "a smaller step or a lower `--bandwidth`."
         )
 
 
 def _text(e: LawEvaluation, units: Units) -> str:
     step, move = peak_text(e.step, units), peak_text(e.move.response, units)
+    duration, stated = f"{e.move.plan.duration:.3g} s", e.setup.specification.move is not None
+    about = (
+        f"The stated move takes {duration} ({e.move.plan.name})."
+        if stated
+        else f"Robots follow plans more often than steps. Here the plan covers the way of the step in {duration} "
+        f"({e.setup.specification.shaping if e.setup.specification.shaping == 'quintic' else 'limited jerk'})."
+    )
     return (
-        "Robots follow plans more often than steps. Here the plan covers the way of the step with limited jerk in "
-        f"{e.move.plan.duration:.3g} s, its feedforward comes from the elastic inverse dynamics, and the law acts on "
-        f"the error that is left. The move needs at most {move}, the step {step}."
+        f"{about} Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left. "
+        f"The move needs at most {move}, the step {step}."
     )
 
 
 def _move_figure(e: LawEvaluation, units: Units) -> Figure:
     move, joints = e.move, e.setup.robot.joint_names
-    response, (unit, scale) = move.response, units.small
-    time, few = response.run.time, thin(response.run.time)
+    response, (unit, scale), time = move.response, units.small, move.response.run.time
     limit, name = effort_limit(e, units)
-    away = response.positions - response.goal
+    stated = e.setup.specification.move is not None
+    origin = 0.0 if stated else response.goal
     figure, axes = new_figure(3, height=6.6)
-    joint_lines(axes[0], time, units.scale * away, joints if len(joints) > 1 else ["link"])
+    joint_lines(
+        axes[0], time, units.scale * (response.positions - origin), joints if len(joints) > 1 else ["link"]
+    )
     joint_lines(axes[1], time, scale * move.error, joints)
     joint_lines(axes[2], time, response.inputs, joints)
-    with house_style():
-        for joint in range(len(joints)):
-            plan = units.scale * (away - move.error)[few, joint]
-            axes[0].plot(
-                time[few],
-                plan,
-                color=MUTED,
-                linewidth=1.2,
-                linestyle=DOTTED,
-                label="plan" if joint == 0 else None,
-            )
+    plan_lines(axes[0], time, units.scale * (move.planned - origin), "plan")
     reference_line(axes[1])
     limit_lines(axes[2], limit, response.inputs, name)
-    label(axes[0], "link position − goal", units.angle)
+    label(axes[0], "link position" if stated else "link position − goal", units.angle)
     label(axes[1], "link position − plan", unit)
     label(axes[2], "input", units.effort)
     legend(axes[0])
@@ -171,7 +168,6 @@ def _move_figure(e: LawEvaluation, units: Units) -> Figure:
 
 def _move_table(e: LawEvaluation, units: Units) -> Table:
     unit, scale = units.small
-    ways = np.abs(e.setup.goal - e.setup.start)
     rows = [
         (
             row["joint"],
@@ -179,9 +175,11 @@ def _move_table(e: LawEvaluation, units: Units) -> Table:
             scale * row["largest_error"],
             100.0 * row["largest_error"] / float(way) if way else None,
             scale * row["rms_error"],
+            scale * row["final_error"],
             row["peak_input"],
+            units.scale * row["peak_speed"],
         )
-        for row, way in zip(e.move.metrics, ways)
+        for row, way in zip(e.move.metrics, e.move.ways)
     ]
     columns = (
         "joint",
@@ -189,6 +187,12 @@ def _move_table(e: LawEvaluation, units: Units) -> Table:
         Column("largest error", unit),
         Column("of the way", "%", 2),
         Column("rms error", unit),
+        Column("error at the end", unit),
         Column("peak input", units.effort),
+        Column("peak speed", units.rate),
     )
-    return joint_table(columns, rows, "Errors of the true link positions from the plan", "table-move")
+    caption = (
+        "Errors of the true link positions from the plan. Way: between the extreme positions of the plan. Error at the "
+        "end: largest in the last tenth of the run"
+    )
+    return joint_table(columns, rows, caption, "table-move")

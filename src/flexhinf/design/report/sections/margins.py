@@ -12,8 +12,8 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, joint_lines
 from flexhinf.design.report.formatting import Units, range_text, units_of
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
-from flexhinf.design.requirements import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.design.result import Design
+from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
 __all__ = ["blocks", "estimation_figure", "margin_rows", "remarks"]
@@ -182,7 +182,9 @@ def estimation_figure(e: LawEvaluation, units: Units) -> Figure | None:
     if e.setup.specification.estimator == "none":
         return None
     n = len(joints)
-    error = units.scale * (run.signals["state"][:, : 4 * n] - run.signals["estimate"])
+    layout = e.setup.robot.layout
+    truth, estimate = (layout.whole(run.signals[name].T) for name in ("state", "estimate"))
+    error = units.scale * (truth - estimate).T
     figure, axes = new_figure(4, height=7.4)
     titles = ("link position", "link velocity", "motor position", "motor velocity")
     for k, axis in enumerate(axes):

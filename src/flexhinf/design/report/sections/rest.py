@@ -88,7 +88,7 @@ def _figure(design: Design, run: RestRun) -> Figure:
     return figure_block(
         "rest", figure,
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
-        "sharp: it holds a motor until the torque exceeds it. An amplitude beyond "
+        f"{'sharp: it holds a motor until the torque exceeds it' if run.sharp else 'smoothed'}. An amplitude beyond "
         f"{number(scale * run.limit, 3)} {unit} is hunting.",
         "At rest with dry friction",
     )  # fmt: skip

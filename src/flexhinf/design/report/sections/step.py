@@ -1,9 +1,9 @@
-"""The step from the start pose to the goal: figure, the arm at a few instants, table; and on MuJoCo's plant."""
+"""The step from the start pose to the goal: figure and table; and on MuJoCo's plant."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from flexhinf.design.report.drawing import (
     framed,
     joint_lines,
     limit_lines,
-    panels,
+    plan_lines,
     reference_line,
     thin,
     widened,
@@ -28,30 +28,21 @@ from flexhinf.design.report.formatting import (
     settling_text,
     units_of,
 )
+from flexhinf.design.report.sections.arm_figure import arm_of
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.report import (
-    INK,
-    MUTED,
-    SERIES,
     Column,
     Figure,
     Table,
-    house_style,
     label,
     legend,
     new_figure,
     number,
 )
-from flexhinf.robot import Robot
-from flexhinf.robot.skeleton import skeleton
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = [
-    "arm_figure", "blocks", "difference_text", "effort_limit", "fed_text", "instants", "peak_text", "remarks",
-    "spring_torques", "step_text",
+    "blocks", "difference_text", "effort_limit", "fed_text", "peak_text", "remarks", "spring_torques", "step_text",
 ]  # fmt: skip
 
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
@@ -60,20 +51,11 @@ STARTING, MUCH = 20, 1.5
 #: What a robot may state and a true plant leaves out unless asked: how the parameter's name begins, and the extra.
 STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
 
-#: Parts of the way at which the arm is drawn.
-PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-
-#: Height of the figure, in inches, that legend, titles and names of the axes take.
-AROUND = 1.25
-
-#: Points closer together than this part of the robot's size lie in one plane.
-FLAT = 0.02
-
 
 def blocks(design: Design) -> list[Any]:
     """What the step looks like, and its figures for each joint."""
     e = design.evaluation
-    units, arm = units_of(e), _arm(e)
+    units, arm = units_of(e), arm_of(e)
     drawn = [] if arm is None else [arm]
     return [_figure(e, units), *drawn, _table(e, units), *_mujoco(design, units)]
 
@@ -166,12 +148,12 @@ def fed_text(e: LawEvaluation) -> str:
 
 
 def spring_torques(e: LawEvaluation, response: Response) -> np.ndarray:
-    """Torques of the nominal springs along a run (N, n), N·m or N."""
-    n = len(e.setup.goal)
-    parameters = e.setup.model.parameters
-    stiffness = np.atleast_1d(parameters.named(parameters.vector()).stiffness)
-    state = response.run.signals["state"]
-    return stiffness * (state[:, 2 * n : 3 * n] - state[:, :n])
+    """Torques of the nominal springs along a run (N, n), N·m or N; none of a rigid joint: zero."""
+    parameters, layout = e.setup.model.parameters, e.setup.robot.layout
+    stiffness = np.zeros(layout.n)
+    stiffness[layout.elastic] = parameters.named(parameters.vector()).stiffness
+    q, _, theta, _ = np.split(layout.whole(response.run.signals["state"].T), 4)
+    return stiffness * (theta - q).T
 
 
 def effort_limit(e: LawEvaluation, units: Units) -> tuple[np.ndarray | None, str]:
@@ -196,7 +178,11 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     )
     for axis, signal in zip(axes, signals):
         joint_lines(axis, response.run.time, signal, joints)
-    few = thin(response.run.time)
+    command, few = e.setup.command, thin(response.run.time)
+    if command is not None:
+        plan_lines(
+            axes[0], response.run.time, units.scale * (command(response.run.time) - response.goal), "command"
+        )
     steps = units.scale * np.abs(response.goal - response.start)
     axes[0].set_ylim(*widened(*framed(signals[0][few]), 0.1 * float(steps.max(initial=0.0))))
     axes[1].set_ylim(*framed(signals[1][few]))
@@ -206,24 +192,16 @@ def _figure(e: LawEvaluation, units: Units) -> Figure:
     label(axes[0], "link position − goal", units.angle)
     label(axes[1], "spring torque", units.spring)
     label(axes[2], "input", units.effort)
-    if len(joints) > 1:
+    if len(joints) > 1 or command is not None:
         legend(axes[0])
     bound = "" if limit is None else (f" (dashed: {name})" if shown else f" ({name}, beyond the panel)")
     return figure_block(
         "step", figure,
-        f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}: link positions as distance "
+        f"The step from the start pose to the goal in the nonlinear loop, {fed_text(e)}"
+        f"{'' if command is None else f', its command {command.name}'}: link positions as distance "
         f"from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response",
     )  # fmt: skip
-
-
-def _arm(e: LawEvaluation) -> Figure | None:
-    response, n = e.step, len(e.setup.goal)
-    if response.diverged_at is not None:
-        return None
-    motors = response.run.signals["state"][:, 2 * n : 3 * n]
-    at = instants(response.positions, response.start, response.goal)
-    return arm_figure(e.setup.robot, response.run.time, response.positions, motors, at)
 
 
 def _table(e: LawEvaluation, units: Units) -> Table:
@@ -297,111 +275,3 @@ def difference_text(design: Design, units: Units) -> str:
     apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
     where = f" ({ours.joints[int(np.argmax(apart))]})" if len(ours.joints) > 1 else ""
     return f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}{where}"
-
-
-# The arm ---------------------------------------------------------------------------------------------
-def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
-    """Samples at which a run (N, n) first has done these `PARTS` of its way, the last one at the end of the run.
-
-    Parameters
-    ----------
-    positions : (N, n)
-        Link positions.
-    start, goal : (n,)
-    """
-    way = goal - start
-    length = float(way @ way)
-    if not length:
-        return [0]
-    done = (positions - start) @ way / length
-    found = [int(np.argmax(done >= part)) if np.any(done >= part) else len(done) - 1 for part in PARTS[:-1]]
-    return sorted({*found, len(done) - 1})
-
-
-def arm_figure(
-    robot: Robot, time: np.ndarray, links: np.ndarray, motors: np.ndarray, at: Sequence[int]
-) -> Figure | None:
-    """Links and motors of a run at some samples; None for a robot whose links have no length.
-
-    Parameters
-    ----------
-    robot : Robot
-    time : (N,)
-        s.
-    links, motors : (N, n)
-        Positions, the motors' seen from the link side.
-    at : sequence of int
-    """
-    poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
-    points = np.concatenate([line for pair in poses for lines in pair for line in lines])
-    size = float(np.ptp(points, axis=0).max())
-    if size < 1e-9:
-        return None
-    right, up, names = _plane(np.asarray(robot.links.down, dtype=float), points, size)
-    flat = points @ np.column_stack([right, up])
-    low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
-    tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
-    height = AROUND + min(max(tall, 0.3), 2.0) * 7.0 / len(at)
-    figure, (axes,) = panels(1, len(at), height, 8.4, sharex=True, sharey=True)
-    for k, (axis, (own, held)) in enumerate(zip(axes, poses, strict=True)):
-        _drawn(axis, own, held, right, up, first=k == 0)
-        axis.set_title(f"{number(float(time[at[k]]), 3)} s")
-        axis.set_xlabel(f"{names[0]} (m)")
-    with house_style():
-        for axis in axes:
-            axis.set_xlim(low[0], high[0])
-            axis.set_ylim(low[1], high[1])
-            axis.set_aspect("equal")
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
-    label(axes[0], names[1], "m")
-    return figure_block(
-        "arm",
-        figure,
-        "The arm at five instants of the step. The angle between a link and its motor is the twist of the spring; "
-        "motors are seen from the link side of their gears. A last link is drawn to twice the distance of its centre "
-        "of mass.",
-        "The arm during the step",
-    )
-
-
-def _drawn(
-    axis: Axes,
-    own: Sequence[np.ndarray],
-    held: Sequence[np.ndarray],
-    right: np.ndarray,
-    up: np.ndarray,
-    first: bool,
-) -> None:
-    """One pose: motors dashed behind the links, joints as dots."""
-    with house_style():
-        for j, line in enumerate(held):
-            axis.plot(
-                line @ right, line @ up, color=SERIES[1], linewidth=1.3, dashes=(4.0, 2.0),
-                label="motors (springs without twist)" if first and j == 0 else None,
-            )  # fmt: skip
-        for j, line in enumerate(own):
-            axis.plot(
-                line @ right, line @ up, color=SERIES[0], linewidth=2.6, alpha=0.85,
-                label="links" if first and j == 0 else None,
-            )  # fmt: skip
-        joints = np.array([line[0] for line in own])
-        axis.plot(
-            joints @ right, joints @ up, "o", color=INK, markersize=3.5, label="joints" if first else None
-        )
-        axis.axhline(float(own[0][0] @ up), color=MUTED, linewidth=0.6, zorder=0.5)
-
-
-def _plane(
-    down: np.ndarray, points: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
-    """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
-    up = -down / np.linalg.norm(down)
-    centred = points - points.mean(axis=0)
-    level = centred - np.outer(centred @ up, up)
-    spread = np.linalg.svd(level, full_matrices=True)[2]
-    across = [row for row in spread if abs(row @ up) < 0.5]
-    right = across[0] * (1.0 if across[0].sum() >= 0.0 else -1.0)
-    if np.ptp(centred @ up) > FLAT * size:
-        return right, up, ("horizontal", "height")
-    ahead = np.cross(up, right)
-    return right, ahead, ("horizontal", "seen from above")

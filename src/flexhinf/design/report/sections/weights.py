@@ -1,4 +1,4 @@
-"""What was searched for: weights, with what covering the tolerances costs, and noise levels of the estimator."""
+"""The weights that were searched for, and what covering the tolerances costs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertica
 from flexhinf.design.report.formatting import count_text, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
-from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names
@@ -21,15 +20,10 @@ __all__ = [
     "blocks",
     "candidate_rows",
     "effort_unit",
-    "noise_blocks",
     "robust_rows",
     "selected_candidates",
-    "selected_noise",
     "state_weights",
 ]
-
-#: Candidates beside the one that is used, the nearest in the order of the search.
-NEIGHBOURS = 3
 
 PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
@@ -95,7 +89,7 @@ def _search(design: Design) -> str:
 
 
 def candidate_rows(design: Design) -> list[tuple[float, str, str, float, float, float, bool]]:
-    """ζ, ω, bandwidth, worst and nominal damping, γ*, and whether it is the one that is used; by ζ."""
+    """Largest ζ, ω, bandwidth, worst and nominal damping, γ*, and whether it is the one that is used; by ζ."""
     search = design.design_problem.search
     assert search is not None
     return [
@@ -129,7 +123,7 @@ def _candidates(design: Design) -> Table:
         for row in selected_candidates(every)
     ]
     columns = (
-        Column("damping weight ζ", "", 3),
+        Column("largest damping weight ζ", "", 3),
         Column("target frequency ω", "rad/s"),
         Column("bandwidth", "rad/s"),
         Column("damping, worst robot", "", 3),
@@ -167,15 +161,15 @@ def _search_figure(design: Design) -> Figure:
         right.plot(weight, [c.design.gamma_star for c in candidates], "o-", color=SERIES[0], **dots)
         for axis in (left, right):
             vertical_line(axis, search.chosen.damping_weight)
-            axis.set_xlabel("damping weight ζ")
+            axis.set_xlabel("largest damping weight ζ")
         left.set_ylim(bottom=0.0)
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
     label(left, "smallest damping ratio", "")
     label(right, "γ*", "")
     return figure_block(
         "search", figure,
-        "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the damping "
-        "weight ζ. The dotted line is the ζ that is used.",
+        "Candidates at the required bandwidth: the smallest damping ratio of an oscillation, and γ*, over the largest "
+        "damping weight ζ. The dotted line is the ζ that is used.",
         "Search for the weights",
     )  # fmt: skip
 
@@ -303,84 +297,3 @@ def _weights_by_joint(design: Design, found: list[Weight]) -> Table:
     return Table(
         ("weight of", *joints, "unit"), cells, "Weights: h(x) has one entry for each", "table-weights"
     )
-
-
-# Noise levels of the estimator --------------------------------------------------------------------------
-def noise_blocks(design: Design) -> list[Any]:
-    """Levels in use, and the candidates of the search; none without an estimator."""
-    if design.specification.estimator == "none":
-        return []
-    return [Paragraph(_noise_text(design)), *([] if design.noise_search is None else [_noise_table(design)])]
-
-
-def _noise_text(design: Design) -> str:
-    noise = design.setup.process_noise
-    levels = (
-        ("every state", noise.all_states),
-        ("link velocities", noise.link_velocities),
-        ("motor velocities", noise.motor_velocities),
-    )
-    used = ", ".join(f"{number(level, 3)} on {where}" for where, level in levels if level) or "0"
-    text = (
-        f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {used} ({noise.source}). Rⁿ "
-        f"of a measured position: {number(design.specification.measurement_noise, 3)}. Rᵛ is a parameter of the "
-        "design: a larger one makes the estimator faster, which gives the loop its margins back and costs noise at "
-        "the motors."
-    )
-    if design.noise_search is None:
-        return text
-    return f"{text} {_outcome(design.noise_search)}"
-
-
-def _outcome(search: NoiseSearch) -> str:
-    """What the search reached, in one sentence or two."""
-    chosen, least = search.chosen, "with the least noise at the motors"
-    if chosen.feasible:
-        return f"The search took the levels {least} that keep every limit of the running loop."
-    if chosen.unstable or not set(chosen.missed) <= set(search.unreachable):
-        outcome = "No levels keep all limits of the running loop: the search took those that miss them least."
-    else:
-        outcome = f"The search took the levels {least} that keep the other limits."
-    if not search.unreachable:
-        return outcome
-    return f"No levels reach the limit of the {' and the '.join(search.unreachable)}, which was left out. {outcome}"
-
-
-def selected_noise(design: Design) -> list[NoiseCandidate]:
-    """The candidate that is used and its neighbours in the order of the search."""
-    search = design.noise_search
-    assert search is not None
-    every = list(search.candidates)
-    used = next((k for k, one in enumerate(every) if one is search.chosen), len(every) - 1)
-    return every[max(0, used - NEIGHBOURS) : used + NEIGHBOURS + 1]
-
-
-def _noise_table(design: Design) -> Table:
-    search = design.noise_search
-    assert search is not None
-    rows = [
-        (
-            number(one.levels.motor_velocities, 3),
-            number(one.levels.link_velocities, 3),
-            *map(
-                _finite, (one.peak_sensitivity, one.gain_margin, one.damping, one.compliance, one.input_noise)
-            ),
-            one.unstable,
-            "used" if one is search.chosen else ("" if one.feasible else "misses a limit"),
-        )
-        for one in selected_noise(design)
-    ]
-    unit = design.setup.model.unit(design.setup.model.inputs[0])
-    columns = (
-        "Rᵛ, motor velocities",
-        "Rᵛ, link velocities",
-        Column("peak sensitivity", "", 2),
-        Column("gain margin", "", 2),
-        Column("smallest damping ratio", "", 3),
-        Column("compliance / true state", "", 2),
-        Column("noise at the motor (rms)", unit),
-        "unstable corners",
-        "",
-    )
-    caption = f"{len(rows)} of {len(search.candidates)} candidates; design.json has all"
-    return Table(columns, rows, caption, "table-noise-search")

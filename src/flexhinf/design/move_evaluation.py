@@ -1,0 +1,84 @@
+"""What a move must keep: a stated one is tracked, comes to rest and keeps the limits; a planned one only the last."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexhinf.design.joint_limits import JointLimits
+from flexhinf.design.requirements import Requirement, limit_requirements
+from flexhinf.design.responses import Move
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.loop.simulation.metrics import SETTLING_BAND
+
+__all__ = ["TRACKING_FRACTION", "move_requirements", "tracking_limits"]
+
+#: Default limit of the tracking error, as a fraction of the joint's way along the move.
+TRACKING_FRACTION = 0.05
+
+#: A joint that hardly moves has at least this fraction of the largest way of the joints of its kind.
+LEAST_WAY = 0.1
+
+STATED, PLANNED = "the stated move, nominal robot", "the planned move"
+
+
+def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list[Requirement]:
+    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits."""
+    if s.move is None:
+        return limit_requirements(limits, move.response, PLANNED, always=False)
+    most = tracking_limits(s, limits, move)
+    option = FIELDS["tracking_error"].options[0] if s.tracking_error is not None else "default"
+    return [
+        _nearest(
+            limits, move, "tracking error", "largest_error", most, option,
+            "largest distance of a true link position from the move, of the joint nearest to its limit",
+        ),
+        _nearest(
+            limits, move, "distance after the move", "final_error", SETTLING_BAND * _ways(limits, move), "default",
+            "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
+        ),
+        *limit_requirements(limits, move.response, STATED),
+    ]  # fmt: skip
+
+
+def tracking_limits(s: Specification, limits: JointLimits, move: Move) -> np.ndarray:
+    """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
+
+    Raises
+    ------
+    SpecificationError
+        For a number of limits that is not the number of joints.
+    """
+    if s.tracking_error is None:
+        return TRACKING_FRACTION * _ways(limits, move)
+    stated, count = np.array(s.tracking_error), len(limits.joints)
+    if len(stated) not in (1, count):
+        raise SpecificationError(
+            "tracking_error",
+            "The tracking error does not fit the joints.",
+            f"expected one number, or one for each of {list(limits.joints)}, got {len(stated)}",
+            example=",".join(f"{one:g}" for one in np.resize(stated, count)),
+        )
+    return np.array(np.broadcast_to(stated, (count,)))
+
+
+def _ways(limits: JointLimits, move: Move) -> np.ndarray:
+    """Way (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
+    ways, units = move.ways, np.array(limits.position_units)
+    largest = np.array([ways[units == unit].max() for unit in units])
+    return np.maximum(ways, LEAST_WAY * np.where(largest > 0.0, largest, 0.1))
+
+
+def _nearest(
+    limits: JointLimits, move: Move, what: str, key: str, most: np.ndarray, option: str, criterion: str
+) -> Requirement:
+    """The line of the joint whose figure is nearest to its own limit (n,)."""
+    rows = move.metrics
+    if not rows:
+        joint, found = int(np.argmin(most)), np.inf
+    else:
+        values = np.array([row[key] for row in rows])
+        joint = int(np.argmax(values / most))
+        found = float(values[joint])
+    name = limits.joints[joint] if len(limits.joints) > 1 else ""
+    unit, limit = limits.position_units[joint], float(most[joint])
+    return Requirement(what, limit, found, unit, True, STATED, criterion, option, name)

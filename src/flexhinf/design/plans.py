@@ -1,0 +1,200 @@
+"""How commands get from one pose to another: the shaped step, the planned move, and the move that is stated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.responses import Plan
+from flexhinf.design.specification import RUN_SAMPLES, Specification
+from flexhinf.design.waypoint_table import WaypointError, WaypointTable
+from flexhinf.design.weights.choose import BANDWIDTH_FRACTION
+from flexhinf.design.weights.scales import JointScales
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import JerkLimited, Waypoints
+from flexhinf.plant import Law
+from flexhinf.robot import Robot, check_reference
+
+__all__ = ["EFFORT_FRACTION", "has_integrals", "plan_move", "stated_move", "step_command"]
+
+#: Time of a quintic times the bandwidth: then it keeps the limits below.
+QUINTIC_TIME = 4.7
+
+#: How a stated move runs through its waypoints, by the shaping.
+THROUGH = {"jump": "spline", "quintic": "quintic", "jerk-limited": "jerk-limited"}
+
+#: Most instants at which a stated move is checked.
+INSTANTS = 20_000
+
+#: Limits of the move's velocity, acceleration and jerk, over the way times ω, ω², ω³ for a bandwidth ω.
+VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
+
+#: Largest fraction of what an effort limit leaves beside the weight that the feedforward may use; the rest is left for
+#: feedback. The move is slowed down by the second factor until it does, at most so many times.
+EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
+
+#: A joint that does not move still needs limits of its plan: those of this fraction of the largest way.
+LEAST_WAY = 1e-3
+
+
+def has_integrals(law: Law) -> bool:
+    """Whether a law integrates the error of link positions, so that a command enters through the integrals."""
+    return any(name.endswith("_integral") for name in law.state_names)
+
+
+# The way from start to goal ----------------------------------------------------------------------------------
+def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
+    """The command of the step from start to goal by the shaping; None for a jump.
+
+    It does not depend on the law, so that laws are compared with the same command: it is made for the stated bandwidth,
+    or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
+
+    Raises
+    ------
+    InvalidInput
+        As `plan_move`.
+    """
+    if s.shaping == "jump" or not np.any(goal != start):
+        return None
+    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+    bandwidth = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    held = [robot.operating_point(at)[1] for at in (start, goal)]
+    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
+
+
+def plan_move(
+    robot: Robot,
+    s: Specification,
+    start: np.ndarray,
+    goal: np.ndarray,
+    bandwidth: np.ndarray,
+    slowest_vibration: float,
+    held: Sequence[np.ndarray],
+) -> Plan:
+    """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
+
+    Parameters
+    ----------
+    robot, s
+        Limits of effort and speed are the specification's, or the robot's.
+    start, goal, bandwidth : (n,)
+        Link positions, rad or m, and rad/s.
+    slowest_vibration : float
+        Its period smooths the plan, rad/s.
+    held : sequence of (m,)
+        Inputs that hold the robot at start and goal, beside which the limit leaves room.
+
+    Raises
+    ------
+    InvalidInput
+        If the move leaves the joints' ranges, or no slower move keeps the other limits.
+    """
+    limits = joint_limits(robot, s)
+    limit = _feedforward_limit(limits, held)
+    for k in range(STRETCHES):
+        rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
+        plan = _planned(s, start, goal, rate, 2.0 * math.pi / slowest_vibration)
+        try:
+            check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
+        except InvalidInput:
+            if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
+                raise
+            continue
+        return plan
+    raise AssertionError("unreachable")
+
+
+def _planned(
+    s: Specification, start: np.ndarray, goal: np.ndarray, rate: np.ndarray, smoothing: float
+) -> Plan:
+    """One way within the limits of velocity, acceleration and jerk that belong to bandwidths (n,)."""
+    if s.shaping == "quintic":
+        return Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
+    way = np.abs(goal - start)
+    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
+    return JerkLimited(
+        start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3, smoothing=smoothing
+    )  # fmt: skip
+
+
+def _feedforward_limit(limits: JointLimits, held: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The largest input (n,) that the feedforward may use of each motor; None without an effort limit."""
+    if not limits.limits_effort:
+        return None
+    needed = np.abs(held).max(axis=0)
+    return needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
+
+
+# A stated move -----------------------------------------------------------------------------------------------
+def stated_move(robot: Robot, s: Specification) -> Plan | None:
+    """The move of a specification, checked against the joints' ranges, speeds and efforts; None where none is stated.
+
+    Raises
+    ------
+    InvalidInput
+        For names that are not the joints', and for a move that leaves a limit, with the joint, the time, the value and
+        how much slower the move would keep it.
+    """
+    if s.move is None:
+        return None
+    plan = _through(robot, s, 1.0)
+    samples = 1.5 * plan.duration / s.period
+    if samples > RUN_SAMPLES:
+        raise WaypointError(
+            "The move takes too long.",
+            f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
+            "times in seconds; 'time [ms]' in the header where they are not",
+        )
+    limits = joint_limits(robot, s)
+    try:
+        _check(robot, s, plan, limits, INSTANTS)
+    except InvalidInput as error:
+        raise WaypointError(
+            error.what.replace("The reference", "The move"),
+            error.found,
+            _slower(robot, s, limits) or error.advice,
+        ) from None
+    return plan
+
+
+def _through(robot: Robot, s: Specification, factor: float) -> Plan:
+    """The move of a specification with its times longer by a factor."""
+    if not isinstance(s.move, WaypointTable):
+        return cast("Plan", s.move)
+    positions = s.move.positions(robot.joint_names, robot.links.slides)
+    profile, smoothing = THROUGH[s.shaping], 0.0
+    if profile == "jerk-limited":
+        pose = np.clip(positions[-1], *_ranges(robot))
+        scales = JointScales.of(robot.plant(), robot.operating_point(pose))
+        smoothing = 2.0 * math.pi / float(scales.vibration.min())
+    return Waypoints(factor * np.array(s.move.times), positions, profile, smoothing)
+
+
+def _ranges(robot: Robot) -> np.ndarray:
+    """Lower and upper ends (2, n) of the joints' ranges."""
+    return np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits]).T
+
+
+def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, instants: int) -> None:
+    effort = limits.effort if limits.limits_effort else None
+    period = max(s.period, plan.duration / instants)
+    check_reference(robot, plan, plan.duration, effort, period, limits.speed)
+
+
+def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
+    """Advice with the least factor of `STRETCH` to some power by which a slower move keeps all limits; "" for none."""
+    if not isinstance(s.move, WaypointTable):
+        return ""
+    for k in range(1, STRETCHES):
+        try:
+            _check(robot, s, _through(robot, s, STRETCH**k), limits, INSTANTS // 10)
+        except InvalidInput:
+            continue
+        longest = STRETCH**k * s.move.times[-1]
+        return f"times {STRETCH**k:.3g} times as long: the move keeps its limits in {longest:.3g} s"
+    return ""

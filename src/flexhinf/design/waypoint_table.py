@@ -1,0 +1,255 @@
+"""Waypoints of the joints as people write them: a CSV file, columns by name, or a signal.
+
+A file has a header with ``time`` and the joints' names, each with its unit behind it where that is not the SI unit, and
+one row per waypoint; lines that begin with # are comments::
+
+    time [s], shoulder [deg], elbow [deg]
+    0,        0,              0
+    0.8,      30,             -20
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, WithJsonSchema
+
+from flexhinf.design.units import Allowed
+from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import read_text, real_array, value_text
+
+__all__ = ["Move", "WaypointError", "WaypointTable", "waypoints"]
+
+#: Largest file, bytes, and most rows: 100 s at 1 kHz.
+LARGEST, MOST_ROWS = 20_000_000, 100_000
+
+SECONDS = {"s": 1.0, "ms": 1e-3}
+TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+SLIDING = {"m": 1.0, "mm": 1e-3}
+
+_HEADING = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*\Z")
+
+
+class WaypointError(InvalidInput):
+    """Waypoints that cannot be used, with where they stand."""
+
+
+@dataclass(frozen=True)
+class WaypointTable:
+    """Positions of joints at times, not yet of a certain robot.
+
+    Attributes
+    ----------
+    times : tuple of float
+        From 0 on, increasing, s.
+    joints : tuple of str
+        Names of the columns.
+    units : tuple of str
+        Those that were stated; empty where none was.
+    rows : tuple of tuple of float
+        Positions at each time, rad or m.
+    """
+
+    times: tuple[float, ...]
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+    def columns(self) -> dict[str, list[float]]:
+        """The same by name in SI units, as `waypoints` takes it: for a design file."""
+        values = np.array(self.rows).T.tolist()
+        return {"time": list(self.times), **dict(zip(self.joints, values))}
+
+    def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
+        """Positions (N, n) of a robot's joints, in their order.
+
+        Raises
+        ------
+        WaypointError
+            For names that are not the joints', joints without a column, and units of the other kind of joint.
+        """
+        from flexhinf.robot.signals import signal_names  # `flexhinf --help` reads fields, and no robot
+
+        full = dict(zip(signal_names("link_position", joints), joints))
+        named = [full.get(name, name) for name in self.joints]
+        for name in named:
+            if name not in joints:
+                close = difflib.get_close_matches(name, joints, n=1)
+                raise WaypointError(
+                    f"The waypoints have a column {value_text(name, 60)}, and the robot no such joint.",
+                    f"expected 'time' and {list(joints)}, got {['time', *self.joints]}",
+                    f"{close[0]!r}" if close else "the names of the joints as `flexhinf robots` shows them",
+                )
+        missing = [name for name in joints if name not in named]
+        if missing or len(set(named)) < len(named):
+            raise WaypointError(
+                "The waypoints do not have one column for each joint.",
+                f"expected each of {list(joints)} once, got {list(self.joints)}",
+                f"a column for {', '.join(missing)}; the same position in every row where a joint stays"
+                if missing
+                else "each joint once",
+            )
+        for name, unit in zip(named, self.units):
+            fitting = SLIDING if slides[list(joints).index(name)] else TURNING
+            if unit and unit not in fitting:
+                raise WaypointError(
+                    f"The unit of the waypoints of joint {name!r} does not fit it.",
+                    f"expected one of {list(fitting)}, got {unit!r}",
+                    f"'{name} [{next(iter(fitting))}]' in the header",
+                )
+        order = [named.index(name) for name in joints]
+        return np.array(self.rows)[:, order]
+
+
+def waypoints(value: Any) -> Any:
+    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is.
+
+    Raises
+    ------
+    WaypointError
+        For a file or columns that are no waypoints.
+    ValueError
+        For anything else.
+    """
+    if isinstance(value, WaypointTable):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        if not str(value).strip():
+            raise ValueError(value)
+        return _read(Path(value))
+    if isinstance(value, Mapping):
+        return _table(dict(value), "The waypoints", lambda row: f"row {row + 1}")
+    if hasattr(value, "derivatives") and hasattr(value, "duration"):
+        return value
+    raise ValueError(value)
+
+
+def _read(path: Path) -> WaypointTable:
+    """The table of a CSV file."""
+    try:
+        text = read_text(path, LARGEST, "waypoints as CSV")
+    except InvalidInput as error:
+        raise WaypointError(error.what, error.found, error.advice) from None
+    numbered = [(k, line) for k, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1)]
+    kept = [(k, line) for k, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    semicolons = bool(kept) and ";" in kept[0][1]
+    try:
+        cells = list(csv.reader((line for _, line in kept), delimiter=";" if semicolons else ","))
+    except csv.Error as error:
+        raise WaypointError(
+            f"{path.name}: this is no CSV file.", f"expected rows of numbers, got: {error}", "time,shoulder"
+        ) from None
+    if len(cells) != len(kept) or len(kept) > MOST_ROWS + 1:
+        raise WaypointError(
+            f"{path.name}: its rows cannot be read.",
+            f"expected one waypoint a line, at most {MOST_ROWS}, without line breaks in quotes; got {len(kept)} lines",
+            "fewer rows: the motion between them is smooth",
+        )
+    lines = [k for k, _ in kept[1:]]
+    columns = _columns(path.name, cells[0] if cells else [], cells[1:], lines)
+    return _table(columns, f"{path.name}: the waypoints", lambda row: f"line {lines[row]}")
+
+
+def _columns(
+    file: str, heading: list[str], rows: list[list[str]], lines: list[int]
+) -> dict[str, list[float]]:
+    """Numbers by heading."""
+    heading = [name.strip() for name in heading]
+    if len(set(heading)) < len(heading) or not all(heading):
+        raise WaypointError(
+            f"{file}: the header does not name each column once.",
+            f"expected time and the names of the joints, got {value_text(heading)}",
+            "time,shoulder,elbow",
+        )
+    found: dict[str, list[float]] = {name: [] for name in heading}
+    for line, row in zip(lines, rows):
+        if len(row) != len(heading):
+            raise WaypointError(
+                f"{file}, line {line}: the number of values is not that of the columns.",
+                f"expected {len(heading)}, got {len(row)}",
+                "one value for each column of the header",
+            )
+        for name, cell in zip(heading, row):
+            try:
+                found[name].append(float(cell.replace("_", "x")))
+            except ValueError:
+                raise WaypointError(
+                    f"{file}, line {line}: {value_text(name, 60)} is no number.",
+                    f"expected a number, its unit in the header ('elbow [deg]'), got {value_text(cell, 60)}",
+                    "0.5",
+                ) from None
+    return found
+
+
+def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
+    """A table of columns by heading; `place` says where a row stands."""
+    headings = [_HEADING.match(name) if isinstance(name, str) else None for name in columns]
+    named = [("", "") if match is None else (match[1], match[2] or "") for match in headings]
+    if [name for name, _ in named].count("time") != 1 or len(named) < 2 or not all(name for name, _ in named):
+        raise WaypointError(
+            f"{what} need a column 'time' and one for each joint.",
+            f"expected time,shoulder,elbow, got {value_text(list(columns))}",
+            "a header 'time [s],shoulder [deg],elbow [deg]'",
+        )
+    values = {}
+    for (name, unit), column in zip(named, columns.values()):
+        units = SECONDS if name == "time" else {**TURNING, **SLIDING}
+        if unit and unit not in units:
+            raise WaypointError(
+                f"{what} have a unit that is not known.",
+                f"expected one of {list(units)} for {value_text(name, 60)}, got {value_text(unit, 60)}",
+                f"'{name} [{next(iter(units))}]'",
+            )
+        values[name] = units.get(unit, 1.0) * real_array(column)
+    times = values.pop("time")
+    positions = list(values.values())
+    if times.ndim != 1 or any(column.shape != times.shape for column in positions) or len(times) < 2:
+        raise WaypointError(
+            f"{what} do not make a motion.",
+            f"expected at least two, one position of each joint per time, got {_sizes(times, values)}",
+            "a first row where the motion begins, and one where it ends",
+        )
+    _check_rows(times, np.column_stack(positions), list(values), what, place)
+    rows = tuple(map(tuple, np.column_stack(positions).tolist()))
+    units = tuple(unit for name, unit in named if name != "time")
+    return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
+
+
+def _check_rows(times: np.ndarray, positions: np.ndarray, names: list[str], what: str, place: Any) -> None:
+    """Finite numbers, and times that increase."""
+    both = np.column_stack([times, positions])
+    if not np.isfinite(both).all():
+        row, column = np.argwhere(~np.isfinite(both))[0].tolist()
+        raise WaypointError(
+            f"{what} hold what is no finite number.",
+            f"expected numbers, got {both[row, column]} of {['time', *names][column]!r} in {place(row)}",
+            "leave the row out",
+        )
+    if not (np.diff(times) > 0.0).all():
+        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+        raise WaypointError(
+            f"{what} are not in the order of time.",
+            f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
+            "sort the rows, and drop repeated times",
+        )
+
+
+def _sizes(times: np.ndarray, values: Mapping[str, np.ndarray]) -> str:
+    return ", ".join(f"{array.size} of {name!r}" for name, array in {"time": times, **values}.items())
+
+
+Move = Annotated[
+    Any,
+    BeforeValidator(waypoints),
+    Allowed("a CSV file with columns time and joints, or such columns by name"),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
+]

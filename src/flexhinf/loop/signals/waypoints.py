@@ -1,0 +1,131 @@
+"""A motion through waypoints at stated times: passed through smoothly, or stopped at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop.signals.jerk_limited import JerkLimited
+from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
+from flexhinf.loop.signals.spline import Spline
+from flexhinf.untrusted import value_text
+
+__all__ = ["PROFILES", "Waypoints"]
+
+#: How the way between two waypoints is covered.
+PROFILES = ("spline", "quintic", "jerk-limited")
+
+#: A jerk-limited way of length 1 that takes UNIT_TIME / rate seconds with these limits times rate, rate² and rate³.
+VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
+UNIT_TIME = 1.0 / VELOCITY + VELOCITY / ACCELERATION + ACCELERATION / JERK
+
+#: Most waypoints that a motion stops at: each has a profile of its own.
+MOST_STOPS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """From rest at the first waypoint to rest at the last one, through all others, each at its time.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Increasing, s.
+    values : (N,) array, or (N, k) with one column per channel
+    profile : {"spline", "quintic", "jerk-limited"}
+        spline: passes through, as `Spline`. The other two stop at every waypoint and go straight to the next one, all
+        channels together: by `Quintic`, or by `JerkLimited`.
+    smoothing : float
+        Length of the moving average of jerk-limited motions, s; every way between two waypoints must take longer.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples do not describe a function of time, there is no such profile, there are more than 1000 stops, or
+        a way is shorter than the smoothing.
+    """
+
+    times: Any
+    values: Any
+    profile: str = "spline"
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
+            object.__setattr__(self, name, array)
+        if self.profile not in PROFILES:
+            raise InvalidInput(
+                "There is no such profile of a motion.",
+                f"expected one of {list(PROFILES)}, got {value_text(self.profile)}",
+                "profile='jerk-limited'",
+            )
+        if self.profile == "spline":
+            return
+        if len(self.times) > MOST_STOPS:
+            raise InvalidInput(
+                "A motion stops at too many waypoints.",
+                f"expected at most {MOST_STOPS}, got {len(self.times)}",
+                "profile='spline', which passes through them",
+            )
+        shortest = float(np.diff(self.times).min(initial=np.inf))
+        if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
+            raise InvalidInput(
+                "The smoothing of a motion does not fit its waypoints.",
+                f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
+                "waypoints further apart in time, or profile='spline'",
+            )
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        how = "spline through" if self.profile == "spline" else f"{self.profile} from stop to stop of"
+        return f"{how} {len(self.times)} waypoints in {self.duration:.4g} s"
+
+    @property
+    def duration(self) -> float:
+        """From the first waypoint to the last, s."""
+        return float(self.times[-1] - self.times[0])
+
+    def __call__(self, t: Any) -> Any:
+        """The position."""
+        return self.derivatives(t, 0)[0]
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …), from the right where they jump.
+
+        Raises
+        ------
+        InvalidInput
+            For an order above the profile's highest finite derivative: 4 of a spline and of smoothed jerk-limited
+            motions, 3 without smoothing. The jerk of a quintic jumps at every stop, as `Quintic` says.
+        """
+        t = np.asarray(t, dtype=float)
+        if self.profile == "spline":
+            return self._spline.derivatives(t, order)
+        order = checked_order(order, "motion through waypoints")
+        found = np.zeros((order + 1, *t.shape, *self.values.shape[1:]))
+        found[0] += self.values[0]
+        for way, covered in zip(np.diff(self.values, axis=0), self._covered):
+            found += np.multiply.outer(covered.derivatives(t, order), way)
+        return found
+
+    @cached_property
+    def _spline(self) -> Spline:
+        return Spline(self.times, self.values)
+
+    @cached_property
+    def _covered(self) -> tuple[Quintic | JerkLimited, ...]:
+        """For each way between two waypoints, the part of it that is covered: from 0 to 1."""
+        pairs = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
+        if self.profile == "quintic":
+            return tuple(Quintic(0.0, 1.0, length, at=begin) for begin, length in pairs)
+        return tuple(self._jerk_limited(begin, length) for begin, length in pairs)
+
+    def _jerk_limited(self, begin: float, length: float) -> JerkLimited:
+        rate = UNIT_TIME / (length - self.smoothing)
+        limits = VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3
+        return JerkLimited(0.0, 1.0, *limits, at=begin, smoothing=self.smoothing)

@@ -1,0 +1,119 @@
+"""Commands and moves: by the shaping, within the joints' limits, and refused with how much slower they must be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design import Specification
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.plans import stated_move, step_command
+from flexhinf.errors import InvalidInput
+
+Benches = Callable[..., LoopSetup]
+WAY = {"time": [0.0, 0.8, 2.0], "elbow": [0.0, 0.4, -0.3], "shoulder": [0.2, 0.5, 0.4]}
+
+
+@pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
+def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, shaping: str) -> None:
+    jump = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2))
+    shaped = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2), shaping=shaping)
+    assert (jump.command, jump.command_time) == (None, 0.0)
+    command = shaped.command
+    assert command is not None
+    np.testing.assert_allclose(
+        command(np.array([0.0, command.duration])), [shaped.start, shaped.goal], atol=1e-12
+    )
+    at_once, slowly = jump.step(3.0), shaped.step(3.0)
+    assert slowly.peak_input < 0.8 * at_once.peak_input
+    np.testing.assert_allclose(slowly.positions[-1], shaped.goal, atol=2e-3)
+    reference = slowly.run.signals["reference"]
+    np.testing.assert_allclose(reference, command(slowly.run.time), atol=1e-12)
+    (sampled,) = shaped.steps([shaped.robot.corner({})], 0.1, 8)
+    np.testing.assert_allclose(sampled.run.signals["reference"], command(sampled.run.time), atol=1e-12)
+
+
+@pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
+def test_a_limit_of_speed_makes_the_command_slower(robot_of: Callable[[str], Any], shaping: Any) -> None:
+    robot, start, goal = robot_of("planar-two-link"), np.array([0.0, 0.0]), np.array([0.8, -0.4])
+    free, slow = (
+        step_command(robot, Specification(shaping=shaping, peak_speed=speed), start, goal)
+        for speed in (None, 0.3)
+    )
+    assert free is not None
+    assert slow is not None
+    t = np.linspace(0.0, slow.duration, 2000)
+    assert np.abs(slow.derivatives(t, 1)[1]).max() <= 0.3 < np.abs(free.derivatives(t, 1)[1]).max()
+    assert slow.duration > 1.5 * free.duration
+
+
+@pytest.mark.parametrize("shaping", ["jump", "quintic", "jerk-limited"])
+def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Benches, shaping: str) -> None:
+    setup = setup_of("planar-two-link", (0.4, -0.3), estimator="none", shaping=shaping, move=WAY)
+    plan = stated_move(setup.robot, setup.specification)
+    assert plan is not None
+    move = setup.move(plan, rest=1.0)
+    at = np.searchsorted(move.response.run.time, np.array(WAY["time"]) - 1e-9)
+    wanted = np.column_stack([WAY["shoulder"], WAY["elbow"]])
+    np.testing.assert_allclose(move.response.positions[at], wanted, atol=2e-3)
+    np.testing.assert_allclose(move.response.goal, wanted[-1], atol=1e-12)
+    assert move.response.run.time[-1] == pytest.approx(3.0, abs=2e-3)
+    error, after = move_requirements(setup.specification, setup.limits, move)
+    assert (error.met, after.met) == (True, True)
+    assert error.found > 0.0
+    assert error.limit == pytest.approx(0.05 * dict(zip(setup.joints, move.ways))[error.joint])
+
+
+def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:
+    setup = setup_of(
+        "planar-two-link", (0.4, -0.3), estimator="none", move=WAY, tracking_error=("1e-9", "10deg")
+    )
+    plan = stated_move(setup.robot, setup.specification)
+    assert plan is not None
+    error = move_requirements(setup.specification, setup.limits, setup.move(plan))[0]
+    assert (error.met, error.joint, error.limit, error.stated_by) == (
+        False,
+        "shoulder",
+        1e-9,
+        "--tracking-error",
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message", "advice"),
+    [
+        (
+            {"move": {**WAY, "elbow": [0.0, 4.0, 0.0]}},
+            "leaves the limits of joint 'elbow'",
+            "within the limits",
+        ),
+        (
+            {"move": WAY, "peak_speed": 0.5},
+            "faster than it may",
+            "times as long: the move keeps its limits in",
+        ),
+        ({"move": WAY, "saturation": 3.0}, "more of joint", "times as long"),
+        ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, "takes too long", "ms"),
+        ({"move": {"time": [0, 1], "elbow": [0, 1]}}, "one column for each", "shoulder"),
+    ],
+)
+def test_a_move_that_cannot_be_made_is_refused_before_any_work(
+    robot_of: Callable[[str], Any], options: dict[str, Any], message: str, advice: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message) as refused:
+        fh.design(robot_of("planar-two-link"), Specification(**options))
+    assert advice in refused.value.advice
+
+
+def test_the_advised_time_keeps_the_limits(robot_of: Callable[[str], Any]) -> None:
+    robot, s = robot_of("planar-two-link"), Specification(move=WAY, peak_speed=0.5)
+    with pytest.raises(InvalidInput) as refused:
+        stated_move(robot, s)
+    factor = float(refused.value.advice.split()[1])
+    slower = {**WAY, "time": [1.001 * factor * t for t in WAY["time"]]}
+    assert stated_move(robot, Specification(move=slower, peak_speed=0.5)) is not None

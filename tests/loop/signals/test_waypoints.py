@@ -1,0 +1,67 @@
+"""Motions through waypoints: every point at its time, at rest where they stop, derivatives as differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import JerkLimited, Quintic, Spline, Waypoints
+
+TIMES = np.array([0.0, 0.7, 1.6, 2.0])
+VALUES = np.array([[0.0, 1.0], [0.5, 1.0], [0.2, -0.4], [0.3, 0.0]])
+
+
+def motion(profile: str) -> Waypoints:
+    return Waypoints(TIMES, VALUES, profile, smoothing=0.1 if profile == "jerk-limited" else 0.0)
+
+
+@pytest.mark.parametrize("profile", ["spline", "quintic", "jerk-limited"])
+def test_every_waypoint_is_reached_at_its_time_from_rest_to_rest(profile: str) -> None:
+    found = motion(profile)
+    np.testing.assert_allclose(found(TIMES), VALUES, atol=1e-12)
+    np.testing.assert_allclose(found(np.array([-1.0, 5.0])), VALUES[[0, -1]], atol=1e-12)
+    stops = TIMES[[0, -1]] if profile == "spline" else TIMES
+    np.testing.assert_allclose(found.derivatives(stops, 2)[1:], 0.0, atol=1e-8)
+    assert found.duration == 2.0
+
+
+@pytest.mark.parametrize("profile", ["spline", "quintic", "jerk-limited"])
+def test_derivatives_are_those_of_the_position(profile: str) -> None:
+    found, step = motion(profile), 1e-4
+    t = np.linspace(0.013, 1.987, 57)  # between the corners
+    rows = found.derivatives(t, 4)
+    for order in range(4):
+        ahead, behind = (found.derivatives(t + side * step, order)[order] for side in (1, -1))
+        differences, size = (ahead - behind) / (2.0 * step), np.abs(rows[order + 1]).max()
+        assert np.quantile(np.abs(differences - rows[order + 1]), 0.9) < 1e-3 * size
+
+
+def test_two_waypoints_are_the_motions_of_one_way() -> None:
+    t = np.linspace(-0.1, 1.2, 40)
+    quintic = Waypoints([0.0, 1.0], [0.2, 0.9], "quintic")
+    np.testing.assert_allclose(quintic.derivatives(t), Quintic(0.2, 0.9, 1.0).derivatives(t), atol=1e-12)
+    spline = Waypoints([0.0, 1.0], [0.2, 0.9])
+    np.testing.assert_array_equal(spline.derivatives(t), Spline([0.0, 1.0], [0.2, 0.9]).derivatives(t))
+    limited = Waypoints([0.0, 1.0], [0.0, 1.0], "jerk-limited", smoothing=0.2)
+    rate = 4.0 / 0.8
+    one = JerkLimited(0.0, 1.0, 0.4 * rate, 0.4 * rate**2, 0.8 * rate**3, smoothing=0.2)
+    assert one.duration == pytest.approx(1.0)
+    np.testing.assert_allclose(limited.derivatives(t), one.derivatives(t), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.0, 1.0, 1.0], [0.0, 1.0, 2.0]), "function of time"),
+        (([0.0, 1.0], [0.0, np.nan]), "function of time"),
+        (([0.0, 1.0], [0.0, 1.0], "cubic"), "no such profile"),
+        (([0.0, 1.0], [0.0, 1.0], "jerk-limited", 1.0), "smoothing"),
+        ((np.arange(2000), np.arange(2000), "quintic"), "too many waypoints"),
+    ],
+)
+def test_what_is_no_motion_is_refused(arguments: Any, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        Waypoints(*arguments)
