@@ -59,7 +59,8 @@ def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> Non
     assert f"smallest distance, {distance:.2f}" in one[2].caption
     two = frequency_figures([Loop("a", response), Loop("b", response)], ["joint"], "N·m", "rad")
     assert "smallest distance" not in two[2].caption
-    assert "b: sensitivity S" in two[1].svg
+    assert "b</text>" in two[1].svg  # its name; what is drawn of every law stands in the caption
+    assert "S: how much" in two[1].caption
     assert frequency_figures([], ["joint"], "N·m", "rad") == []
 
 
