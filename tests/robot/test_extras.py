@@ -111,9 +111,10 @@ def released(robot, twist, extras="coulomb_friction", duration=4.0, sub_steps=4)
     from flexhinf.plant import Law
 
     class Nothing(Law):
-        law_key = "nothing"
-        state_names, input_names = plant_states(robot), ("motor_voltage",)
-        operating_point, operating_input, law_data = np.zeros(4), np.zeros(1), np.zeros(1)
+        law_key = "nothing"  # pyright: ignore[reportAssignmentType]
+        state_names, input_names = tuple(robot.plant().states), ("motor_voltage",)
+        operating_point, operating_input = np.zeros(4), np.zeros(1)
+        law_data = np.zeros(1)  # pyright: ignore[reportAssignmentType]
 
         def evaluate_law(self, x, data):
             return np.array([0.0 * x[0] * data[0]])
@@ -121,10 +122,6 @@ def released(robot, twist, extras="coulomb_friction", duration=4.0, sub_steps=4)
     true = robot.plant(extras=extras, sticking=True)
     loop = Loop(true, Controller(Nothing(), None, 1e-3), sub_steps=sub_steps)
     return loop.run(duration=duration, initial_state=[0.0, 0.0, twist, 0.0])
-
-
-def plant_states(robot):
-    return tuple(robot.plant().states)
 
 
 #: A heavy link in weightlessness, a motor without back-EMF and viscous friction: a mass on a spring, J = 1, K = 100.

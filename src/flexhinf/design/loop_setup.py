@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,32 +16,21 @@ from flexhinf.design.estimators import (
     estimator_for,
     initial_covariance,
     noise_variances,
-    sensor_steps,
 )
-from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.joint_limits import integral_dead_zone
+from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.plans import has_integrals, step_command
 from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
-from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.loop import Controller, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
-from flexhinf.robot import Robot
-from flexhinf.robot.extras import DRY
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["SMOOTH_EXTRAS", "LoopSetup"]
-
-#: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
-#: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
-#: count as damping that the moving robot does not have.
-SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
-
-#: Estimators that may have dry friction in their model. The observer's gain belongs to a model without.
-FRICTIONAL = ("ukf", "ekf")
+__all__ = ["LoopSetup"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopSetup:
+class LoopSetup(LoopPlants):
     """One law with its estimator and controller, round one true plant.
 
     `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
@@ -62,14 +51,12 @@ class LoopSetup:
     linear_model : bool
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
     chosen_zone : (n,), optional
-        Errors that are not integrated where the specification states no dead zone; see `flexhinf.design.hunting`.
+        Errors that are not integrated where the specification states none; see `flexhinf.design.hunting`.
     quiet : bool
         Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
         motors, have it in any case.
     """
 
-    robot: Robot
-    specification: Specification
     law: Law
     goal: np.ndarray
     start: np.ndarray
@@ -81,11 +68,6 @@ class LoopSetup:
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.robot.joint_names
-
-    @property
     def linear_law(self) -> Law:
         """The law that is linearised at the goal."""
         return self.law if self.law_at_goal is None else self.law_at_goal
@@ -95,59 +77,6 @@ class LoopSetup:
         """Levels of R^v of the estimator."""
         stated = EstimatorNoise.stated(self.specification)
         return stated if self.estimator_noise is None else self.estimator_noise
-
-    @cached_property
-    def model(self) -> Plant:
-        """The nominal robot with the sensors: what the estimator assumes, but for dry friction."""
-        return self.robot.plant(self.specification.measured)
-
-    @property
-    def dry_friction(self) -> tuple[str, ...]:
-        """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.specification.extras if name in DRY)
-
-    @cached_property
-    def estimator_model(self) -> Plant:
-        """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
-        count as damping, so linear figures are those of `model`."""
-        s = self.specification
-        known = s.friction_model and s.estimator in FRICTIONAL and not self.linear_model
-        return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
-
-    @cached_property
-    def true_plant(self) -> Plant:
-        """The nominal robot with the extras."""
-        s = self.specification
-        return self.robot.plant(s.measured, extras=s.extras)
-
-    @cached_property
-    def smooth_plant(self) -> Plant:
-        """The true plant without the extras that are not smooth at standstill: what the linear loop has."""
-        s = self.specification
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Extras of the true plant that the linear loop does not have."""
-        return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
-
-    @cached_property
-    def limits(self) -> JointLimits:
-        """Of inputs, speeds and positions: the specification's, or the robot's own."""
-        return joint_limits(self.robot, self.specification)
-
-    @cached_property
-    def quantisation(self) -> np.ndarray | None:
-        """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
-        steps = sensor_steps(self.robot, self.specification)
-        return steps if steps.any() else None
-
-    @cached_property
-    def noise(self) -> np.ndarray | None:
-        """Standard deviations (p,) of the measurement noise; None where the true state is fed back."""
-        s = self.specification
-        return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
@@ -171,12 +100,9 @@ class LoopSetup:
             covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
             model = linear_plant(self.model, *equilibrium)
             return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
-        found = estimator_for(s.estimator, self.model, equilibrium, mean, s.period, process, measurement)
-        if not running or self.estimator_model is self.model:
-            return found
-        covariance = found.initial.covariance
-        return KINDS[s.estimator](
-            self.estimator_model, s.period, process, measurement, mean=mean, covariance=covariance
+        model = self.estimator_model if running else self.model
+        return estimator_for(
+            s.estimator, self.model, equilibrium, mean, s.period, process, measurement, model
         )
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
@@ -201,19 +127,7 @@ class LoopSetup:
     @property
     def dead_zone(self) -> np.ndarray | None:
         """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
-        stated = self.specification.integral_dead_zone
-        stated = self.chosen_zone if stated is None else stated
-        if stated is None or not np.any(stated):
-            return None
-        zone, joints = np.asarray(stated, dtype=float), self.joints
-        if zone.shape not in ((), (1,), (len(joints),)):
-            raise SpecificationError(
-                "integral_dead_zone",
-                "The dead zone of the integrals does not fit the joints.",
-                f"expected one number, or one for each of {list(joints)}, got {zone.size}",
-                example=",".join(f"{size:g}" for size in np.resize(zone, len(joints))),
-            )
-        return np.array(np.broadcast_to(zone, (len(joints),)))
+        return integral_dead_zone(self.robot, self.specification, self.chosen_zone)
 
     def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
         """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
@@ -336,22 +250,6 @@ class LoopSetup:
         controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
         return self._run(controller, at, duration, values, seed, None, sub_steps)
 
-    def rest(self, plant: Plant, duration: float, sub_steps: int) -> Response:
-        """The step on another true plant, without measurement noise: noise is a dither that may hide what sticks.
-
-        Parameters
-        ----------
-        plant : Plant
-        duration : float
-            s.
-        sub_steps : int
-        """
-        begin, given = self._begun(self.start, duration, None, 0)
-        given |= {"noise": None} | ({} if self.command is None else {"reference": self.command})
-        return run_response(
-            self.loop(self.bumpless_controller, plant, sub_steps), self.goal, begin, self.joints, **given
-        )
-
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
         period = self.specification.period
@@ -410,17 +308,13 @@ class LoopSetup:
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        reference = Moving(plan, self._feedforward)
+        reference = Moving(plan, partial(self.robot.inverse_dynamics, extras=self.dry_friction))
         return (
             controller,
             self.start if near else begin,
             round(duration / period) * period,
             {"reference": reference},
         )
-
-    def _feedforward(self, *motion: Any) -> tuple[np.ndarray, np.ndarray]:
-        """State and input of a motion, with the true plant's dry friction."""
-        return self.robot.inverse_dynamics(*motion, extras=self.dry_friction)
 
     def _run(
         self,

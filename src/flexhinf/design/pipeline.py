@@ -108,20 +108,10 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest))
     inside = _starts_inside(setup, synthesis)
     return Design(
-        robot=robot,
-        specification=s,
-        synthesis=synthesis,
-        evaluation=evaluation,
-        attenuation=worth,
-        inside=inside,
-        mujoco=mujoco,
-        rigid=rigid,
-        rest=rest,
-        law_modes=modes,
-        requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside),
-        writer=write_design,
-    )
+        robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
+        mujoco=mujoco, rigid=rigid, rest=rest, law_modes=modes, requirements=lines,
+        status=status_of(lines, evaluation, synthesis, worth, inside), writer=write_design,
+    )  # fmt: skip
 
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
@@ -294,8 +284,7 @@ def compare(
         )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup, _ = brought_to_rest(synthesis.setup(robot, s))
-    setup = replace(setup, quiet=True)
+    setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
     _check_way(setup)
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)

@@ -167,12 +167,9 @@ class Robot(Summarised):
 
     # Plants ---------------------------------------------------------------------------------------
     def plant(
-        self,
-        measured: str | Sequence[str] = ("link_position",),
-        inductance: bool = False,
-        extras: str | Sequence[str] = (),
-        sticking: bool = False,
-    ) -> Plant:
+        self, measured: str | Sequence[str] = ("link_position",), inductance: bool = False,
+        extras: str | Sequence[str] = (), sticking: bool = False,
+    ) -> Plant:  # fmt: skip
         """Physics: Spong's model, with what a real joint adds, on request.
 
         The states are all link positions, all link velocities, all motor positions, all motor velocities, and
@@ -191,9 +188,8 @@ class Robot(Summarised):
             See `flexhinf.robot.extras`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
             stribeck_friction.
         sticking : bool
-            Whether dry friction among the extras is sharp instead of smoothed: it holds a joint at rest, and only
-            `flexhinf.Loop` has it; the plant's flow, linearisation and fastest mode are those without dry friction.
-            A robot with rigid joints has it smoothed in any case.
+            Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
+            it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
 
         Raises
         ------
@@ -203,9 +199,10 @@ class Robot(Summarised):
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
         sticks = tuple(name for name in on if name in DRY) if sticking and not self.rigid else ()
-        if (sensors, on, sticks) not in self._plants:
-            self._plants[sensors, on, sticks] = self._built(sensors, on, sticks)
-        return self._plants[sensors, on, sticks]
+        key = sensors, tuple(name for name in on if name not in sticks), sticks
+        if key not in self._plants:
+            self._plants[key] = self._built(*key)
+        return self._plants[key]
 
     @cached_property
     def _plants(self) -> dict[tuple[tuple[str, ...], ...], Plant]:
@@ -217,8 +214,7 @@ class Robot(Summarised):
         return {name: value for name, value in vars(self).items() if name != "_plants"}
 
     def _built(self, sensors: tuple[str, ...], on: tuple[str, ...], sticks: tuple[str, ...]) -> Plant:
-        joints = self.joint_names
-        on = tuple(name for name in on if name not in sticks)
+        joints, positions = self.joint_names, signal_names("link_position", self.joint_names)
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
             ElasticFlow(self.links, self.drive, on, self.layout.rigid),
@@ -230,11 +226,7 @@ class Robot(Summarised):
             outputs=sensors,
             units=units_of(joints, self.links.slides),
             groups=groups_of(joints, self.rigid),
-            limits={
-                name: limits
-                for name, limits in zip(signal_names("link_position", joints), self.links.limits)
-                if limits is not None
-            },
+            limits={name: ends for name, ends in zip(positions, self.links.limits) if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
