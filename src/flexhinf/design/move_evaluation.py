@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from flexhinf.design.along_move import AlongMove
 from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.requirements import Requirement, limit_requirements
 from flexhinf.design.responses import Move
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 __all__ = ["TRACKING_FRACTION", "move_requirements", "tracking_limits"]
@@ -21,8 +22,19 @@ LEAST_WAY = 0.1
 STATED, PLANNED = "the stated move, nominal robot", "the planned move"
 
 
-def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list[Requirement]:
-    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits."""
+def move_requirements(
+    s: Specification, limits: JointLimits, move: Move, along: AlongMove | None = None
+) -> list[Requirement]:
+    """Lines of the specification about the move; of one that is planned and not stated, only exceeded limits.
+
+    Parameters
+    ----------
+    s : Specification
+    limits : JointLimits
+    move : Move
+    along : AlongMove, optional
+        Margins at poses on the way; they are judged too.
+    """
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
     most = tracking_limits(s, limits, move)
@@ -37,7 +49,35 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
             "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
         ),
         *limit_requirements(limits, move.response, STATED),
+        *([] if along is None else margins_requirements(s, along)),
     ]  # fmt: skip
+
+
+def margins_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
+    """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
+    laws = f", {along.count} laws" if along.count > 1 else ""
+    where = f"running loop at {len(along.times)} poses along the move{laws}"
+    limits = {
+        "peak_sensitivity": ("peak sensitivity", s.peak_sensitivity_limit),
+        "gain_margin": ("gain margin", s.gain_margin_limit),
+        "damping": (
+            "damping of oscillations",
+            along.least.damping and along.least.damping * (1.0 + TOLERANCE),
+        ),
+    }
+    lines = []
+    for figure, (what, limit) in limits.items():
+        if limit:
+            k = along.worst(figure)
+            found, option = float(getattr(along.margins[k], figure)), FIELDS[figure].options[0]
+            stated = "default" if getattr(s, figure) == FIELDS[figure].default else option
+            lines.append(
+                Requirement(
+                    what, limit, found, "", figure == "peak_sensitivity", where,
+                    "worst pose; linearised about the robot at rest there", stated, at=float(along.times[k]),
+                )
+            )  # fmt: skip
+    return lines
 
 
 def tracking_limits(s: Specification, limits: JointLimits, move: Move) -> np.ndarray:

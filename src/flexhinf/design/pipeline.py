@@ -220,7 +220,7 @@ def _requirements(
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += move_requirements(s, limits, evaluation.move)
+    lines += move_requirements(s, limits, evaluation.move, synthesis.along)
     if rest is not None:
         lines.append(hunting_requirement(rest, limits.position_units))
     if evaluation.corners is not None:

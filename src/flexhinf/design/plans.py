@@ -24,8 +24,8 @@ __all__ = ["EFFORT_FRACTION", "has_integrals", "plan_move", "stated_move", "step
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
 
-#: How a stated move runs through its waypoints, by the shaping.
-THROUGH = {"jump": "spline", "quintic": "quintic", "jerk-limited": "jerk-limited"}
+#: A spline through waypoints may go beyond two neighbouring ones by this fraction of the joint's way.
+BEYOND = 0.02
 
 #: Most instants at which a stated move is checked.
 INSTANTS = 20_000
@@ -167,12 +167,26 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
     if not isinstance(s.move, WaypointTable):
         return cast("Plan", s.move)
     positions = s.move.positions(robot.joint_names, robot.links.slides)
-    profile, smoothing = THROUGH[s.shaping], 0.0
-    if profile == "jerk-limited":
+    times, smoothing = factor * np.array(s.move.times), 0.0
+    if s.shaping == "jump":
+        spline = Waypoints(times, positions, "spline")
+        return Waypoints(times, positions, "through") if _wanders(spline) else spline
+    if s.shaping == "jerk-limited":
         pose = np.clip(positions[-1], *_ranges(robot))
         scales = JointScales.of(robot.plant(), robot.operating_point(pose))
         smoothing = 2.0 * math.pi / float(scales.vibration.min())
-    return Waypoints(factor * np.array(s.move.times), positions, profile, smoothing)
+    return Waypoints(times, positions, s.shaping, smoothing)
+
+
+def _wanders(spline: Waypoints) -> bool:
+    """Whether a motion goes beyond two neighbouring waypoints by more than `BEYOND` of a joint's way."""
+    parts = np.linspace(0.0, 1.0, 12)[1:-1]
+    inside = spline.times[:-1, None] + parts * np.diff(spline.times)[:, None]
+    between = np.asarray(spline(inside))
+    ends = np.stack([spline.values[:-1], spline.values[1:]])
+    low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
+    beyond = np.maximum(between - high, low - between).max(axis=(0, 1))
+    return bool(np.any(beyond > BEYOND * np.ptp(spline.values, axis=0) + 1e-12))
 
 
 def _ranges(robot: Robot) -> np.ndarray:

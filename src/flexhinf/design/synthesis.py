@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import tolerance_corners
+from flexhinf.design.along_move import AlongMove, Least, scheduled
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
+from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
-from flexhinf.design.specification import RINGS, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -62,6 +64,8 @@ class Synthesis:
         Rays in which regions were sampled.
     law : Law
         The chosen solution, or a schedule with those of other poses.
+    along : AlongMove or None
+        Margins of the running loop along the stated move; None without one.
     """
 
     goal: np.ndarray
@@ -72,6 +76,7 @@ class Synthesis:
     chosen: DegreeChoice
     rays: int
     law: Law
+    along: AlongMove | None = None
 
     @property
     def solution(self) -> HJISolution:
@@ -121,7 +126,23 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     )  # fmt: skip
     chosen = _best(choices)
     law = _law_of(robot, s, problem, chosen.solution, start, progress)
-    return Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
+    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
+    return made if move is None else _along(robot, s, made, move, progress)
+
+
+def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress: Progress) -> Synthesis:
+    """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
+    progress("margins along the move")
+    target, solution = made.design_problem.target, made.solution
+    damping = None if target is None else required_damping(s, target)
+    most = 1.0 + TOLERANCE
+    least = Least(most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most)
+
+    def another(pose: np.ndarray) -> Law:
+        return _law_at(robot, s, made.design_problem, solution.degree, made.start, pose, progress)
+
+    law, along = scheduled(made.setup(robot, s), move, least, None if s.via else another)
+    return replace(made, law=law, along=along)
 
 
 def _robust_problem(
@@ -257,15 +278,26 @@ def _law_of(
     Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
     are the same everywhere.
     """
-    laws = [solution]
-    for pose in s.via:
-        progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
-        place = robot.operating_point(pose)[0][: len(start)]
-        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-        damping = s.damping if problem.target is None else required_damping(s, problem.target)
-        there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
-        laws.append(solve_hji(there.problem, there.gamma, solution.degree))
-    return solution if len(laws) == 1 else Schedule(laws)
+    laws = [_law_at(robot, s, problem, solution.degree, start, pose, progress) for pose in s.via]
+    return Schedule([solution, *laws]) if laws else solution
+
+
+def _law_at(
+    robot: Robot,
+    s: Specification,
+    problem: DesignProblem,
+    degree: int,
+    start: np.ndarray,
+    pose: Any,
+    progress: Progress,
+) -> HJISolution:
+    """The same design at another pose."""
+    progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
+    place = robot.operating_point(pose)[0][: len(start)]
+    bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
+    damping = s.damping if problem.target is None else required_damping(s, problem.target)
+    there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
+    return solve_hji(there.problem, there.gamma, degree)
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:

@@ -15,6 +15,7 @@ from flexhinf.design.modes import Mode
 from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
 from flexhinf.design.report.formatting import finite
 from flexhinf.design.report.page import notes, verdict
+from flexhinf.design.report.sections.along_move import along_rows
 from flexhinf.design.report.sections.corners import corner_rows
 from flexhinf.design.report.sections.estimator_noise import is_used
 from flexhinf.design.report.sections.region import budget_rows
@@ -204,6 +205,7 @@ def _runs(design: Design) -> dict[str, Any]:
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
         "rest": _rest(design),
+        "along_move": along_rows(design.synthesis.along),
         "rigid": [
             {
                 **_picked(loop, "side", "stable"),

@@ -18,6 +18,7 @@ from flexhinf.design.report.formatting import (
     units_of,
 )
 from flexhinf.design.report.sections import (
+    along_move,
     corners,
     estimator_noise,
     load_and_move,
@@ -57,6 +58,7 @@ PARTS = (
     Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
     Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
     Part("rest", "Long run at rest with dry friction", rest.blocks, rest.remarks),
+    Part("along", "Margins along the move", along_move.blocks, along_move.remarks),
     Part("margins", "Margins of the running loop", margins.blocks, margins.remarks),
     Part("modes", "Poles", poles.blocks, poles.remarks),
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),

@@ -17,11 +17,15 @@ from flexhinf.untrusted import value_text
 __all__ = ["PROFILES", "Waypoints"]
 
 #: How the way between two waypoints is covered.
-PROFILES = ("spline", "quintic", "jerk-limited")
+PROFILES = ("spline", "through", "quintic", "jerk-limited")
 
 #: A jerk-limited way of length 1 that takes UNIT_TIME / rate seconds with these limits times rate, rate² and rate³.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 UNIT_TIME = 1.0 / VELOCITY + VELOCITY / ACCELERATION + ACCELERATION / JERK
+
+#: Largest slope at a waypoint over the smaller of the mean slopes beside it: up to there the way between two waypoints
+#: has no reversal.
+STEEPEST = 1.25
 
 #: Most waypoints that a motion stops at: each has a profile of its own.
 MOST_STOPS = 1000
@@ -36,9 +40,13 @@ class Waypoints:
     times : (N,) array
         Increasing, s.
     values : (N,) array, or (N, k) with one column per channel
-    profile : {"spline", "quintic", "jerk-limited"}
-        spline: passes through, as `Spline`. The other two stop at every waypoint and go straight to the next one, all
-        channels together: by `Quintic`, or by `JerkLimited`.
+    profile : {"spline", "through", "quintic", "jerk-limited"}
+        spline and through pass through the waypoints with four continuous derivatives. spline is that of `Spline`, best
+        for many samples of a smooth motion; between few waypoints it may go far beyond them. through never leaves the
+        range between two neighbouring waypoints: a polynomial of degree nine from each to the next, with slopes by the
+        harmonic mean [fritsch1984], and without acceleration at the waypoints.
+        The other two stop at every waypoint and go straight to the next one, all channels together: by `Quintic`, or by
+        `JerkLimited`.
     smoothing : float
         Length of the moving average of jerk-limited motions, s; every way between two waypoints must take longer.
 
@@ -63,7 +71,7 @@ class Waypoints:
                 f"expected one of {list(PROFILES)}, got {value_text(self.profile)}",
                 "profile='jerk-limited'",
             )
-        if self.profile == "spline":
+        if self.profile in ("spline", "through"):
             return
         if len(self.times) > MOST_STOPS:
             raise InvalidInput(
@@ -82,7 +90,9 @@ class Waypoints:
     @property
     def name(self) -> str:
         """A short description."""
-        how = "spline through" if self.profile == "spline" else f"{self.profile} from stop to stop of"
+        how = {"spline": "spline through", "through": "smoothly through"}.get(
+            self.profile, f"{self.profile} from stop to stop of"
+        )
         return f"{how} {len(self.times)} waypoints in {self.duration:.4g} s"
 
     @property
@@ -106,6 +116,15 @@ class Waypoints:
         t = np.asarray(t, dtype=float)
         if self.profile == "spline":
             return self._spline.derivatives(t, order)
+        if self.profile == "through":
+            order = checked_order(
+                order, "motion through waypoints", 4, "the fifth jumps", "an order of at most 4"
+            )
+            inside = np.clip(t, self.times[0], self.times[-1])
+            moving = (t > self.times[0]) & (t < self.times[-1])
+            held = moving.reshape((*t.shape, *(1,) * (self.values.ndim - 1)))
+            rows = [self._smooth(inside, nu=k) for k in range(order + 1)]
+            return np.stack([rows[0], *(np.where(held, row, 0.0) for row in rows[1:])])
         order = checked_order(order, "motion through waypoints")
         found = np.zeros((order + 1, *t.shape, *self.values.shape[1:]))
         found[0] += self.values[0]
@@ -116,6 +135,29 @@ class Waypoints:
     @cached_property
     def _spline(self) -> Spline:
         return Spline(self.times, self.values)
+
+    @cached_property
+    def _smooth(self) -> Any:
+        """SciPy's piecewise polynomial with the slopes of `_slopes`; its next three derivatives are zero there."""
+        from scipy.interpolate import BPoly
+
+        nothing = np.zeros((3, *self.values.shape[1:]))
+        if len(self.times) == 1:
+            return BPoly(self.values[None, :], [self.times[0], self.times[0] + 1.0])
+        both = zip(self.values, self._slopes)
+        return BPoly.from_derivatives(self.times, [[value, slope, *nothing] for value, slope in both])
+
+    @property
+    def _slopes(self) -> np.ndarray:
+        """At the waypoints: zero at both ends and at reversals, else the harmonic mean of the neighbouring ones."""
+        steps = np.diff(self.times).reshape((-1, *(1,) * (self.values.ndim - 1)))
+        mean, slopes = np.diff(self.values, axis=0) / steps, np.zeros(self.values.shape)
+        before, after = mean[:-1], mean[1:]
+        same = before * after > 0.0
+        product, total = np.where(same, before * after, 0.0), np.where(same, before + after, 1.0)
+        most = STEEPEST * np.minimum(np.abs(before), np.abs(after))
+        slopes[1:-1] = np.clip(2.0 * product / total, -most, most)
+        return slopes
 
     @cached_property
     def _covered(self) -> tuple[Quintic | JerkLimited, ...]:

@@ -1,0 +1,193 @@
+"""The running loop linearised at poses along a stated move, and laws scheduled along it where one is not enough.
+
+In error coordinates about a move the law's gain is the same everywhere, and the robot is not: its inertia and the
+estimator's stationary gain change with the pose. At each pose the loop is that of a robot at rest there: velocities
+along the move, and the change from one law to another, are not in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexhinf.analysis import EquilibriumLoop, Margins, margins
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.responses import Plan
+from flexhinf.errors import FlexhinfError
+from flexhinf.loop import Schedule
+from flexhinf.plant import Law
+
+__all__ = ["MOST_LAWS", "AlongMove", "Least", "margins_along", "scheduled"]
+
+#: Poses at which the loop is linearised, for up to so many states of the linear loop.
+POSES = ((30, 13), (60, 7), (10_000, 5))
+
+#: Most laws of a schedule that is made without being asked for, the goal's included.
+MOST_LAWS = 4
+
+#: Instants by which the way is measured.
+INSTANTS = 400
+
+
+@dataclass(frozen=True)
+class Least:
+    """What the running loop is to have at every pose.
+
+    Attributes
+    ----------
+    peak_sensitivity, gain_margin : float
+        At most, and at least.
+    damping : float or None
+        At least; None where none is required.
+    """
+
+    peak_sensitivity: float
+    gain_margin: float
+    damping: float | None = None
+
+    def shares(self, found: Margins) -> dict[str, float]:
+        """How much of each limit is used: above 1 it is exceeded."""
+        if not found.stable:
+            return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
+        shares = {
+            "peak_sensitivity": found.peak_sensitivity / self.peak_sensitivity,
+            "gain_margin": self.gain_margin / found.gain_margin,
+        }
+        if self.damping:
+            shares["damping"] = self.damping / found.damping if found.damping > 0.0 else np.inf
+        return shares
+
+
+@dataclass(frozen=True, eq=False)
+class AlongMove:
+    """Margins at poses along a move.
+
+    Attributes
+    ----------
+    times : (P,)
+        When the move passes the poses, s.
+    poses : (P, n)
+        Link positions, rad or m.
+    laws : tuple of int
+        Which law of a schedule acts at each pose; 0 is the goal's.
+    margins : tuple of Margins
+        Of the running loop, linearised at each pose.
+    least : Least
+        What they are to be.
+    count : int
+        How many laws there are.
+    added : int
+        How many of them were added because the margins did not hold.
+    """
+
+    times: np.ndarray
+    poses: np.ndarray
+    laws: tuple[int, ...]
+    margins: tuple[Margins, ...]
+    least: Least
+    count: int = 1
+    added: int = 0
+
+    def worst(self, figure: str) -> int:
+        """The pose at which this figure is nearest to its limit, or furthest beyond it."""
+        shares = [self.least.shares(one).get(figure, 0.0) for one in self.margins]
+        return int(np.argmax(shares))
+
+    @property
+    def share(self) -> float:
+        """The largest share of a limit that is used at any pose."""
+        return max(max(self.least.shares(one).values()) for one in self.margins)
+
+    @property
+    def worst_pose(self) -> int:
+        """The pose at which that is."""
+        return int(np.argmax([max(self.least.shares(one).values()) for one in self.margins]))
+
+
+def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
+    """Margins of the running loop at poses that are evenly apart on the way of a move.
+
+    Raises
+    ------
+    FlexhinfError
+        If a pose has no equilibrium.
+    """
+    size = setup.equilibrium_loop().states
+    times = _apart(plan, next(count for most, count in POSES if size <= most))
+    poses = np.reshape(plan(times), (len(times), -1))
+    laws = [_acting(setup.law, pose) for pose in poses]
+    found = tuple(margins(_loop_at(setup, pose, law)) for pose, (_, law) in zip(poses, laws))
+    count = len(setup.law.laws) if isinstance(setup.law, Schedule) else 1
+    return AlongMove(times, poses, tuple(k for k, _ in laws), found, least, count)
+
+
+def scheduled(
+    setup: LoopSetup,
+    plan: Plan,
+    least: Least,
+    another: Callable[[np.ndarray], Law] | None,
+    most: int = MOST_LAWS,
+) -> tuple[Law, AlongMove]:
+    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+        With the law that was designed.
+    plan : Plan
+    least : Least
+    another : callable or None
+        Designs a law at a pose (n,); None adds none.
+    most : int
+
+    Returns
+    -------
+    law, along
+        Those with the smallest share of a limit: laws that do not help are not added.
+    """
+    law, along = setup.law, margins_along(setup, plan, least)
+    laws = [law]
+    while another is not None and along.share > 1.0 and len(laws) < most:
+        pose = along.poses[along.worst_pose]
+        try:
+            laws.append(another(pose))
+            schedule = Schedule(laws)
+        except FlexhinfError:  # no law there, or one at this pose already
+            break
+        found = margins_along(replace(setup, law=schedule, law_at_goal=setup.linear_law), plan, least)
+        if not found.share < along.share:
+            break
+        law, along = schedule, replace(found, added=len(laws) - 1)
+    return law, along
+
+
+def _apart(plan: Plan, count: int) -> np.ndarray:
+    """Times at which a plan has covered equal parts of its way; both ends are among them."""
+    times = np.linspace(0.0, plan.duration, INSTANTS)
+    q = np.reshape(plan(times), (INSTANTS, -1))
+    covered = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    covered += 1e-9 * max(float(covered[-1]), 1e-9) * np.arange(INSTANTS)
+    return np.interp(np.linspace(0.0, covered[-1], count), covered, times)
+
+
+def _acting(law: Law, pose: np.ndarray) -> tuple[int, Law]:
+    """The law of a schedule that acts at a pose, without hysteresis, and its place."""
+    if not isinstance(law, Schedule):
+        return 0, law
+    places = [law.state_names.index(name) for name in law.tracked]
+    apart = [
+        np.linalg.norm(np.asarray(one.operating_point)[places] - pose[: len(places)]) for one in law.laws
+    ]
+    return int(np.argmin(apart)), law.laws[int(np.argmin(apart))]
+
+
+def _loop_at(setup: LoopSetup, pose: np.ndarray, law: Law) -> EquilibriumLoop:
+    """The running loop about a pose, as the law acts along a move: in error coordinates."""
+    s = setup.specification
+    return EquilibriumLoop(
+        law, setup.estimator(pose), setup.smooth_plant, s.period,
+        equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
+        positions=setup.model.states[: len(pose)],
+    )  # fmt: skip
