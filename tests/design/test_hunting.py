@@ -116,7 +116,7 @@ def test_every_report_says_who_hunts(setup):
     )
     (note,) = rest.remarks(cast(Design, design))
     assert "shoulder by ±1.2" in note
-    assert "`--extras coulomb_friction --friction-model`" in note
+    assert "`--extras coulomb_friction --friction`" in note
     figure, table = rest.blocks(cast(Design, design))
     assert "hunts" in table.html()
     assert "rests" in table.html()

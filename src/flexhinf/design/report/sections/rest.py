@@ -40,7 +40,7 @@ def remarks(design: Design) -> Iterator[str]:
             f"Dry friction and integral action would keep the robot moving: {before.response.joints[worst]} by "
             f"±{number(scale * before.amplitudes[worst], 3)} {unit} "
             f"({frequency_text(before.cycles[worst].frequency)}). "
-            f"So errors up to {zone} {unit} are not integrated; they may remain. `--integral-dead-zone` states another "
+            f"So errors up to {zone} {unit} are not integrated; they may remain. `--dead-zone` states another "
             "zone, 0 none."
         )
     if run is None or not run.hunts:
@@ -56,10 +56,10 @@ def remarks(design: Design) -> Iterator[str]:
     ]
     dry = [name for name in run.extras if name in DRY]
     extras = ",".join(dict.fromkeys((*s.extras, *dry)))
-    other = "" if s.friction_model else f"`--extras {extras} --friction-model`, "
+    other = "" if s.friction_model else f"`--extras {extras} --friction`, "
     yield (
         f"With dry friction the robot does not come to rest: {listed(joints)}. Try {other}another "
-        "`--integral-dead-zone`, or sensors on both sides of the springs."
+        "`--dead-zone`, or sensors on both sides of the springs."
     )
 
 
