@@ -100,6 +100,9 @@ SHORT_OF_BEST, FAR = 0.05, 0.2
 #: What the families miss by less than e to this power may be reached by single levels.
 NEAR = 0.1
 
+#: Candidates whose corners are looked at where no levels make all of them stable.
+LOOKED = 24
+
 #: A gain margin, and the inverse of a figure, that stand for none.
 NOTHING = 1e-9
 
@@ -257,6 +260,8 @@ class _Search:
                 (self.descend(x) for _, x in begun[:several]),
                 key=lambda one: (one[0].unstable or 0, one[0].score),
             )
+        if chosen.unstable:
+            chosen = self.fewest_unstable(chosen)
         for factor in SCALED:
             self.at(start + np.log10(factor))
         return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
@@ -416,6 +421,17 @@ class _Search:
             looked.append((found.unstable or 0, -middle, found, way[middle][1]))
             low, high = (low, middle) if found.unstable else (middle + 1, high)
         return min(looked, key=lambda one: one[:2])[2:]
+
+    def fewest_unstable(self, chosen: NoiseCandidate) -> NoiseCandidate:
+        """Where no levels make every corner stable, the best of some candidates: a share of unstable corners counts as
+        a limit that is missed by e to its power."""
+        ordered = sorted((self.counted(one) for one in self.tried), key=lambda one: one.score)
+        spread = ordered[:: max(1, len(ordered) // LOOKED)]
+        looked = [chosen, *(self.with_corners(one) for one in spread)]
+        return min(
+            looked,
+            key=lambda one: one.score + MISSED_WEIGHT * (one.unstable or 0) / max(1, len(self.corners)),
+        )
 
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with its unstable corners of the tolerances."""
