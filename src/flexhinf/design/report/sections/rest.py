@@ -66,7 +66,7 @@ def remarks(design: Design) -> Iterator[str]:
 def frequency_text(frequency: float | None) -> str:
     """Of an oscillation, with its period where it is slow."""
     if frequency is None:
-        return "no whole period"
+        return "less than one period in the last half"
     slow = f", every {number(1.0 / frequency, 3)} s" if frequency < 1.0 else ""
     return f"{number(frequency, 3)} Hz{slow}"
 
