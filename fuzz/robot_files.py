@@ -1,4 +1,4 @@
-"""Robot files and URDFs with mutated bytes, numbers, names, lines and structure: a robot as written, or a refusal."""
+"""Robot files, URDFs and MJCF with mutated bytes, numbers, names and structure: a robot as written, or a refusal."""
 
 from __future__ import annotations
 
@@ -45,6 +45,18 @@ URDF = """<robot name="arm"><link name="base"/>
 <joint name="elbow" type="prismatic"><parent link="plate"/><child link="fore"/><axis xyz="0.6 0 0.8"/>
 <limit lower="-0.1" upper="0.3" effort="9" velocity="1"/></joint></robot>
 """
+MJCF = """<mujoco model="arm"><compiler angle="radian" eulerseq="XYz"/><option gravity="0 0 -9.81"/>
+<default><joint damping="0.4"/><default class="heavy"><joint armature="0.3"/></default></default>
+<worldbody><light pos="0 0 3"/>
+<body name="upper" pos="0.1 0 0.3" euler="0 0.4 0" childclass="heavy">
+<joint name="shoulder" axis="0 1 0" pos="0.01 0 0" range="-2 1.5"/>
+<inertial pos="0.1 0.02 0.3" quat="0.9 0.1 -0.3 0.2" mass="2.5" diaginertia="0.03 0.04 0.02"/>
+<body name="plate" pos="0 0 0.5"><inertial pos="0 0 0" mass="0.4" fullinertia="0.001 0.002 0.0015 0 0 0.0001"/>
+<frame axisangle="1 0 1 0.7"><body name="fore"><joint name="elbow" type="slide" axis="0.6 0 0.8" range="-0.1 0.3"/>
+<inertial pos="0 0 0" mass="1.2" diaginertia="0.02 0.02 0.004"/></body></frame></body></body></worldbody>
+<actuator><motor joint="shoulder" ctrlrange="-9 9"/>
+<position joint="elbow" kp="3" forcerange="-5 5"/></actuator></mujoco>
+"""
 JOINTS = "".join(
     f'[[joint]]\nname = "{name}"\n[joint.spring]\nstiffness = 500.0\n[joint.motor]\nmotor_inertia = 0.2\n'
     for name in ("shoulder", "elbow")
@@ -60,24 +72,24 @@ STRTOD.restype, STRTOD.argtypes = ctypes.c_double, [ctypes.c_char_p, ctypes.POIN
 
 def run(attempts: int, seed: int) -> Tally:
     """Mutate a file once or a few times, read it, and compare the robot with the file's own numbers."""
-    tally, rng = Tally("robot files, URDFs"), np.random.default_rng([seed, 1])
+    tally, rng = Tally("robot files, URDFs, MJCF files"), np.random.default_rng([seed, 1])
     shipped = [path.read_text(encoding="utf-8") for path in catalogue().values() if path.suffix == ".toml"]
     own = [text for text in shipped if "\nurdf" not in text]
     with tempfile.TemporaryDirectory() as folder:
         for attempt in range(attempts):
-            as_urdf = bool(rng.integers(2))
-            content = (URDF if as_urdf else own[rng.integers(len(own))]).encode()
+            name = ("arm.toml", "arm.urdf", "arm.xml")[rng.integers(3)]
+            content = {"arm.urdf": URDF, "arm.xml": MJCF}.get(name, own[rng.integers(len(own))]).encode()
             for _ in range(rng.geometric(0.6)):
                 content = MUTATIONS[rng.integers(len(MUTATIONS))](content, rng)
-            path = Path(folder) / ("arm.urdf" if as_urdf else "arm.toml")
+            path = Path(folder) / name
             path.write_bytes(content)
             (Path(folder) / "joints.toml").write_text(JOINTS, encoding="utf-8")
             how = f"seed {seed}, attempt {attempt}, {path.name}"
             try:
                 with warnings.catch_warnings(), np.errstate(all="ignore"):
                     warnings.simplefilter("ignore")
-                    robot = load_robot(path, path.with_name("joints.toml") if as_urdf else None)
-                    fault = _fault(robot) or (_urdf_fault if as_urdf else _toml_fault)(robot, content)
+                    robot = load_robot(path, None if name == "arm.toml" else path.with_name("joints.toml"))
+                    fault = _fault(robot) or FAULTS[name](robot, content)
                 tally.answered(fault, how)
             except Exception as error:
                 tally.raised(error, how)
@@ -240,8 +252,44 @@ def _joint_fault(robot: Robot, root: ElementTree.Element) -> str:
     return ""
 
 
+def _mjcf_fault(robot: Robot, content: bytes) -> str:
+    """The mass that moves, and the limits, against the file's; names of joints and bodies that stand twice."""
+    root = ElementTree.fromstring(content.decode())
+    for tag in ("joint", "body"):
+        names = [
+            one.get("name")
+            for world in root.findall("worldbody")
+            for one in world.iter(tag)
+            if one.get("name")
+        ]
+        if len(set(names)) < len(names):
+            return f"two elements <{tag}> of one name"
+    total = 0.0
+    ahead = [(world, False) for world in root.findall("worldbody")]
+    while ahead:
+        element, moves = ahead.pop()
+        moves |= element.tag == "body" and any(
+            element.find(place) is not None for place in ("joint", "frame/joint")
+        )
+        for child in element:
+            if child.tag in ("body", "frame"):
+                ahead.append((child, moves))
+            elif child.tag == "inertial" and moves and element.tag == "body":
+                total += _c_number(child.attrib["mass"])
+    found = sum(p.value for p in robot.parameters if p.name.split("_")[0] == "mass")
+    return "" if np.isclose(found, total, rtol=1e-12) else f"a mass of {found} instead of {total}"
+
+
 def _c_number(text: str) -> float:
     """As strtod reads it, which is what other readers of URDF use; NaN where something is left over."""
     raw, end = text.strip(" \t\n\r").encode(), ctypes.c_char_p()
     value = STRTOD(raw, ctypes.byref(end))
     return float("nan") if end.value or not raw else value
+
+
+#: Of each file: what is wrong with its robot, from the file's bytes.
+FAULTS: dict[str, Callable[[Robot, bytes], str]] = {
+    "arm.toml": _toml_fault,
+    "arm.urdf": _urdf_fault,
+    "arm.xml": _mjcf_fault,
+}

@@ -81,3 +81,10 @@ def test_an_interruption_while_an_archive_is_written_is_no_refusal(
     with pytest.raises(KeyboardInterrupt):
         write_arrays(tmp_path / "file", "solution", {"a": np.zeros(3)})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder that takes no files")
+def test_a_folder_that_takes_no_files_has_no_locks() -> None:
+    """The kernel says there that no such file exists, though the folder does."""
+    with files.locked(Path("/proc/self/.flexhinf.lock")) as state:
+        assert state == "none"

@@ -59,6 +59,9 @@ NO_LOCKS = {
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02
 
+#: How often a file that vanished before it was locked is looked for again.
+MOST_TRIES = 1000
+
 #: Seconds after which a left-over is cleared away where no lock can tell whether somebody still writes it.
 ABANDONED_AFTER_S = 86400.0
 
@@ -367,7 +370,9 @@ def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy"
 
 def _acquired(path: Path) -> int:
     """The handle of the locked file, or -1 where there are no locks; BlockingIOError where another one has it."""
-    while fcntl is not None:
+    for _ in range(MOST_TRIES):
+        if fcntl is None:
+            return -1
         handle = -1
         try:
             # never through a symbolic link, which would make a file elsewhere
@@ -375,9 +380,7 @@ def _acquired(path: Path) -> int:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if _is_file(handle, path):
                 return handle
-            os.close(
-                handle
-            )  # whoever held it has removed the file meanwhile: another one is there now, or will be
+            os.close(handle)  # whoever held it has removed the file meanwhile
         except BlockingIOError:
             os.close(handle)
             raise
@@ -388,7 +391,7 @@ def _acquired(path: Path) -> int:
                 return -1
             if error.errno != errno.ENOENT or not path.parent.is_dir():
                 raise
-    return -1
+    return -1  # a folder that is there and takes no files, as /proc is
 
 
 def _remove(name: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import units
+from flexhinf.design.specification import Specification, SpecificationError
 
 
 @pytest.mark.parametrize(
@@ -67,3 +68,13 @@ def test_names_integers_and_weights_stand_between_commas() -> None:
     for wrong in ("link_position=a", "", [[1.0, 2.0], [3.0]], {}, 3.0):
         with pytest.raises(ValueError):  # noqa: PT011
             units.weights(wrong)
+
+
+@pytest.mark.filterwarnings("ignore:the matrix subclass")
+def test_values_that_are_matrices_huge_or_contain_themselves_are_refused() -> None:
+    inside: list[Any] = []
+    inside.append(inside)
+    for wrong in (np.matrix([[1.0]]), inside, range(10**12)):
+        assert units.angle_unit_of(wrong) is None
+        with pytest.raises(SpecificationError, match="pose"):
+            Specification(pose=wrong)

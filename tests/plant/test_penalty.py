@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -106,3 +109,12 @@ def test_negative_weights_are_refused(states):
 def test_a_misspelt_name_is_answered_with_the_nearest():
     with pytest.raises(InvalidInput, match=r"'bb'[\s\S]*'b';"):
         Penalty({"bb": 1.0}).weights(NAMES)
+
+
+def test_a_penalty_of_nameless_code_is_copied_but_not_pickled():
+    penalty = Penalty(lambda x, p: x, effort=2.0)
+    assert copy.copy(penalty).states is copy.deepcopy(penalty).states is penalty.states
+    with pytest.raises(InvalidInput, match="cannot be pickled"):
+        pickle.dumps(penalty)
+    same = pickle.loads(pickle.dumps(Penalty({"a": 1.0}, effort=[2.0])))
+    assert same == Penalty({"a": 1.0}, effort=[2.0])

@@ -168,12 +168,26 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
          "would have to come from its shape"),
         ('<joint name="elbow" class="slow" range="-90 45"/>',
          '<joint name="elbow"/><joint name="twist" axis="1 0 0"/>', "has 2 joints"),
+        ('class="drawn"', 'class="slow"', "'slow' stands there twice"),
+        ('name="fore"', 'name="upper"', "the body 'upper' stands there 2 times"),
+        ('name="fore"', 'name="&#x202e;"', "A body .* has no usable name"),
+        ("<worldbody>", '<worldbody><joint name="base"/>', "<worldbody> has a joint"),
+        ('range="-90 45"', 'range="45 -90"', "range of the joint 'elbow' is none"),
+        ('range="-90 45"', 'range="-90 45" limited="perhaps"', "limited of the joint 'elbow' cannot be read"),
+        ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', "actuatorfrcrange"),
+        ('forcerange="-12 12"', 'forcerange="12 -12"', "forcerange of the actuator of 'elbow' is none"),
     ],
 )  # fmt: skip
 def test_what_is_not_read_and_would_change_the_dynamics_is_refused(write, old, new, words):
     assert old in ARM
     with pytest.raises(InvalidInput, match=words):
         rigid(write(ARM.replace(old, new, 1)))
+
+
+def test_a_limit_that_is_switched_off_is_none(write):
+    switched = ARM.replace('forcerange="-12 12"', 'forcerange="-12 12" forcelimited="false"')
+    assert np.isfinite(rigid(write(ARM)).efforts[1])
+    assert np.isinf(rigid(write(switched)).efforts[1])
 
 
 def test_wrong_names_and_missing_elastic_data_are_refused(write):

@@ -5,11 +5,12 @@ Nothing is imported before `main` is called, so that Ctrl-C is answered from the
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 __all__ = ["main"]
@@ -20,28 +21,90 @@ _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 #: Seconds between two looks whether an interruption was lost on its way.
 _LOOK_AGAIN = 1.0
 
+#: Exit code where nobody reads the output any more, as under ``| head -1``: that of the shells for SIGPIPE.
+_NO_READER = 128 + 13
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback.
 
     Ctrl-C, SIGTERM and SIGHUP end a command in order: what it had begun to write is cleared away, and the exit code is
-    that of the shells, 128 and the number of the signal.
+    that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more.
     """
     received: list[int] = []
-    with _ended_in_order(received):
+    with _ended_in_order(received), _every_character():
         try:
             from flexhinf.cli.commands import run
 
             code = run(arguments)
+            for stream in _streams():
+                stream.flush()
         except KeyboardInterrupt:  # before the command began, or again while it cleared away
             sys.stderr.write("error: Interrupted.\n")
             code = 128 + signal.SIGINT
-        except Exception:
-            if not received:
+        except SystemExit as error:  # what rich and typer make of a pipe without a reader
+            if not isinstance(error.__context__, BrokenPipeError):
                 raise
-            sys.stderr.write("error: Interrupted.\n")  # what became of an interruption inside of a library
-            code = 128 + signal.SIGINT
+            code = _NO_READER
+        except BrokenPipeError:
+            code = _NO_READER
+        except Exception as error:
+            if received:
+                sys.stderr.write(
+                    "error: Interrupted.\n"
+                )  # what became of an interruption inside of a library
+                code = 128 + signal.SIGINT
+            elif isinstance(error, (OSError, MemoryError, ImportError)):
+                code = _refused(error)
+            else:
+                raise
     return 128 + received[0] if received and code == 128 + signal.SIGINT else code
+
+
+def _refused(error: Exception) -> int:
+    """Say what the system did not give before the command began, or to its own output; returns the exit code."""
+    with suppress(OSError):
+        sys.stderr.write(
+            "error: The system refuses what this command needs.\n"
+            f"  found: expected memory, libraries and output, got {type(error).__name__}: {str(error)[:400]}\n"
+            "  try:   more memory (ulimit -v), the installation again, another place for the output\n"
+        )
+    return 2
+
+
+def _streams() -> list[Any]:
+    """Standard output and error, where they are open."""
+    return [stream for stream in (sys.stdout, sys.stderr) if stream is not None and not stream.closed]
+
+
+@contextmanager
+def _every_character() -> Iterator[None]:
+    """Write characters that the terminal's or pipe's encoding lacks (≤ in Latin-1, ° in ASCII) as Python escapes them.
+
+    What cannot be written is let go of: at its end the interpreter would try, and fail, once more.
+    """
+    changed = [(stream, stream.errors) for stream in _streams() if hasattr(stream, "reconfigure")]
+    for stream, _ in changed:
+        stream.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        for stream, errors in changed:
+            if not stream.closed:
+                _let_go(stream)
+                with suppress(OSError):
+                    stream.reconfigure(errors=errors)
+
+
+def _let_go(stream: Any) -> None:
+    """Send to nowhere what stands in the buffer of a stream that cannot be written."""
+    try:
+        stream.flush()
+    except OSError:
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream.fileno())
+            os.close(nowhere)
 
 
 @contextmanager

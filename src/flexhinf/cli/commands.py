@@ -16,7 +16,7 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.design import compare, design
-from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error
+from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
 from flexhinf.cli.paper import paper
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
@@ -38,7 +38,11 @@ def schema() -> None:
     """Print the JSON schema of a design file (design.toml), for editors and other programs."""
     from flexhinf.design import design_schema
 
-    typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=False))
+    encoding = str(getattr(sys.stdout, "encoding", None) or "utf-8")
+    escaped = (
+        not encoding.lower().replace("-", "").startswith("utf")
+    )  # JSON's own escapes, so that it stays JSON
+    typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
 
 
 #: Each with its examples, in the order of the help.
@@ -77,7 +81,8 @@ def root(
     """Robust nonlinear H∞ control of robots with elastic joints.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
-    2 a mistake that can be put right, nothing written; 130 interrupted, 143 terminated.
+    2 a mistake that can be put right, nothing written; 130 interrupted, 143 terminated,
+    141 nobody reads the output.
     """
 
 
@@ -112,5 +117,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
             return mistake(error_text(error, words))
         except TyperException as error:
             return mistake(parser_error(error, words))
+        except BrokenPipeError:
+            raise
+        except (OSError, MemoryError) as error:
+            return mistake(refused(error, written()))
         except (KeyboardInterrupt, typer.Abort):
             return interrupted(written())

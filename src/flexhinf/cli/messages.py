@@ -15,7 +15,7 @@ from flexhinf.errors import FlexhinfError
 
 __all__ = [
     "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "error_text", "interrupted", "mistake", "note", "option_syntax",
-    "parser_error",
+    "parser_error", "refused",
 ]  # fmt: skip
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
@@ -101,6 +101,19 @@ def interrupted(written: Sequence[Path]) -> int:
     return mistake(
         f"Interrupted; written and whole: {names}." if names else "Interrupted; nothing was written.",
         INTERRUPTED,
+    )
+
+
+def refused(error: OSError | MemoryError, written: Sequence[Path]) -> str:
+    """What the system did not give, in three parts, and which files and folders had been written whole by then."""
+    names = ", ".join(str(path) for path in written)
+    got = str(error) or "a full memory"
+    return str(
+        FlexhinfError(
+            "The system refuses what this command needs.",
+            f"expected memory, and room for files and output, got: {got}; written and whole: {names or 'nothing'}",
+            "more memory; an output, a working folder and a TMPDIR that can be written, with room",
+        )
     )
 
 

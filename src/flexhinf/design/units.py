@@ -36,6 +36,9 @@ _SPEEDS = {
 _TORQUES = {"nm": 1.0, "n·m": 1.0, "n*m": 1.0, "n": 1.0}
 _READINGS = {**_SPEEDS, **_ANGLES, **_TORQUES}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+#: Longest list that is a field's value: rows of weights have a number per state.
+_LONGEST = 10_000
+
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(\S*)\s*\Z")
 
 
@@ -233,16 +236,17 @@ def _is_sequence(value: Any) -> bool:
 
 
 def _sequence(value: Any) -> list[Any]:
-    if not _is_sequence(value):
+    if not _is_sequence(value) or len(value) > _LONGEST:
         raise ValueError(value_text(value))
-    return value.tolist() if isinstance(value, np.ndarray) else list(value)
+    return np.asarray(value).tolist() if isinstance(value, np.ndarray) else list(value)
 
 
-def _texts(value: Any) -> list[str]:
+def _texts(value: Any, depth: int = 2) -> list[str]:
+    """Texts in a value, in a list or in lists of a list; deeper there are none."""
     if isinstance(value, str):
         return [value]
-    if _is_sequence(value):
-        return [text for one in value for text in _texts(one)]
+    if depth and _is_sequence(value) and len(value) <= _LONGEST:
+        return [text for one in _sequence(value) for text in _texts(one, depth - 1)]
     return []
 
 

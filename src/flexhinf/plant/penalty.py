@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.model_code import has_a_name
 from flexhinf.untrusted import checked_names, real_array, value_text
 
 __all__ = ["Penalty", "unknown_weight"]
@@ -52,6 +54,28 @@ class Penalty:
                 f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
                 "a positive number, for example effort=10",
             )
+
+    def __copy__(self) -> Penalty:
+        return Penalty(self.states, self.effort)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Penalty:
+        return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For a pickle: code is found again by its name.
+
+        Raises
+        ------
+        InvalidInput
+            For code without such a name, a lambda or a function inside of another.
+        """
+        if callable(self.states) and not has_a_name(self.states):
+            raise InvalidInput(
+                "A penalty of code without a name cannot be pickled.",
+                f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
+                "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
+            )
+        return {"states": self.states, "effort": self.effort}
 
     def _check_rows_of_numbers(self) -> None:
         rows = real_array(self.states)

@@ -247,19 +247,13 @@ class _Walk:
 
     def limits(self, where: str, values: Mapping[str, str], angle: Any) -> tuple[float, float] | None:
         """Range of a joint, rad or m."""
-        stated = numbers(self.file.name, where, values, "range", (2,))
-        limited = values.get("limited", "auto")
-        if stated is None or limited == "false" or (limited == "auto" and not self.file.compiler.limited):
-            return None
-        if limited == "auto" and stated[0] == stated[1] == 0.0:
-            return None
-        return angle(float(stated[0])), angle(float(stated[1]))
+        ends = self.file.range(where, values, "range", "limited")
+        return None if ends is None else (angle(float(ends[0])), angle(float(ends[1])))
 
     def effort(self, where: str, values: Mapping[str, str]) -> float:
         """Largest force of all actuators on the joint."""
-        stated = numbers(self.file.name, where, values, "actuatorfrcrange", (2,))
-        off = values.get("actuatorfrclimited", "auto") == "false"
-        return np.inf if stated is None or off or not stated.any() else float(np.abs(stated).max())
+        ends = self.file.range(where, values, "actuatorfrcrange", "actuatorfrclimited")
+        return np.inf if ends is None else float(np.abs(ends).max())
 
     def motor(self, where: str, values: Mapping[str, str]) -> dict[str, float]:
         """Armature, damping and friction loss as numbers of the motor, seen from the link; what is zero is left out."""

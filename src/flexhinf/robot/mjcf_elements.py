@@ -79,8 +79,9 @@ def numbers(file: str, where: str, values: Mapping[str, str], key: str, counts: 
     text = values.get(key)
     if text is None:
         return None
-    words = text.split()
-    found = np.array([float(word) for word in words]) if all(map(NUMBER.fullmatch, words)) else np.array([])
+    words = text.split(None, max(counts))  # of more numbers, none is looked at
+    read = len(words) in counts and all(map(NUMBER.fullmatch, words))
+    found = np.array([float(word) for word in words]) if read else np.array([])
     if len(found) not in counts or not np.all(np.abs(found) <= HUGE):
         raise InvalidInput(
             f"{file}: {key} of {where} cannot be read.",

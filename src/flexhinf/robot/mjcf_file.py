@@ -103,6 +103,12 @@ class MjcfFile:
                 raise self._refusal(
                     "a default class inside another has no name", "got <default>", "class='…'"
                 )
+            if child.get("class") in self._classes:
+                raise self._refusal(
+                    f"the default class {value_text(child.get('class'), 60)} stands there twice",
+                    "expected distinct names, as MuJoCo does",
+                    "another name, or one of the two",
+                )
             self._read_class(child, own, child.get("class", ""))
 
     def childclass(self, element: Element, inherited: str | None) -> str | None:
@@ -128,7 +134,51 @@ class MjcfFile:
         found = [joint for world in self.root.findall("worldbody") for joint in world.iter("joint")]
         names = [checked_name(f"a joint of {self.name}", joint.get("name"), spaces=True) for joint in found]
         distinct(f"{self.name}: the joint", names)
+        self._check_bodies()
         return names
+
+    def _check_bodies(self) -> None:
+        """Names of bodies can be shown and stand once: a payload hangs on one. The world itself has no joint."""
+        bodies = [
+            body.get("name", "") for world in self.root.findall("worldbody") for body in world.iter("body")
+        ]
+        named = [checked_name(f"a body of {self.name}", name, spaces=True) for name in bodies if name]
+        distinct(f"{self.name}: the body", named)
+        if any(world.find("joint") is not None for world in self.root.findall("worldbody")):
+            raise self._refusal("<worldbody> has a joint", "expected joints in bodies", "a <body> around it")
+
+    def range(self, where: str, values: Mapping[str, str], key: str, limited: str) -> np.ndarray | None:
+        """A range that acts, (2,), or None: it is not stated, switched off, or 0 0 and not switched on.
+
+        Parameters
+        ----------
+        where, values
+            As for `numbers`.
+        key, limited : str
+            Names of the range, and of the attribute that switches it: true, false or auto.
+
+        Raises
+        ------
+        InvalidInput
+            For ends in the wrong order, and another word.
+        """
+        stated, switch = numbers(self.name, where, values, key, (2,)), values.get(limited, "auto")
+        if switch not in ("true", "false", "auto"):
+            raise self._refusal(
+                f"{limited} of {where} cannot be read", f"got {value_text(switch, 40)}", "true, false or auto"
+            )
+        if switch == "false" or (switch == "auto" and (stated is None or not self.compiler.limited)):
+            return None
+        ends = np.zeros(2) if stated is None else stated
+        if switch == "auto" and not ends.any():
+            return None
+        if not ends[0] < ends[1]:
+            raise self._refusal(
+                f"{key} of {where} is none",
+                f"expected two ends in order, got {ends.tolist()}",
+                f'{key}="-1 1"',
+            )
+        return ends
 
     def check_couplings(self, moving: set[str]) -> None:
         """Refuse constraints and elastic tendons of joints that move."""
@@ -166,10 +216,10 @@ class MjcfFile:
                     continue
                 values, where = self.values(element, None), f"the actuator of {joint!r}"
                 gear = numbers(self.name, where, values, "gear", (1, 2, 3, 4, 5, 6))
-                force = numbers(self.name, where, values, "forcerange", (2,))
+                force = self.range(where, values, "forcerange", "forcelimited")
                 if force is None and element.tag == "motor":
-                    force = numbers(self.name, where, values, "ctrlrange", (2,))
-                if force is None or force[0] >= force[1]:
+                    force = self.range(where, values, "ctrlrange", "ctrllimited")
+                if force is None:
                     return np.inf
                 any_found = True
                 total += float(np.abs(force).max() * abs(1.0 if gear is None else gear[0]))

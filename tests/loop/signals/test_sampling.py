@@ -132,3 +132,13 @@ def test_disturbances_by_name_are_those_of_all_channels_with_room_behind():
     assert named.shape == (40, 4, 3, 2)
     np.testing.assert_array_equal(named[:, :3], whole)
     assert not named[:, 3].any()
+
+
+@pytest.mark.parametrize("kind", [list, tuple, dict])
+def test_a_signal_that_contains_itself_is_refused(kind):
+    inside: list = []
+    inside.append(inside)
+    signal = {"a": {"a": inside}} if kind is dict else kind([inside])
+    with pytest.raises(InvalidInput):
+        sample_signal(signal, np.zeros(2), ["a"], "disturbance")
+    assert len(signal_name(signal)) < 20

@@ -50,14 +50,16 @@ class Signal(Protocol):
         ...
 
 
-def signal_name(signal: Any) -> str:
-    """A short description of a command or disturbance."""
+def signal_name(signal: Any, depth: int = 3) -> str:
+    """A short description of a command or disturbance, of lists and mappings at most `depth` in one another."""
     if signal is None:
         return "none"
+    if isinstance(signal, (Mapping, list, tuple)) and not depth:
+        return "…"
     if isinstance(signal, Mapping):
-        return "; ".join(f"{name}: {signal_name(part)}" for name, part in signal.items())
+        return "; ".join(f"{name}: {signal_name(part, depth - 1)}" for name, part in signal.items())
     if isinstance(signal, (list, tuple)):
-        return "; ".join(signal_name(part) for part in signal)
+        return "; ".join(signal_name(part, depth - 1) for part in signal)
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
     return f"constant {signal}"

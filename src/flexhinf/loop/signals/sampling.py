@@ -54,7 +54,9 @@ def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
     return {**grouped, **single}
 
 
-def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what: str) -> np.ndarray:
+def sample_signal(
+    signal: Any, times: np.ndarray, channels: Sequence[str], what: str, depth: int = 3
+) -> np.ndarray:
     """Values (N, channels) of a command or disturbance at times (N,).
 
     Parameters
@@ -65,6 +67,8 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
     channels : sequence of str
     what : {"reference", "disturbance"}
         For the messages.
+    depth : int
+        How many sequences and mappings may stand in one another; a list may contain itself.
 
     Raises
     ------
@@ -82,8 +86,11 @@ def sample_signal(signal: Any, times: np.ndarray, channels: Sequence[str], what:
                 "one of these names",
             )
         signal = [signal.get(name) for name in channels]
-    if isinstance(signal, Sequence) and not isinstance(signal, str) and len(signal) == len(channels):
-        columns = [sample_signal(part, times, [name], what) for part, name in zip(signal, channels)]
+    several = isinstance(signal, Sequence) and not isinstance(signal, str)
+    if depth and several and len(signal) == len(channels):
+        columns = [
+            sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
+        ]
         return np.hstack(columns) if columns else np.zeros((len(times), 0))
     values = _values(signal, times)
     if values.shape not in _shapes(callable(signal), len(times), len(channels)):

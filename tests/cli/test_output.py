@@ -1,0 +1,105 @@
+"""Where the output goes: encodings that lack a letter, pipes without a reader, full disks, refusals."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+
+from flexhinf import cli
+from flexhinf.cli import commands, main
+from flexhinf.design import design_schema
+
+
+def _output(raw: io.BytesIO, encoding: str) -> io.TextIOWrapper:
+    return io.TextIOWrapper(raw, encoding=encoding)
+
+
+@pytest.fixture
+def unread() -> Iterator[TextIO]:
+    """A pipe without a reader."""
+    end, start = os.pipe()
+    os.close(end)
+    with open(start, "w", encoding="utf-8") as stream:
+        yield stream
+
+
+@pytest.fixture
+def full() -> Iterator[TextIO]:
+    """A disk without room."""
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no /dev/full")
+    with open("/dev/full", "w", encoding="utf-8") as stream:
+        yield stream
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-16"])
+@pytest.mark.parametrize("words", [["robots"], ["schema"], ["design", "--help"]], ids=" ".join)
+def test_a_letter_that_an_encoding_lacks_is_escaped(
+    encoding: str, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = io.BytesIO()
+    out = _output(content, encoding)
+    monkeypatch.setattr(sys, "stdout", out)
+    assert main(words) == 0
+    assert out.errors == "strict"
+    out.flush()
+    text = content.getvalue().decode("utf-8" if encoding == "ascii" else encoding)
+    assert len(text) > 500
+    if words == ["schema"]:
+        assert json.loads(text) == design_schema()
+
+
+@pytest.mark.parametrize("words", [["robots"], ["schema"], ["--version"], ["--help"]], ids=" ".join)
+def test_a_pipe_without_a_reader_has_the_shells_code(
+    words: list[str], unread: TextIO, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not 1, which says that a loop does not meet its specification."""
+    monkeypatch.setattr(sys, "stdout", unread)
+    assert main(words) == 141
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["robots"], ["schema"], ["--version"], ["--help"]], ids=" ".join)
+def test_an_output_on_a_full_disk_is_an_error(
+    words: list[str], full: TextIO, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", full)
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert "No space left" in told
+    assert "\n  try:" in told
+
+
+def test_an_error_that_cannot_be_told_has_its_exit_code(
+    full: TextIO, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", full)
+    assert main(["desing"]) == 2
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.EMFILE, "Too many open files")], ids=repr)
+def test_what_the_system_refuses_is_told_in_three_parts(
+    error: Exception, folder: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
+) -> None:
+    def command(**_: object) -> int:
+        raise error
+
+    monkeypatch.setattr(commands, "app", command)
+    refused(["robots"], "The system refuses", folder)
+
+
+def test_a_library_that_cannot_be_loaded_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "flexhinf.cli.commands", None)
+    assert cli.main(["robots"]) == 2
+    assert capsys.readouterr().err.startswith("error: The system refuses")
