@@ -119,7 +119,7 @@ def test_every_report_says_who_hunts(setup):
     assert "`--extras coulomb_friction --friction`" in note
     figure, table = rest.blocks(cast(Design, design))
     assert "hunts" in table.html()
-    assert "rests" in table.html()
+    assert "below the limit" in table.html()
     assert "<svg" in figure.html()
     still = SimpleNamespace(**{**vars(design), "rest": None})
     assert rest.blocks(cast(Design, still)) == list(rest.remarks(cast(Design, still))) == []

@@ -20,6 +20,9 @@ __all__ = ["blocks", "frequency_text", "remarks"]
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
 
+#: An oscillation of at least this fraction of the limit has its frequency in the table.
+SEEN = 0.5
+
 
 def blocks(design: Design) -> list[Any]:
     """Figure and table; nothing for a robot without dry friction, or a run that diverged."""
@@ -109,8 +112,8 @@ def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _table(design: Design, run: RestRun) -> Any:
     unit, scale = units_of(design.evaluation).small
     rows = [
-        (joint, scale * cycle.amplitude, frequency_text(cycle.frequency) if cycle.amplitude > run.limit else "–",
-         scale * error, "hunts" if cycle.amplitude > run.limit else "rests")
+        (joint, scale * cycle.amplitude, frequency_text(cycle.frequency) if cycle.amplitude > SEEN * run.limit else "–",
+         scale * error, "hunts" if cycle.amplitude > run.limit else "below the limit")
         for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors.tolist())
     ]  # fmt: skip
     zone = "" if run.dead_zone is None else ", and a dead zone of the integrals"
