@@ -12,6 +12,7 @@ from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
@@ -23,6 +24,7 @@ from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
+    hunting_requirement,
     margin_requirements,
     sample_requirements,
     step_requirements,
@@ -86,7 +88,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup = synthesis.setup(robot, s)
+    setup, rest = brought_to_rest(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
@@ -104,22 +106,13 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
         progress("load, move and sampled robots")
         rigid = rigid.result()
-    lines = tuple(_requirements(evaluation, synthesis, mujoco))
+    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest))
     inside = _starts_inside(setup, synthesis)
     return Design(
-        robot=robot,
-        specification=s,
-        synthesis=synthesis,
-        evaluation=evaluation,
-        attenuation=worth,
-        inside=inside,
-        mujoco=mujoco,
-        rigid=rigid,
-        law_modes=modes,
-        requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside),
-        writer=write_design,
-    )
+        robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
+        mujoco=mujoco, rigid=rigid, rest=rest, law_modes=modes, requirements=lines,
+        status=status_of(lines, evaluation, synthesis, worth, inside), writer=write_design,
+    )  # fmt: skip
 
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
@@ -214,7 +207,7 @@ def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison |
 
 
 def _requirements(
-    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None
+    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None, rest: RestRun | None
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
@@ -229,6 +222,8 @@ def _requirements(
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
     lines += move_requirements(s, limits, evaluation.move, synthesis.along)
+    if rest is not None:
+        lines.append(hunting_requirement(rest, limits.position_units))
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
@@ -290,7 +285,7 @@ def compare(
         )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup = replace(synthesis.setup(robot, s), quiet=True)
+    setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
     _check_way(setup)
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
