@@ -99,11 +99,15 @@ def test_a_loop_without_a_gain_limit_is_not_held_against_a_law() -> None:
     assert made().judge(replace(OWN, damping=math.nan)).excess == 0.0
 
 
-def test_only_what_is_far_beyond_a_linear_limit_is_not_run() -> None:
+def test_only_what_is_far_beyond_a_limit_is_not_run_further() -> None:
     criterion = made()
     assert not criterion.is_far(replace(OWN, peak_sensitivity=2.4))
     assert criterion.is_far(replace(OWN, peak_sensitivity=2.6))
-    assert not criterion.is_far(replace(OWN, peak_input=1e9))
+    assert not criterion.is_far(replace(OWN, peak_input=math.nan))  # before the jump is run
+    assert not criterion.is_far(replace(OWN, peak_input=1.2 * OWN.peak_input))
+    assert criterion.is_far(replace(OWN, peak_input=1.3 * OWN.peak_input))
+    assert criterion.is_far(replace(OWN, peak_input=math.inf))
+    assert made("bandwidth").is_far(replace(OWN, bandwidth=math.nan))
     assert made("bandwidth").is_far(replace(OWN, bandwidth=6.1))
     linear = Figures(9.0, 1.1, 0.2, 0.02, 3.0)
     assert criterion.judge(linear).excess > 0.0

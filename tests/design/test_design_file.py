@@ -34,6 +34,8 @@ OTHERS: dict[str, Any] = {
     "move": {"time": [0.0, 0.1 + 0.2], "shoulder": [0.0, 1 / 3], "elbow": [0.5, 0.1]},
     "tracking_error": (0.01, 1 / 3),
     "overshoot": 2.5,
+    "friction_model": True,
+    "integral_dead_zone": (1e-3, 5e-4),
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
     "effort": 10.0,
     "gamma_ratio": 1.7,

@@ -13,6 +13,8 @@ import flexhinf as fh
 from flexhinf.baselines import MotorPD
 from flexhinf.design import Specification
 from flexhinf.design.laws import (
+    CHANNELS,
+    CONTAINED,
     DEFAULT_LAWS,
     DEGREE,
     DESIGN,
@@ -25,6 +27,7 @@ from flexhinf.design.laws import (
     weighted,
 )
 from flexhinf.design.synthesis import synthesise
+from flexhinf.design.weights.robust import sized_channels
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import solve_hji
 
@@ -85,7 +88,7 @@ def test_every_law_is_made_at_its_start_and_changes_with_each_parameter(
     for parameter in start:
         low, high = bounds[parameter]
         assert low <= start[parameter] <= high
-        factor = 0.75 if parameter == DEGREE else 1.1
+        factor = 0.75 if parameter in (DEGREE, CHANNELS) else 1.1
         changed = factory.make(kind, {**start, parameter: factor * start[parameter]})
         same = changed.law_data.shape == plain.law_data.shape and np.allclose(
             changed.law_data, plain.law_data, rtol=1e-9
@@ -134,3 +137,37 @@ def test_sources_are_in_the_bibliography_or_named() -> None:
         source = law_kind(name).source
         year = re.search(r"(1\d{3}|20\d{2})", source)
         assert year is None or year[1] in text
+
+
+@pytest.mark.parametrize(("family", "contained"), [(NL_HINF, "nlqr"), ("hinf", "lqr")])
+def test_nonlinear_h_infinity_contains_the_nonlinear_lqr(
+    factory: LawFactory, family: str, contained: str
+) -> None:
+    """Old code kept the channels of the tolerances whatever was tuned: no γ made it the law of γ = ∞."""
+    values = {**factory.start(law_kind(contained)), "effort": 0.4, "velocity_weight": 0.05}
+    wider = {**CONTAINED, **values, DEGREE: values.get(DEGREE, 2.0)}
+    law, same = factory.make(law_kind(contained), values), factory.make(law_kind(family), wider)
+    np.testing.assert_allclose(same.gain, law.gain, rtol=1e-9)  # type: ignore[attr-defined]
+    if family == NL_HINF:
+        np.testing.assert_array_equal(same.law_data, law.law_data)
+
+
+@pytest.mark.oracle
+def test_channels_of_a_size_are_those_of_that_fraction_of_the_tolerances(factory: LawFactory) -> None:
+    """hᵀh, R2 and g1 g1ᵀ are linear in the size; the law lies between those without channels and with all."""
+    design = factory.synthesis.design_problem
+    if design.robustness is None:
+        assert CHANNELS not in factory.start(law_kind(NL_HINF))
+        return
+
+    def parts(size: float) -> tuple[np.ndarray, ...]:
+        problem = sized_channels(design.problem, design.nominal, size)
+        h = np.asarray(problem.expand(1).h_parts[1], dtype=float)
+        assert problem.equilibrium is not None
+        g = problem.plant.linearise(*problem.equilibrium)[2]
+        return h.T @ h, np.asarray(problem.r2), g @ g.T
+
+    for none, third, whole in zip(parts(0.0), parts(0.3), parts(1.0), strict=True):
+        np.testing.assert_allclose(
+            third, 0.7 * none + 0.3 * whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max()
+        )

@@ -102,3 +102,66 @@ def test_backlash_of_a_joint_that_carries_nothing_is_run_with_the_steps_of_its_s
     )
     held = plant.operating_point([1.0, -1.0], "backlash")[0] - plant.operating_point([1.0, -1.0])[0]
     np.testing.assert_allclose(held[4:6], [5e-4, 0.0], atol=1e-12)
+
+
+# Sharp friction --------------------------------------------------------------------------------------
+def released(robot, twist, extras="coulomb_friction", duration=4.0, sub_steps=4):
+    """Motor position of an arm whose link is as good as fixed, released with a twisted spring, no input."""
+    from flexhinf.loop import Controller, Loop
+    from flexhinf.plant import Law
+
+    class Nothing(Law):
+        law_key = "nothing"  # pyright: ignore[reportAssignmentType]
+        state_names, input_names = tuple(robot.plant().states), ("motor_voltage",)
+        operating_point, operating_input = np.zeros(4), np.zeros(1)
+        law_data = np.zeros(1)  # pyright: ignore[reportAssignmentType]
+
+        def evaluate_law(self, x, data):
+            return np.array([0.0 * x[0] * data[0]])
+
+    true = robot.plant(extras=extras, sticking=True)
+    loop = Loop(true, Controller(Nothing(), None, 1e-3), sub_steps=sub_steps)
+    return loop.run(duration=duration, initial_state=[0.0, 0.0, twist, 0.0])
+
+
+#: A heavy link in weightlessness, a motor without back-EMF and viscous friction: a mass on a spring, J = 1, K = 100.
+SLIDER = ARM.with_values({"gravity": 0.0, "link_inertia": 1e9, "friction": 0.0, "back_emf_constant": 1e-12})
+
+
+@pytest.mark.oracle
+def test_sharp_friction_is_coulombs_closed_form():
+    """x'' = −ω² x ∓ F/J: half swings of π/ω about ±F/K, each 2F/K smaller, until one ends within F/K and sticks."""
+    coarse, fine = (released(SLIDER, 0.0325, sub_steps=count) for count in (4, 40))
+    x, t = fine.signals["state"][:, 2], fine.time
+    band, omega = 0.5 / 100.0, 10.0
+    turning, signed = [], 0.0325
+    while abs(signed) > band:
+        turning.append(signed)
+        signed = -(signed - 2.0 * band * np.sign(signed))
+    expected = np.full(len(t), signed)
+    for k, start in enumerate(turning):
+        inside = (t >= k * np.pi / omega) & (t < (k + 1) * np.pi / omega)
+        centre = band * np.sign(start)
+        expected[inside] = centre + (start - centre) * np.cos(omega * (t[inside] - k * np.pi / omega))
+    assert len(turning) == 3
+    np.testing.assert_allclose(x, expected, rtol=0.0, atol=2e-6)  # of a reversal, time is known to a sub-step
+    np.testing.assert_allclose(coarse.signals["state"][:, 2], expected, rtol=0.0, atol=2e-5)
+    stuck = x[t > 1.1 * len(turning) * np.pi / omega]
+    assert np.ptp(stuck) < 1e-12  # where smoothed friction creeps
+
+
+@pytest.mark.oracle
+def test_with_stribecks_curve_it_holds_up_to_the_static_friction():
+    for twist, moves in ((0.0079, False), (0.0081, True)):  # F_s/K = 0.008
+        x = released(SLIDER, twist, "stribeck_friction", 1.0).signals["state"][:, 2]
+        assert (np.ptp(x) > 1e-4) == moves
+
+
+def test_a_sticking_plant_is_another_code_with_the_flow_of_none():
+    smooth, none = ARM.plant(extras="coulomb_friction"), ARM.plant()
+    sharp = ARM.plant(extras="coulomb_friction", sticking=True)
+    assert sharp.fastest_mode() == none.fastest_mode() < smooth.fastest_mode()
+    assert len({plant.code_key for plant in (smooth, sharp, none)}) == 3
+    assert ARM.plant(sticking=True) is none
+    again = pickle.loads(pickle.dumps(sharp))
+    assert again.code_key == sharp.code_key

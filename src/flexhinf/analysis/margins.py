@@ -21,7 +21,8 @@ down to where they do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,31 +55,21 @@ REFINEMENTS, POINTS = 5, 33
 class Margins:
     """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
 
+    Delay and disk margins and the other peaks, two thirds of the time, are computed when they are first read: a search
+    over many loops that asks for none of them does not pay for them.
+
     Attributes
     ----------
+    linear : LinearLoop
+        The loop.
     stable : bool
-    delay_margin_s : float
-        Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
-        delay makes the loop unstable.
-    delay_frequency : float
-        Where the loop then oscillates, rad/s.
     gain_margins : (m, 2) array
         The loop is stable with the gain of one input times all factors between these, the others as they are. Beyond a
         millionth and a million they are 0 and infinite.
-    disk_margin : float
-        α, symmetric: the loop is stable with every input multiplied by its own complex factor
-        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
-        lower bound of it.
-    disk_frequency : float
-        Where it is reached, rad/s.
     peak_sensitivity, sensitivity_frequency : float
         max over ω of σ_max(S(e^{jωT})), and where, rad/s.
-    peak_complementary, complementary_frequency : float
-        The same of T = 1 − S.
     noise_to_input : (m, p) array
         RMS of each input per RMS of white noise on one measurement; independent noises add in squares.
-    peak_noise_to_input, noise_frequency : float
-        H∞ norm of the same, and where, rad/s.
     bandwidth : (q,) array
         Frequency at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the command does
         not act, infinite if beyond half the sampling frequency.
@@ -89,23 +80,75 @@ class Margins:
         see `DiscreteSystem.damping`. Negative for an unstable loop.
     """
 
+    linear: LinearLoop = field(repr=False)
     stable: bool
-    delay_margin_s: float
-    delay_frequency: float
     gain_margins: np.ndarray
-    disk_margin: float
-    disk_frequency: float
     peak_sensitivity: float
     sensitivity_frequency: float
-    peak_complementary: float
-    complementary_frequency: float
     noise_to_input: np.ndarray
-    peak_noise_to_input: float
-    noise_frequency: float
     bandwidth: np.ndarray
     positions: tuple[str, ...]
     damping: float
     damping_frequency: float
+
+    @cached_property
+    def _delay(self) -> tuple[float, float]:
+        return delay_margin(self.linear)
+
+    @cached_property
+    def _disk(self) -> tuple[float, float]:
+        return _disk_margin(self.linear) if self.stable else (0.0, np.nan)
+
+    @cached_property
+    def _complementary(self) -> tuple[float, float]:
+        return self.linear.part("w", "u").norm() if self.stable else (np.inf, np.nan)
+
+    @cached_property
+    def _noise(self) -> tuple[float, float]:
+        return self.linear.part("v", "u").norm() if self.stable else (np.inf, np.nan)
+
+    @property
+    def delay_margin_s(self) -> float:
+        """Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
+        delay makes the loop unstable."""
+        return self._delay[0]
+
+    @property
+    def delay_frequency(self) -> float:
+        """Where the loop then oscillates, rad/s."""
+        return self._delay[1]
+
+    @property
+    def disk_margin(self) -> float:
+        """α, symmetric: the loop is stable with every input multiplied by its own complex factor
+        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
+        lower bound of it."""
+        return self._disk[0]
+
+    @property
+    def disk_frequency(self) -> float:
+        """Where it is reached, rad/s."""
+        return self._disk[1]
+
+    @property
+    def peak_complementary(self) -> float:
+        """max over ω of σ_max(T), T = 1 − S."""
+        return self._complementary[0]
+
+    @property
+    def complementary_frequency(self) -> float:
+        """Where it is reached, rad/s."""
+        return self._complementary[1]
+
+    @property
+    def peak_noise_to_input(self) -> float:
+        """H∞ norm from measurement noise to the inputs."""
+        return self._noise[0]
+
+    @property
+    def noise_frequency(self) -> float:
+        """Where it is reached, rad/s."""
+        return self._noise[1]
 
     @property
     def gain_margin(self) -> float:
@@ -167,14 +210,13 @@ def margins(
     damping = linear.running.damping
     if not linear.running.stable:
         return Margins(
-            False, 0.0, np.nan, np.full((m, 2), np.nan), 0.0, np.nan, np.inf, np.nan, np.inf, np.nan,
-            np.full((m, p), np.inf), np.inf, np.nan, np.full(q, np.nan), linear.names, *damping,
+            linear, False, np.full((m, 2), np.nan), np.inf, np.nan, np.full((m, p), np.inf),
+            np.full(q, np.nan), linear.names, *damping,
         )  # fmt: skip
-    noise = linear.part("v", "u")
     return Margins(
-        True, *delay_margin(linear), np.array([_gain_margins(linear.opened_at(i)) for i in range(m)]),
-        *_disk_margin(linear), *linear.part("w", "u+w").norm(), *linear.part("w", "u").norm(),
-        noise.rms(), *noise.norm(), _bandwidths(linear), linear.names, *damping,
+        linear, True, np.array([_gain_margins(linear.opened_at(i)) for i in range(m)]),
+        *linear.part("w", "u+w").norm(), linear.part("v", "u").rms(),
+        _bandwidths(linear), linear.names, *damping,
     )  # fmt: skip
 
 

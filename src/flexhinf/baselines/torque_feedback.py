@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -136,14 +136,9 @@ class TorqueFeedback(PlacedLaw):
     @cached_property
     def contraction(self) -> float:
         """Largest factor ‖K^-½ ∂G/∂q K^-½‖ by which a turn of q̄ contracts, at the equilibrium and the sampled poses."""
-        n, p = len(self.joints.stiffness), self.plant.parameters.vector()
-        poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
-        root = np.sqrt(self.joints.stiffness)
-        largest = 0.0
-        for q in (self.equilibrium[0][:n], *poses):
-            slope = np.column_stack([self._weight.torque_and_rate(q, unit, p)[1] for unit in np.eye(n)])
-            largest = max(largest, float(np.linalg.norm(slope / np.outer(root, root), 2)))
-        return largest
+        stiffness = self.joints.stiffness
+        goal = self.equilibrium[0][: len(stiffness)]
+        return _contraction(self.plant, self.gravity, tuple(goal.tolist()), tuple(stiffness.tolist()))
 
     @cached_property
     def turns(self) -> int:
@@ -208,3 +203,21 @@ class TorqueFeedback(PlacedLaw):
         share, stiffness, p = numbers[end : end + n], numbers[end + n : end + 2 * n], numbers[end + 2 * n :]
         motor, moved = state[2 * n : 3 * n], x[2 * n : 3 * n]
         return k + share * (self.weight(motor + moved, stiffness, p) - self.weight(motor, stiffness, p))
+
+
+@lru_cache(maxsize=8)
+def _contraction(
+    plant: Any,
+    gravity: Callable[[Any, Any], Any] | None,
+    goal: tuple[float, ...],
+    stiffness: tuple[float, ...],
+) -> float:
+    """See `TorqueFeedback.contraction`; gains have no part in it, so a search over them computes it once."""
+    n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant, gravity)
+    poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
+    root = np.sqrt(stiffness)
+    largest = 0.0
+    for q in (np.array(goal), *poses):
+        slope = np.column_stack([weight.torque_and_rate(q, unit, p)[1] for unit in np.eye(n)])
+        largest = max(largest, float(np.linalg.norm(slope / np.outer(root, root), 2)))
+    return largest

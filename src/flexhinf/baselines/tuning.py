@@ -139,7 +139,8 @@ def tune(
     bounds : mapping of str to (lower, upper)
         Of each parameter, with the start between them.
     samples, refinements : int
-        Candidates of hypercube and covariance matrix adaptation together, and of the simplex, at most.
+        Candidates of hypercube (without `others`) and covariance matrix adaptation together, and of the simplex, at
+        most.
     seed : int
         Of the samples.
     others : sequence of mapping of str to float
@@ -160,8 +161,8 @@ def tune(
     begin = np.log([start[name] for name in names])
     tried: list[Candidate] = []
 
-    def cost(point: np.ndarray) -> float:
-        values = np.exp(np.clip(point, low, high))
+    def cost(point: np.ndarray, exact: Mapping[str, float] | None = None) -> float:
+        values = np.exp(np.clip(point, low, high)) if exact is None else [exact[name] for name in names]
         tried.append(_judged(judge, {name: float(value) for name, value in zip(names, values)}))
         found = tried[-1].judgement
         beyond = float(np.abs(point - np.clip(point, low, high)).sum())
@@ -169,10 +170,15 @@ def tune(
             return UNJUDGED + beyond
         return min(found.cost, UNJUDGED / 10.0) + PENALTY * (found.excess + beyond)
 
-    given = [np.clip(np.log([values[name] for name in names]), low, high) for values in others]
-    spread = samples // COARSE
-    points = [begin, *given, *_spread(begin, low, high, spread, seed)]
-    costs = [cost(point) for point in points]
+    exact = [{n: float(np.clip(values[n], *bounds[n])) for n in names} for values in (start, *others)]
+    spread = 0 if others else samples // COARSE  # from values that are good elsewhere it begins at once
+    points = [np.log([values[name] for name in names]) for values in exact]
+    costs = [
+        cost(point, values) for point, values in zip(points, exact)
+    ]  # another law's values, to the last bit
+    for point in _spread(begin, low, high, spread, seed):
+        points.append(point)
+        costs.append(cost(point))
     if names:
         first = points[int(np.argmin(costs))]
         mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 __all__ = [
     "PEAKS",
     "Elastic",
+    "GoalXyz",
     "Out",
     "Payload",
     "Robot",
+    "Tool",
     "reproduce_command",
     "request_of",
     "with_specification",
@@ -50,6 +52,24 @@ Payload = Annotated[
         help="What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, "
         ":x,y,z its centre of mass there (m). Default: the file's own.",
         metavar="<kg@link>",
+    ),
+]
+
+GoalXyz = Annotated[
+    str,
+    typer.Option(
+        "--goal-xyz",
+        help="Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints "
+        "are found for it; out of reach is refused, a pose near a singular one told.",
+        metavar="<x,y,z>",
+    ),
+]
+Tool = Annotated[
+    str,
+    typer.Option(
+        help="The point that --goal-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the "
+        "link's joint, in the link's frame (m). Default: the origin of the last link.",
+        metavar="<link:x,y,z>",
     ),
 ]
 
@@ -129,7 +149,9 @@ class CommandRequest:
     warnings: list[str]
 
 
-def request_of(context: typer.Context, source: str, elastic: str, payload: str) -> CommandRequest:
+def request_of(
+    context: typer.Context, source: str, elastic: str, payload: str, goal: str = "", tool: str = ""
+) -> CommandRequest:
     """Robot and specification of a command; prints notes.
 
     Raises
@@ -138,12 +160,13 @@ def request_of(context: typer.Context, source: str, elastic: str, payload: str) 
         For a file or an option that cannot be used.
     """
     from flexhinf.design import read_request
+    from flexhinf.design.cartesian import with_joints
     from flexhinf.robot import RobotFileWarning
 
     fields = _fields(context)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
-        request = read_request(source, elastic or None, fields, payload or None)
+        request = with_joints(read_request(source, elastic or None, fields, payload or None), goal, tool)
     _check_drive(context, request.robot)
     found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*found, *request.notes):

@@ -9,9 +9,11 @@ import typer
 
 from flexhinf.cli.arguments import (
     Elastic,
+    GoalXyz,
     Out,
     Payload,
     Robot,
+    Tool,
     reproduce_command,
     request_of,
     with_specification,
@@ -28,6 +30,8 @@ def design(
     out: Out = Path("flexhinf-design"),
     elastic: Elastic = "",
     payload: Payload = "",
+    goal_xyz: GoalXyz = "",
+    tool: Tool = "",
     **options: Any,
 ) -> None:
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
@@ -45,7 +49,7 @@ def design(
     from flexhinf.design import design_text, report, stages
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload)
+    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
     request = read.request
     folder = check(out)
     with Progress(stages(request.robot, request.specification) + 1) as progress:
@@ -103,6 +107,8 @@ def compare(
     out: Out = Path("flexhinf-compare"),
     elastic: Elastic = "",
     payload: Payload = "",
+    goal_xyz: GoalXyz = "",
+    tool: Tool = "",
     laws: Laws = "",
     tune: Tune = "peak",
     same_sensors: SameSensors = False,
@@ -123,7 +129,7 @@ def compare(
     from flexhinf.design import comparison_stages, law_names, report
     from flexhinf.report import check, write
 
-    read = request_of(context, robot, elastic, payload)
+    read = request_of(context, robot, elastic, payload, goal_xyz, tool)
     request = read.request
     chosen = tuple(name.strip() for name in laws.split(",") if name.strip()) or None
     folder = check(out)

@@ -29,7 +29,7 @@ __all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_fr
 #: What all laws share with the design, as `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
 
-#: A limit of the linear loop that is exceeded by more than this factor is judged without a run: it is far off.
+#: A candidate that exceeds a limit by more than this factor is judged without further runs: it is far off.
 FAR = 1.25
 
 #: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
@@ -173,8 +173,8 @@ class Criterion:
         return cost if math.isfinite(cost) else math.inf
 
     def is_far(self, figures: Figures) -> bool:
-        """Whether the linear loop alone exceeds a limit by more than `FAR`: the runs would change nothing."""
-        known = (*self.linear, *(limit for limit in self.shared if limit.figure == "bandwidth"))
+        """Whether what is known exceeds a limit by more than `FAR`: further runs would change nothing."""
+        known = (x for x in self.limits if x.figure != "peak_input" or not math.isnan(figures.peak_input))
         return any(limit.excess(figures) > math.log(FAR) for limit in known)
 
     def judge(self, figures: Figures) -> Judgement:

@@ -203,6 +203,7 @@ def estimator_for(
     period: float,
     process: np.ndarray,
     measurement: np.ndarray,
+    model: Plant | None = None,
 ) -> Any:
     """The filter, or None for "none".
 
@@ -221,6 +222,8 @@ def estimator_for(
         R^v.
     measurement : (p,)
         Diagonal of R^n.
+    model : Plant, optional
+        That the filter runs with; `plant`, whose detectability and covariance count, by default.
 
     Raises
     ------
@@ -232,7 +235,9 @@ def estimator_for(
     _check_detectable(plant, equilibrium)
     covariance = initial_covariance(plant, equilibrium, period, process, measurement)
     options = {"about": equilibrium[0]} if kind == "observer" else {}
-    return KINDS[kind](plant, period, process, measurement, mean=start, covariance=covariance, **options)
+    return KINDS[kind](
+        model or plant, period, process, measurement, mean=start, covariance=covariance, **options
+    )
 
 
 def initial_covariance(

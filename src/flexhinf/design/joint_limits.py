@@ -14,7 +14,7 @@ from flexhinf.robot import Robot
 from flexhinf.robot.drive import DRIVES
 from flexhinf.robot.signals import UNITS
 
-__all__ = ["ROBOT", "JointLimits", "LimitUse", "joint_limits"]
+__all__ = ["ROBOT", "JointLimits", "LimitUse", "integral_dead_zone", "joint_limits"]
 
 #: Who states a limit that no option does.
 ROBOT = "the robot's file"
@@ -169,6 +169,18 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         joints, peak, saturation, speed, ranges[:, 0], ranges[:, 1], units(DRIVES[robot.drive]),
         units("link_velocity"), units("link_position"), peak_source, saturation_source, speed_source,
     )  # fmt: skip
+
+
+def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
+    """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any.
+
+    Raises
+    ------
+    SpecificationError
+        For a number of sizes that is not the number of joints.
+    """
+    zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
+    return None if zone is None or not np.any(zone) else _per_joint(robot, "integral_dead_zone", zone)
 
 
 def _per_joint(robot: Robot, name: str, value: Any) -> np.ndarray:

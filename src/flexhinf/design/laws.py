@@ -14,13 +14,14 @@ import numpy as np
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.baselines.gains import INTEGRAL_RATE
 from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.weights.robust import sized_channels
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
 __all__ = [
-    "DEFAULT_LAWS", "DEGREE", "DESIGN", "ESTIMATOR_NOISE", "MOTOR_NOISE", "NL_HINF", "LawFactory", "LawKind",
-    "TuningParameter", "law_kind", "law_names", "weighted",
+    "CHANNELS", "CONTAINED", "DEFAULT_LAWS", "DEGREE", "DESIGN", "ESTIMATOR_NOISE", "MOTOR_NOISE", "NL_HINF",
+    "LawFactory", "LawKind", "TuningParameter", "law_kind", "law_names", "weighted",
 ]  # fmt: skip
 
 #: The design's own law as `flexhinf design` makes it, by whose figures the criterion divides. It is not tuned for the
@@ -36,6 +37,21 @@ ESTIMATOR_NOISE, MOTOR_NOISE = "estimator_noise", "motor_noise"
 
 #: Name of the parameter that is a whole number: the degree of V, up to the largest that the design tries.
 DEGREE = "degree"
+
+#: Name of the parameter that is the size of the channels of the tolerances, of the preset robust: a fraction.
+CHANNELS = "tolerance_channels"
+
+#: The ends of two ranges: a γ/γ* from which on the disturbance is left out (γ = ∞: it has less than 1/400 of its weight
+#: at γ*), and a size up to which there are no channels. So nonlinear H∞ contains the nonlinear LQR.
+INFINITE_GAMMA, NO_CHANNELS = 20.0, 0.01
+
+#: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ = ∞, no channels.
+CONTAINED = {
+    "rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": INFINITE_GAMMA, CHANNELS: NO_CHANNELS,
+}  # fmt: skip
+
+#: Ends of ranges are met within this fraction.
+ROUNDING = 1e-9
 
 #: Largest degree of V in a name such as ``nl-hinf-4``.
 LARGEST_DEGREE = 12
@@ -72,14 +88,17 @@ _ROTOR = TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25,
 _EFFORT = TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3)
 _INTEGRAL = TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0)
 _VELOCITY = TuningParameter("velocity_weight", "weight of velocities / positions", "s", 0.01, 1e-4, 1.0)
-_GAMMA = TuningParameter("gamma_ratio", "γ/γ*", "", None, 1.02, 50.0)
+_GAMMA = TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA)
+_SIZE = TuningParameter(
+    CHANNELS, f"channels of the tolerances × ({NO_CHANNELS:g}: none)", "", 1.0, NO_CHANNELS, 1.0
+)
 _NOISE = TuningParameter(ESTIMATOR_NOISE, "Rᵛ of the estimator ×", "", 1.0, 1e-4, 1e4)
 _MOTOR_NOISE = TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3)
 _DEGREE = TuningParameter(DEGREE, "degree of V", "", None, 2.0, 2.0)
 _ESTIMATOR = (_NOISE, _MOTOR_NOISE)
 
 _QUADRATIC = (_EFFORT, _INTEGRAL, _VELOCITY, *_ESTIMATOR)
-_H_INFINITY = (_GAMMA, *_QUADRATIC)
+_H_INFINITY = (_GAMMA, _SIZE, *_QUADRATIC)
 
 #: Sensors, by those who propose a law: an encoder on each motor; one on each link too; a torque sensor in each joint.
 _MOTOR, _BOTH = ("motor_position",), ("link_position", "motor_position")
@@ -261,8 +280,10 @@ class LawFactory:
     def start(self, kind: LawKind) -> dict[str, float]:
         """Values of a law's parameters at which a search begins: for H∞ those of the design."""
         chosen = float(self.synthesis.chosen.degree)
-        own = {"bandwidth": self.bandwidth, "gamma_ratio": self.gamma_ratio, DEGREE: chosen}
-        free = (p for p in kind.parameters if p.name != DEGREE or self.largest_degree > 2)
+        ratio = float(np.clip(self.gamma_ratio, _GAMMA.lower, _GAMMA.upper))
+        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: chosen}
+        fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
+        free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
@@ -311,8 +332,14 @@ class LawFactory:
         degree = round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
         if family == "nlqr":
             return solve_hji(self._weighted(self.problem, values), np.inf, degree)
-        problem = self._weighted(self.synthesis.design_problem.problem, values)
-        return solve_hji(problem, values["gamma_ratio"] * smallest_gamma(problem), degree)
+        problem, ratio = self._weighted(self._sized(values.get(CHANNELS, 1.0)), values), values["gamma_ratio"]
+        infinite = ratio >= INFINITE_GAMMA * (1.0 - ROUNDING)
+        return solve_hji(problem, np.inf if infinite else ratio * smallest_gamma(problem), degree)
+
+    def _sized(self, size: float) -> GeneralisedPlant:
+        """The design's problem, its channels of the tolerances of this size."""
+        size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
+        return sized_channels(self.synthesis.design_problem.problem, self.problem, size)
 
     def _of_bandwidth(self, family: str, integral: bool, values: Mapping[str, float]) -> Law:
         problem, bandwidth = self.problem, values["bandwidth"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,28 +16,21 @@ from flexhinf.design.estimators import (
     estimator_for,
     initial_covariance,
     noise_variances,
-    sensor_steps,
 )
-from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.joint_limits import integral_dead_zone
+from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.plans import has_integrals, step_command
 from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
-from flexhinf.design.specification import Specification
 from flexhinf.loop import Controller, Loop, Moving, Step, run_many
 from flexhinf.plant import Law, Plant, linear_plant
-from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["SMOOTH_EXTRAS", "LoopSetup"]
-
-#: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
-#: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
-#: count as damping that the moving robot does not have.
-SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
+__all__ = ["LoopSetup"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopSetup:
+class LoopSetup(LoopPlants):
     """One law with its estimator and controller, round one true plant.
 
     `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
@@ -57,27 +50,23 @@ class LoopSetup:
         R^v; by default what the specification states.
     linear_model : bool
         Whether the estimator's model is the linearisation at the goal: a linear Kalman filter.
+    chosen_zone : (n,), optional
+        Errors that are not integrated where the specification states none; see `flexhinf.design.hunting`.
     quiet : bool
         Whether runs of the nominal robot have no measurement noise; those of sampled robots, and the noise at the
         motors, have it in any case.
     """
 
-    robot: Robot
-    specification: Specification
     law: Law
     goal: np.ndarray
     start: np.ndarray
     law_at_goal: Law | None = None
     estimator_noise: EstimatorNoise | None = None
     linear_model: bool = False
+    chosen_zone: np.ndarray | None = None
     quiet: bool = False
 
     # Parts of the loop --------------------------------------------------------------------------------
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.robot.joint_names
-
     @property
     def linear_law(self) -> Law:
         """The law that is linearised at the goal."""
@@ -90,52 +79,19 @@ class LoopSetup:
         return stated if self.estimator_noise is None else self.estimator_noise
 
     @cached_property
-    def model(self) -> Plant:
-        """The nominal robot with the sensors: what the estimator assumes."""
-        return self.robot.plant(self.specification.measured)
-
-    @cached_property
-    def true_plant(self) -> Plant:
-        """The nominal robot with the extras."""
-        s = self.specification
-        return self.robot.plant(s.measured, extras=s.extras)
-
-    @cached_property
-    def smooth_plant(self) -> Plant:
-        """The true plant without the extras that are not smooth at standstill: what the linear loop has."""
-        s = self.specification
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Extras of the true plant that the linear loop does not have."""
-        return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
-
-    @cached_property
-    def limits(self) -> JointLimits:
-        """Of inputs, speeds and positions: the specification's, or the robot's own."""
-        return joint_limits(self.robot, self.specification)
-
-    @cached_property
-    def quantisation(self) -> np.ndarray | None:
-        """Step of what is measured, (p,), or one number for the whole state that is fed back; None without any."""
-        steps = sensor_steps(self.robot, self.specification)
-        return steps if steps.any() else None
-
-    @cached_property
-    def noise(self) -> np.ndarray | None:
-        """Standard deviations (p,) of the measurement noise; None where the true state is fed back."""
-        s = self.specification
-        return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
-
-    @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
         """State and input with which the model is held at the goal."""
         return self.robot.operating_point(self.goal)
 
-    def estimator(self, at: np.ndarray) -> Any:
-        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none"."""
+    def estimator(self, at: np.ndarray, running: bool = False) -> Any:
+        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
+
+        Parameters
+        ----------
+        at : (n,)
+        running : bool
+            As it runs, with the `estimator_model`; otherwise as linear figures have it, with `model`.
+        """
         s, equilibrium = self.specification, self.goal_equilibrium
         mean = self.robot.operating_point(at)[0]
         process = self.process_noise.covariance(self.model.states)
@@ -144,7 +100,10 @@ class LoopSetup:
             covariance = initial_covariance(self.model, equilibrium, s.period, process, measurement)
             model = linear_plant(self.model, *equilibrium)
             return KINDS["ekf"](model, s.period, process, measurement, mean=mean, covariance=covariance)
-        return estimator_for(s.estimator, self.model, equilibrium, mean, s.period, process, measurement)
+        model = self.estimator_model if running else self.model
+        return estimator_for(
+            s.estimator, self.model, equilibrium, mean, s.period, process, measurement, model
+        )
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose.
@@ -160,8 +119,15 @@ class LoopSetup:
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
-        limits = self.limits.saturated
-        return Controller(self.law, self.estimator(at), s.period, limits, moving=moving, start=start)
+        return Controller(
+            self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
+            integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
+        )  # fmt: skip
+
+    @property
+    def dead_zone(self) -> np.ndarray | None:
+        """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
+        return integral_dead_zone(self.robot, self.specification, self.chosen_zone)
 
     def loop(self, controller: Controller, plant: Any = None, sub_steps: int | None = None) -> Loop:
         """A loop round the true plant, or round another one, with the specification's delay and quantisation."""
@@ -342,7 +308,7 @@ class LoopSetup:
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        reference = Moving(plan, self.robot.inverse_dynamics)
+        reference = Moving(plan, partial(self.robot.inverse_dynamics, extras=self.dry_friction))
         return (
             controller,
             self.start if near else begin,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -12,6 +12,7 @@ from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import LoopSetup
@@ -23,6 +24,7 @@ from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
     corner_requirement,
+    hunting_requirement,
     margin_requirements,
     sample_requirements,
     step_requirements,
@@ -42,10 +44,11 @@ from flexhinf.design.scenario import (
 from flexhinf.design.specification import Specification
 from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import Synthesis, synthesise
-from flexhinf.design.tuning import TunedLaw, Tuner, yardstick
+from flexhinf.design.tuning import TunedLaw, Tuner
 from flexhinf.design.weights.choose import preset_of, required_damping
 from flexhinf.design.weights.scales import JointScales
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.design.yardstick import yardstick
+from flexhinf.errors import InvalidInput
 from flexhinf.plant import sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.mujoco_plant import check_expressed
@@ -85,7 +88,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup = synthesis.setup(robot, s)
+    setup, rest = brought_to_rest(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
     modes = _law_modes(linear, synthesis)
@@ -103,22 +106,13 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
         progress("load, move and sampled robots")
         rigid = rigid.result()
-    lines = tuple(_requirements(evaluation, synthesis, mujoco))
+    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest))
     inside = _starts_inside(setup, synthesis)
     return Design(
-        robot=robot,
-        specification=s,
-        synthesis=synthesis,
-        evaluation=evaluation,
-        attenuation=worth,
-        inside=inside,
-        mujoco=mujoco,
-        rigid=rigid,
-        law_modes=modes,
-        requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside),
-        writer=write_design,
-    )
+        robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
+        mujoco=mujoco, rigid=rigid, rest=rest, law_modes=modes, requirements=lines,
+        status=status_of(lines, evaluation, synthesis, worth, inside), writer=write_design,
+    )  # fmt: skip
 
 
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
@@ -213,7 +207,7 @@ def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison |
 
 
 def _requirements(
-    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None
+    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None, rest: RestRun | None
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
@@ -228,6 +222,8 @@ def _requirements(
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
     lines += move_requirements(s, limits, evaluation.move, synthesis.along)
+    if rest is not None:
+        lines.append(hunting_requirement(rest, limits.position_units))
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
@@ -289,7 +285,7 @@ def compare(
         )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup = replace(synthesis.setup(robot, s), quiet=True)
+    setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
     _check_way(setup)
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
@@ -298,7 +294,8 @@ def compare(
     unit = _unit(synthesis)
     criterion = criterion_for(tune, yardstick(own), scenario.step_duration, stated_limits(setup, unit), unit)
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
-    rows = tuple(_tuned_rows(tuner, kinds, laws or (), progress))
+    tuned = tuner.tune_all(kinds, laws or (), progress)
+    rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
     return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
 
 
@@ -320,46 +317,19 @@ def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
     return float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
 
 
-def _tuned_rows(
-    tuner: Tuner, kinds: Sequence[LawKind], asked: Sequence[str], progress: Progress
-) -> Iterator[ComparedLaw]:
-    """All laws, each tuned for itself and then once more from the others, and evaluated; one that was asked for by name
-    and cannot be made is refused."""
-    first: dict[str, TunedLaw | str] = {}
-    for kind in kinds:
-        progress(f"{kind.name}: tune")
-        try:
-            first[kind.name] = tuner.tune(kind)
-        except FlexhinfError as error:
-            text = " ".join(str(error).split())
-            if kind.name in asked:
-                raise InvalidInput(
-                    f"The law {kind.name!r} does not fit the robot {tuner.own.setup.robot.name!r}.",
-                    f"expected one that can be made and run at the goal, got: {text}",
-                    f"laws without {kind.name!r}",
-                ) from error
-            first[kind.name] = text
-    made = [law for law in first.values() if isinstance(law, TunedLaw)]
-    for kind in kinds:
-        law = first[kind.name]
-        if isinstance(law, str):
-            progress(f"{kind.name}: not made")
-            yield ComparedLaw(kind, failure=law)
-        else:
-            yield _row(tuner, law, made, progress)
-
-
-def _row(tuner: Tuner, law: TunedLaw, others: Sequence[TunedLaw], progress: Progress) -> ComparedLaw:
-    """One law, from the second round of its tuning to its requirements."""
-    progress(f"{law.name}: tune from the others, step, load and move")
-    tuned = tuner.again(law, others)
+def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
+    """One law, from its runs to its requirements; or why it could not be made."""
+    if isinstance(tuned, str):
+        progress(f"{kind.name}: not made")
+        return ComparedLaw(kind, failure=tuned)
+    progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
     evaluation.worst  # noqa: B018
     assert evaluation.scenario is not None
     if evaluation.scenario.robots:
-        progress(f"{law.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
+        progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.metrics  # noqa: B018
-    return ComparedLaw(law.kind, tuned, _compared_requirements(tuned))
+    return ComparedLaw(kind, tuned, _compared_requirements(tuned))
 
 
 def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
@@ -388,7 +358,7 @@ def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None
     """About how many steps of work a comparison has, for a progress bar."""
     states = 5 * len(robot.joint_names)
     solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
-    each = 3 if sample_count(robot, states, s) else 2
+    each = 4 if sample_count(robot, states, s) else 3
     searched = preset_of(robot, s) in ("damped", "robust")
     limits = joint_limits(robot, s)
     return (

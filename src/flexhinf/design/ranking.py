@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from flexhinf.design.criterion import Criterion, Figures, pareto_front
 from flexhinf.design.laws import DESIGN, NL_HINF
-from flexhinf.design.tuning import TunedLaw, unstable_corners
+from flexhinf.design.tuning import TunedLaw
+from flexhinf.design.yardstick import unstable_corners
 
 __all__ = ["TradeOff", "best_rival", "is_ours", "ranked", "trade_offs"]
 

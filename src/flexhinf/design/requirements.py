@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
+from flexhinf.design.hunting import RestRun
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
@@ -23,6 +24,7 @@ __all__ = [
     "all_met",
     "behaviour_requirements",
     "corner_requirement",
+    "hunting_requirement",
     "limit_requirements",
     "margin_requirements",
     "peak_option",
@@ -248,6 +250,17 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
         "unstable corners", 0.0, float(corners.unstable), "", True,
         f"{which} of the tolerances, running loop with this design's R^v",
         "corners with a pole outside the unit circle",
+    )  # fmt: skip
+
+
+def hunting_requirement(run: RestRun, units: Sequence[str]) -> Requirement:
+    """That dry friction and integral action keep no joint moving; `units` are those of the link positions."""
+    joints, worst = run.response.joints, run.worst
+    where = "long run at rest, nominal robot with dry friction, no noise"
+    return Requirement(
+        "hunting at rest", run.limit, float(run.amplitudes[worst]), units[worst], True, where,
+        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
+        "position, or one step of its sensor", joint=joints[worst] if len(joints) > 1 else "",
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode
 from flexhinf.design.requirements import Requirement, all_met
@@ -23,7 +24,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.status import Status
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.design.weights.choose import DesignProblem
-from flexhinf.design.weights.estimator_noise import NoiseSearch
+from flexhinf.design.weights.noise_candidates import NoiseSearch
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
@@ -57,6 +58,8 @@ class Design(Summarised):
         The step on MuJoCo's plant, if asked for.
     rigid : RigidComparison or None
         The rigid design on the same robot, fed the true state.
+    rest : RestRun or None
+        The long run at rest with dry friction; None for a robot that states none.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
     requirements : tuple of Requirement
@@ -73,6 +76,7 @@ class Design(Summarised):
     inside: bool | None
     mujoco: Response | None
     rigid: RigidComparison | None
+    rest: RestRun | None
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status

@@ -227,6 +227,14 @@ class Specification:
         default="by the number of states")] = None
     duration: Annotated[Duration | None, About(REPORT, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")] = None
+    friction_model: Annotated[Flag, About(SYNTHESIS,
+        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
+        "planned move has it anyway.", "", options=("--friction/--no-friction",))] = False
+    integral_dead_zone: Annotated[Quanta | None, About(LOOP,
+        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
+        "0: none.",
+        "1e-3", "rad, m", ("--dead-zone",),
+        default="none, or the amplitude of the hunting that dry friction causes")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
     compare_rigid: Annotated[Flag, About(REPORT,
         "Whether the same is designed on the rigid model too, and run on the elastic robot.", "",

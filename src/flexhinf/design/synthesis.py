@@ -20,7 +20,8 @@ from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
-from flexhinf.design.weights.estimator_noise import NoiseSearch, search_noise
+from flexhinf.design.weights.estimator_noise import search_noise
+from flexhinf.design.weights.noise_candidates import NoiseSearch
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule

@@ -1,56 +1,42 @@
 """Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose.
 
-All laws are tuned alike, the nonlinear H∞ law among them, in two rounds: each for itself, and then once more from its
-own best and from what the other laws were tuned to. So it does not matter in which order they are listed, and a law
-that contains another one (torque feedback a PD, nonlinear H∞ an LQR) is hardly tuned worse.
+All laws are tuned alike, the nonlinear H∞ law among them, in two rounds: each for itself, and then once more from the
+best of its own and of what the other laws were tuned to, those with fewer parameters first. So it does not matter in
+which order they are listed, and a law that contains another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD)
+does not end behind it: what the other one ended with is among its candidates.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from flexhinf.baselines import Candidate, Judgement, Tuning, tune
 from flexhinf.design.criterion import Criterion, Figures
 from flexhinf.design.estimators import other_sensors
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import DEGREE, DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, LawFactory, LawKind
+from flexhinf.design.laws import CONTAINED, DEGREE, DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, LawFactory, LawKind
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.responses import worst_of
+from flexhinf.design.yardstick import figures_of, unstable_corners
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
 __all__ = [
     "TunedLaw",
     "Tuner",
-    "figures_of",
-    "own_figures",
-    "unstable_corners",
-    "yardstick",
 ]
 
-#: Candidates per parameter: (largest number of states, samples and simplex of the first round, simplex of the second).
-BUDGET = ((15, 24, 2, 6), (10_000, 3, 1, 1))
+Progress = Callable[[str], None]
+
+#: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
+BUDGET = ((15, 16, 12, 4), (10_000, 3, 1, 1))
 
 #: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
 LOOKED_AT = 8
 
-#: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ far above γ*.
-CONTAINED = {"rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": 50.0}
-
 #: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
 #: seconds. The law itself is judged afterwards.
 MANY_STATES = 15
-
-
-#: Runs of the criterion, by the figure that is infinite where one diverged.
-RUNS = {
-    "peak_input": "the step commanded at once",
-    "load_deviation": "the run under the load",
-    "move_error": "the planned move",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,93 +97,6 @@ class TunedLaw:
         return () if s.estimator == "none" else tuple(s.measured)
 
 
-def unstable_corners(evaluation: LawEvaluation) -> int:
-    """Unstable corners of the tolerances; 0 for a robot that states none."""
-    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
-
-
-def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
-    """What a law is tuned by.
-
-    Parameters
-    ----------
-    evaluation : LawEvaluation
-    criterion : Criterion, optional
-        A linear loop that is far beyond its limits is not run.
-
-    Raises
-    ------
-    FlexhinfError
-        If the loop cannot be linearised, or is unstable: then nothing is known in its favour.
-    """
-    found = evaluation.margins
-    if not found.stable:
-        raise NumericalFailure(
-            "The linear loop with its estimator is unstable at the goal.",
-            "expected all eigenvalues inside the unit circle",
-            "other parameters",
-        )
-    linear = Figures(
-        found.peak_sensitivity,
-        found.gain_margin,
-        found.damping,
-        evaluation.input_noise,
-        found.slowest_bandwidth,
-    )
-    return linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation)
-
-
-def own_figures(evaluation: LawEvaluation) -> Figures:
-    """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
-    try:
-        return figures_of(evaluation)
-    except FlexhinfError:
-        return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
-
-
-def yardstick(evaluation: LawEvaluation) -> Figures:
-    """Figures of the design's own law, by which those of all laws are divided.
-
-    Raises
-    ------
-    InvalidInput
-        If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
-    """
-    found = own_figures(evaluation)
-    lost = [f"{run} diverges" for figure, run in RUNS.items() if math.isinf(getattr(found, figure))]
-    if not evaluation.linear_failure and not evaluation.margins.stable:
-        lost.insert(0, "its linear loop is unstable at the goal")
-    if lost:
-        raise InvalidInput(
-            "The design's own law is unstable or diverges, so no law can be measured by it.",
-            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
-            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
-            "start nearer to the goal; `flexhinf design` shows the loop alone",
-        )
-    return found
-
-
-def _run(linear: Figures, evaluation: LawEvaluation) -> Figures:
-    jump = evaluation.jump
-    return replace(
-        linear,
-        peak_input=_equivalent_peak(evaluation),
-        settling=jump.settling.value,
-        load_deviation=worst_of(evaluation.load_response.metrics, "peak_deviation").value,
-        move_error=worst_of(evaluation.move.metrics, "largest_error").value,
-    )
-
-
-def _equivalent_peak(evaluation: LawEvaluation) -> float:
-    """Largest input of the jump; where motors have different limits, in terms of the strongest one: the largest share
-    of a limit times the largest limit."""
-    limits, jump = evaluation.setup.limits, evaluation.jump
-    effort = limits.effort
-    if np.all(effort == effort[0]) or not np.isfinite(effort).all():
-        return jump.peak_input
-    return limits.input_use(jump, effort).share * float(effort.max())
-
-
 @dataclass(frozen=True, eq=False)
 class Tuner:
     """Tunes laws for the criterion of a comparison.
@@ -210,12 +109,56 @@ class Tuner:
     criterion : Criterion
     same_sensors : bool
         All laws measure what the design measures, whatever their proponents would choose.
+    seed : int
+        Of the searches' samples; the same for all laws.
     """
 
     factory: LawFactory
     own: LawEvaluation
     criterion: Criterion
     same_sensors: bool = False
+    seed: int = 0
+
+    def tune_all(
+        self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
+    ) -> dict[str, TunedLaw | str]:
+        """Both rounds for all laws: the tuned law by name, or why it cannot be made.
+
+        Parameters
+        ----------
+        kinds : sequence of LawKind
+        wanted : sequence of str
+            Names that were asked for: of these, one that cannot be made is a mistake.
+        progress : callable, optional
+            Called with what comes next, twice for each law.
+
+        Raises
+        ------
+        InvalidInput
+            If a law that was asked for does not fit the robot.
+        """
+        found: dict[str, TunedLaw | str] = {}
+        for kind in kinds:
+            progress(f"{kind.name}: tune")
+            try:
+                found[kind.name] = self.tune(kind)
+            except FlexhinfError as error:
+                text = " ".join(str(error).split())
+                if kind.name in wanted:
+                    raise InvalidInput(
+                        f"The law {kind.name!r} does not fit the robot {self.own.setup.robot.name!r}.",
+                        f"expected one that can be made and run at the goal, got: {text}",
+                        f"laws without {kind.name!r}",
+                    ) from error
+                found[kind.name] = text
+        for kind in sorted(
+            kinds, key=lambda kind: (len(kind.parameters), kind.name)
+        ):  # laws that contain others last
+            law = found[kind.name]
+            if isinstance(law, TunedLaw):
+                progress(f"{kind.name}: tune from the others")
+                found[kind.name] = self.again(law, [x for x in found.values() if isinstance(x, TunedLaw)])
+        return found
 
     def tune(self, kind: LawKind) -> TunedLaw:
         """The first round: the best law of a kind with each of its sets of sensors; the best of these.
@@ -230,30 +173,31 @@ class Tuner:
             return TunedLaw(kind, self.own, figures, self.criterion.cost(figures), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        samples, simplex, _ = self._budget
+        samples = self._budget[0]
         return min(
             (
-                self._tuned(kind, sensors, self._search(kind, sensors, None, samples, simplex))
+                self._tuned(kind, sensors, self._search(kind, sensors, None, samples, 0))
                 for sensors in choices or (tuple(s.measured),)
             ),
             key=lambda law: (not law.feasible, law.cost),
         )
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw]) -> TunedLaw:
-        """The second round: the search goes on from the best so far and from other laws' parameters.
+        """The second round: the search goes on from the best of what was found so far and of other laws' parameters.
 
         Parameters
         ----------
         law : TunedLaw
             Of the first round.
         others : sequence of TunedLaw
-            Of the first round; those that have a parameter which this law has not do not count.
+            Of the second round where they have fewer parameters, else of the first; those that have a parameter
+            which this law has not do not count.
         """
         if law.kind.name == DESIGN:
             return law
         kind, sensors = law.kind, law.evaluation.setup.specification.measured
         others = [other for other in others if other.parameters and other is not law]
-        found = self._search(kind, tuple(sensors), law.search, 0, self._budget[2], others)
+        found = self._search(kind, tuple(sensors), law.search, *self._budget[1:], others)
         return self._tuned(kind, tuple(sensors), found)
 
     @property
@@ -272,8 +216,9 @@ class Tuner:
     def _tuned(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> TunedLaw:
         searched = self._searched_degree
         best = self._robust_best(kind, sensors, found)
-        if searched is not None and self.factory.degree(kind) > searched:
-            best = Candidate(best.parameters, self._judged(kind, sensors, best.parameters, None))
+        higher = searched is not None and self.factory.degree(kind) > searched
+        if higher or not best.feasible:
+            best = self._judged_in_full(kind, sensors, best)
         judgement = best.judgement
         if not isinstance(judgement.result, Figures):
             raise NumericalFailure(
@@ -290,9 +235,17 @@ class Tuner:
             judgement.cost,
             best.feasible,
             judgement.reason,
-            tuple(f for f in tried if isinstance(f, Figures) and not math.isnan(f.peak_input)),
+            tuple(f for f in tried if isinstance(f, Figures) and not math.isnan(f.load_deviation)),
             found,
         )
+
+    def _judged_in_full(self, kind: LawKind, sensors: tuple[str, ...], best: Candidate) -> Candidate:
+        """A candidate by the law itself with all its runs; as it was judged where that fails."""
+        try:
+            figures = figures_of(self.evaluation(kind, sensors, best.parameters))
+        except FlexhinfError:
+            return best
+        return Candidate(best.parameters, self.criterion.judge(figures))
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], found: Tuning) -> Candidate:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
@@ -329,6 +282,7 @@ class Tuner:
             bounds,
             samples * len(start),
             simplex * len(start),
+            self.seed,
             others=[values for law in others if (values := self._contained(start, law)) is not None],
         )
         if before is None:

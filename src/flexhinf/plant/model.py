@@ -47,6 +47,10 @@ class Model(Summarised):
     engaged : callable, optional
         ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
         backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
+    arrest : callable, optional
+        ``arrest(x, h, p)`` → the state at the end of a step of h seconds, of that which the flow reaches: what
+        set-valued friction, which no flow can express, takes away. Only `flexhinf.Loop` has it; linearisations and
+        estimators do not.
 
     Raises
     ------
@@ -66,6 +70,7 @@ class Model(Summarised):
     groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     engaged: Callable[..., Any] | None = None
+    arrest: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.parameters, ParameterTable):
@@ -140,7 +145,8 @@ class Model(Summarised):
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
         names = (self.states, self.inputs, self.disturbances, self.outputs)
-        return (*self._content, *names, shapes)
+        arrest = () if self.arrest is None else (digest(self.traced_arrest),)
+        return (*self._content, *arrest, *names, shapes)
 
     @cached_property
     def _content(self) -> tuple[str, str]:
@@ -242,6 +248,14 @@ class Model(Summarised):
             lambda x, u, p: signals("output(x, u, p)", lambda: output(x, u, p)),
             len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
         )  # fmt: skip
+
+    @cached_property
+    def traced_arrest(self) -> Any:
+        """arrest as a CasADi function of (x, (h,), parameter vector)."""
+        assert self.arrest is not None
+        arrest, named = self.arrest, self.parameters.named
+        sizes = len(self.states), 1, self.parameters.size
+        return trace(lambda x, h, p: arrest(x, h[0], named(p)), *sizes, name="arrest", names=("x", "h", "p"))
 
     @cached_property
     def _codes(self) -> tuple[TracedCode, TracedCode]:

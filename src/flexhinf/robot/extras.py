@@ -12,7 +12,8 @@ switch                    adds
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
-as long as the torque is below F_c. Backlash is not smooth: a synthesis refuses it by name.
+as long as the torque is below F_c. `Sticking` is the sharp one, which holds: it is no part of a flow, and acts at the
+end of each step of a simulation. Backlash is not smooth: a synthesis refuses it by name.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip
 
-__all__ = ["DEFAULTS", "EXTRAS", "Engaged", "checked_extras", "friction_torque", "spring_torque"]
+__all__ = [
+    "DEFAULTS", "DRY", "EXTRAS", "Engaged", "Sticking", "checked_extras", "dry_level", "friction_torque",
+    "spring_torque", "stated_friction",
+]  # fmt: skip
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -37,6 +41,9 @@ EXTRAS = {
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
 }
+
+#: Switches of dry friction.
+DRY = ("coulomb_friction", "stribeck_friction")
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
@@ -104,12 +111,52 @@ class Engaged:
         return moved
 
 
-def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
-    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
-    if not {"coulomb_friction", "stribeck_friction"} & set(extras):
-        return 0.0
+@dataclass(frozen=True)
+class Sticking:
+    """Coulomb's friction as it is, |τ_F| ≤ F at rest and F sgn q̇2 in motion: what `Model.arrest` wants of a robot.
+
+    Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
+    velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
+    not creep.
+
+    Parameters
+    ----------
+    joints : int
+    extras : sequence of str
+        With "stribeck_friction" F is that of the velocity before.
+    """
+
+    joints: int
+    extras: tuple[str, ...]
+
+    def __call__(self, x: Any, step: Any, p: Any) -> Any:
+        """The state after friction, on any element."""
+        n = self.joints
+        velocity = x[3 * n : 4 * n]
+        most = (step / p.motor_inertia) * dry_level(velocity, p, self.extras)
+        most = np.broadcast_to(most, velocity.shape)
+        lost = np.array([clip(one, -limit, limit) for one, limit in zip(velocity, most)])
+        return np.concatenate(
+            [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
+        )
+
+
+def stated_friction(parameters: Any) -> tuple[str, ...]:
+    """The switches of dry friction whose number a robot states above zero, of its plant's parameters by name."""
+    return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
+
+
+def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
+    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)."""
     level = p.coulomb_friction
     if "stribeck_friction" in extras:
         ratio = velocity / p.stribeck_velocity
         level = level + (p.static_friction - level) * np.exp(-(ratio * ratio))
-    return level * np.tanh(velocity / p.friction_smoothing)
+    return level
+
+
+def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
+    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
+    if not set(DRY) & set(extras):
+        return 0.0
+    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing)

@@ -14,7 +14,7 @@ from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, Penalty, Plant
 from flexhinf.robot.drive import DRIVES, reflected, required_of_drive
 from flexhinf.robot.elastic import ElasticFlow, Layout, Links
-from flexhinf.robot.extras import Engaged, checked_extras
+from flexhinf.robot.extras import DRY, Engaged, Sticking, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
 from flexhinf.robot.parameter import Parameter, checked_signs
@@ -167,11 +167,9 @@ class Robot(Summarised):
 
     # Plants ---------------------------------------------------------------------------------------
     def plant(
-        self,
-        measured: str | Sequence[str] = ("link_position",),
-        inductance: bool = False,
-        extras: str | Sequence[str] = (),
-    ) -> Plant:
+        self, measured: str | Sequence[str] = ("link_position",), inductance: bool = False,
+        extras: str | Sequence[str] = (), sticking: bool = False,
+    ) -> Plant:  # fmt: skip
         """Physics: Spong's model, with what a real joint adds, on request.
 
         The states are all link positions, all link velocities, all motor positions, all motor velocities, and
@@ -189,6 +187,9 @@ class Robot(Summarised):
         extras : sequence of str
             See `flexhinf.robot.extras`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
             stribeck_friction.
+        sticking : bool
+            Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
+            it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
 
         Raises
         ------
@@ -197,12 +198,14 @@ class Robot(Summarised):
         """
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
-        if (sensors, on) not in self._plants:
-            self._plants[sensors, on] = self._built(sensors, on)
-        return self._plants[sensors, on]
+        sticks = tuple(name for name in on if name in DRY) if sticking and not self.rigid else ()
+        key = sensors, tuple(name for name in on if name not in sticks), sticks
+        if key not in self._plants:
+            self._plants[key] = self._built(*key)
+        return self._plants[key]
 
     @cached_property
-    def _plants(self) -> dict[tuple[tuple[str, ...], tuple[str, ...]], Plant]:
+    def _plants(self) -> dict[tuple[tuple[str, ...], ...], Plant]:
         """Those that were built, by sensors and extras: each is traced once, and none can be changed."""
         return {}
 
@@ -210,8 +213,8 @@ class Robot(Summarised):
         """For copies and pickles: without plants, which are built again where they are needed."""
         return {name: value for name, value in vars(self).items() if name != "_plants"}
 
-    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...]) -> Plant:
-        joints = self.joint_names
+    def _built(self, sensors: tuple[str, ...], on: tuple[str, ...], sticks: tuple[str, ...]) -> Plant:
+        joints, positions = self.joint_names, signal_names("link_position", self.joint_names)
         states = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
         return Plant(
             ElasticFlow(self.links, self.drive, on, self.layout.rigid),
@@ -223,12 +226,9 @@ class Robot(Summarised):
             outputs=sensors,
             units=units_of(joints, self.links.slides),
             groups=groups_of(joints, self.rigid),
-            limits={
-                name: limits
-                for name, limits in zip(signal_names("link_position", joints), self.links.limits)
-                if limits is not None
-            },
+            limits={name: ends for name, ends in zip(positions, self.links.limits) if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,
+            arrest=Sticking(len(joints), sticks) if sticks else None,
         )
 
     def operating_point(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexhinf.robot.dynamics.motion import frames_of
+from flexhinf.robot.kinematics import link_frames
 from flexhinf.robot.robot import Robot
 
 __all__ = ["skeleton"]
@@ -31,18 +31,11 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     """
     table = robot.plant().parameters
     tree, _, centres, _ = robot.links.rigid(table.named(table.vector()))
+    turns, places = link_frames(robot, positions)
     n = len(tree)
-    turns, places = [np.eye(3)] * n, [np.zeros(3)] * n
-    for i, frame in enumerate(frames_of(tree, np.asarray(positions, dtype=float))):
-        parent = tree.parents[i]
-        base = np.eye(3) if parent < 0 else turns[parent]
-        at = np.zeros(3) if parent < 0 else places[parent]
-        turns[i] = base @ np.asarray(frame.rotation, dtype=float)
-        places[i] = at + base @ np.asarray(frame.translation, dtype=float)
     lines = []
     for i in range(n):
         carried = [places[k] for k in range(n) if tree.parents[k] == i]
-        own = turns[i] @ np.asarray(tree.joints[i].alignment).T
-        end = places[i] + 2.0 * own @ np.asarray(centres[i], dtype=float)
+        end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
         lines.append(np.array([places[i], *(carried or [end])]))
     return tuple(lines)

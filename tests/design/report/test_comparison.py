@@ -12,9 +12,9 @@ import pytest
 
 from flexhinf.design import Comparison
 from flexhinf.design.report import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.design.report.comparison import rival_of
 from flexhinf.design.report.numbers import comparison_numbers
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, best_of, cell, table_lines
+from flexhinf.design.report.verdict import rival_of
 from flexhinf.design.result import ComparedLaw
 from flexhinf.report import to_json
 
@@ -53,7 +53,7 @@ def test_every_question_has_its_section(report_comparison: Comparison) -> None:
     [
         ({"nl-hinf": 1.0, "pid": 0.5, "lqr": 0.8}, "The best rival, pid, beats nl-hinf by the criterion (0.5"),
         ({"nl-hinf": 1.0, "pid": 1.5, "lqr": 1.2}, "The best rival, lqr, loses to nl-hinf by the criterion (1.2"),
-        ({"nl-hinf": 1.0, "lqr": 1.01}, "The best rival, lqr, is as good as nl-hinf"),
+        ({"nl-hinf": 1.0, "lqr": 1.01}, "Between the best rival, lqr, and nl-hinf there is no difference"),
     ],
 )  # fmt: skip
 def test_the_first_sentence_names_the_best_rival_and_who_wins(

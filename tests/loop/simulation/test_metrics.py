@@ -1,8 +1,16 @@
 import numpy as np
 import pytest
+from scipy.optimize import root
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
+from flexhinf.loop.simulation.metrics import (
+    LimitCycle,
+    StepShape,
+    limit_cycle,
+    load_metrics,
+    step_metrics,
+    step_shape,
+)
 
 T = np.arange(0, 1001) * 0.01  # 10 s
 NONE = {"overshoot_percent": None, "settling_time_s": None, "rise_time_s": None}
@@ -124,3 +132,54 @@ def test_a_load_needs_a_time_in_the_run_and_a_step():
     for bad in ({"step": 2.0, "start": 11.0}, {"step": 0.0, "start": 1.0}, {"step": np.nan, "start": 1.0}):
         with pytest.raises(InvalidInput):
             load_metrics(T, constant(2.0), command=2.0, **bad)
+
+
+# Limit cycles -----------------------------------------------------------------------------------------
+def relay_loop(duration, step=1e-4, delta=0.02, level=1.0):
+    """x of x'' + x' = u with a relay with hysteresis: u = −level from x > delta on, until x < −delta."""
+    times = np.arange(round(duration / step)) * step
+    x, v, u, found = 0.5, 0.0, -level, []
+    decay, moved = np.exp(-step), 1.0 - np.exp(-step)
+    for _ in times:  # exact between samples
+        found.append(x)
+        u = -level if x > delta else level if x < -delta else u
+        x, v = x + moved * v + (step - moved) * u, decay * v + moved * u
+    return times, np.array(found)
+
+
+@pytest.mark.oracle
+def test_a_limit_cycle_against_its_describing_function_and_its_spectrum():
+    """A relay with hysteresis δ: N(A) = 4M/(πA) exp(−j asin(δ/A)), and G(jω) N(A) = −1 [khalil2002]."""
+    time, x = relay_loop(40.0)
+    found = limit_cycle(time, x)
+    assert found.frequency is not None
+
+    def residual(unknown):
+        amplitude, omega = np.exp(unknown)
+        n = 4.0 / (np.pi * amplitude) * np.exp(-1j * np.arcsin(min(1.0, 0.02 / amplitude)))
+        g = n / (1j * omega * (1j * omega + 1.0)) + 1.0
+        return [g.real, g.imag]
+
+    amplitude, omega = np.exp(root(residual, np.log([found.amplitude, 2.0 * np.pi * found.frequency])).x)
+    assert found.amplitude == pytest.approx(
+        amplitude, rel=0.08
+    )  # the describing function leaves out harmonics
+    assert 2.0 * np.pi * found.frequency == pytest.approx(omega, rel=0.08)
+    tail = x[len(x) // 2 :] - x[len(x) // 2 :].mean()
+    power = np.abs(np.fft.rfft(tail * np.hanning(len(tail)), 8 * len(tail)))
+    peak = np.fft.rfftfreq(8 * len(tail), 1e-4)[int(np.argmax(power))]
+    assert found.frequency == pytest.approx(peak, rel=0.01)
+
+
+def test_a_limit_cycle_under_a_vibration_counts_slow_periods():
+    time = np.arange(0.0, 120.0, 0.01)
+    found = limit_cycle(time, 1.0 + np.sign(np.sin(2.0 * np.pi * time / 15.0)) + 0.2 * np.sin(30.0 * time))
+    assert found.frequency == pytest.approx(1.0 / 15.0, rel=0.01)
+    assert found.amplitude == pytest.approx(1.2, rel=0.01)
+
+
+def test_what_rests_has_no_frequency_and_what_dies_out_no_amplitude():
+    time = np.arange(0.0, 100.0, 0.01)
+    assert limit_cycle(time, np.full(len(time), 0.3)) == LimitCycle(0.0, None)
+    assert limit_cycle(time, np.exp(-time) * np.sin(9.0 * time)).amplitude < 1e-20
+    assert limit_cycle(time, np.where(time > 80.0, 1.0, 0.0)) == LimitCycle(0.5, None)  # it still moves

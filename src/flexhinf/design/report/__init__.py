@@ -1,9 +1,10 @@
 """The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
 
-from flexhinf.design.report.comparison import comparison_notes, comparison_page, comparison_verdict
+from flexhinf.design.report.comparison import comparison_notes, comparison_page
 from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.design.report.page import design_page, notes, verdict
 from flexhinf.design.report.text import comparison_tables, design_tables, requirement_table, robots_table
+from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
     "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",

@@ -8,15 +8,24 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
-from flexhinf.design.ranking import best_rival, is_ours, ranked, trade_offs
+from flexhinf.design.ranking import ranked, trade_offs
 from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
 from flexhinf.design.report.sections.law_responses import responses_figure, trade_off_figure
 from flexhinf.design.report.sections.requirements import requirement_text
 from flexhinf.design.report.settings import comparison_settings, files_section
+from flexhinf.design.report.verdict import (
+    EQUAL,
+    RATIOS,
+    called,
+    comparison_verdict,
+    ours_of,
+    rival_of,
+    tuned_laws,
+)
 from flexhinf.design.result import ComparedLaw, Comparison
-from flexhinf.design.tuning import TunedLaw, unstable_corners
+from flexhinf.design.tuning import TunedLaw
 from flexhinf.report import (
     Column,
     KeyNumber,
@@ -31,7 +40,7 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["comparison_notes", "comparison_page", "comparison_verdict", "rival_of", "tuned_laws"]
+__all__ = ["comparison_notes", "comparison_page"]
 
 #: Figures at the top of the page.
 KEYS = (
@@ -42,15 +51,6 @@ KEYS = (
     "unstable_corners",
     "input_noise",
 )
-
-#: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
-RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
-
-#: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
-EQUAL = 0.1
-
-#: A deviation that remains under the load is named where it is so many times that of the design's own law.
-OFFSET = 10.0
 
 #: Laws in the frequency figures, the best by the criterion.
 DRAWN = 4
@@ -89,113 +89,6 @@ def comparison_page(
         Provenance(tuple(command), comparison.specification.seed),
         _key_numbers(comparison),
         _status(comparison),
-    )
-
-
-def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
-    """Every law that could be made, the design's own first."""
-    return [row.tuned for row in comparison.compared if row.tuned is not None]
-
-
-def rival_of(comparison: Comparison) -> TunedLaw | None:
-    """The best rival by the criterion; None where no other law keeps every limit."""
-    return best_rival(tuned_laws(comparison))
-
-
-def ours_of(comparison: Comparison) -> TunedLaw:
-    """What the rivals are compared with: the best nonlinear H∞ law tuned as they are; the design as it is where that
-    keeps no limit, or is worse."""
-    design = comparison.own.tuned
-    assert design is not None
-    return min(
-        [*(law for law in ranked(tuned_laws(comparison)) if is_ours(law.name)), design],
-        key=lambda law: law.cost,
-    )
-
-
-def comparison_verdict(comparison: Comparison) -> str:
-    """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
-    rival, ours = rival_of(comparison), ours_of(comparison)
-    others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
-    if not others:
-        return f"No other law could be compared with {_called(ours)}."
-    if rival is None:
-        return (
-            f"No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
-            f"against {_called(ours)}. {_closest(comparison, others)}"
-        )
-    sentences = (
-        _outcome(rival, ours),
-        _second(comparison, rival, ours),
-        _ratios_text(comparison, rival, ours),
-        _design_text(comparison, ours),
-    )
-    return " ".join(sentence for sentence in sentences if sentence)
-
-
-def _called(law: TunedLaw) -> str:
-    """A law in a sentence."""
-    return "the design" if law.name == DESIGN else law.name
-
-
-def _design_text(comparison: Comparison, ours: TunedLaw) -> str:
-    """Where the design itself stands, unless it is already the one that is compared."""
-    design = comparison.own.tuned
-    if design is None or ours is design:
-        return ""
-    return f"The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
-
-
-def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
-    """Best rival, who is better, and what nonlinear H∞ is worth by the criterion."""
-    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
-    nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
-    if rival.cost < ours.cost * (1.0 - EQUAL):
-        return f"The best rival, {rival.name}, beats {_called(ours)} by the criterion ({costs}), {nothing}"
-    if rival.cost <= ours.cost * (1.0 + EQUAL):
-        return f"The best rival, {rival.name}, is as good as {_called(ours)} by the criterion ({costs}), {nothing}"
-    return f"The best rival, {rival.name}, loses to {_called(ours)} by the criterion ({costs})."
-
-
-def _ratios_text(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
-    """The three parts of the criterion of the best rival, and what it does not count."""
-    ratios = comparison.criterion.ratios
-    theirs, mine = ratios(rival.figures), ratios(ours.figures)
-    parts = [f"{number(theirs[name] / mine[name], 3)} times the {text}" for name, text in RATIOS.items()]
-    text = f"Relative to {_called(ours)}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
-    figure = next(figure for figure in FIGURES if figure.key == "load_remaining")
-    kept, remains = (law.evaluation.metrics.get(figure.key) for law in (ours, rival))
-    if kept is None or remains is None or not OFFSET * kept < remains < np.inf:
-        return text
-    unit = unit_of(figure, comparison)
-    return (
-        f"{text} Under a constant load it keeps a deviation of {cell(figure, remains, comparison)} {unit}, "
-        f"{_called(ours)} of {cell(figure, kept, comparison)} {unit}: the criterion does not count that."
-    )
-
-
-def _second(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
-    """Other laws that keep every limit and beat nonlinear H∞."""
-    better = [
-        law for law in ranked(tuned_laws(comparison))
-        if law is not rival and not is_ours(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
-    ]  # fmt: skip
-    if not better:
-        return ""
-    names = ", ".join(f"{law.name} ({number(law.cost, 3)})" for law in better[:3])
-    return f"Better than {_called(ours)} {'is' if len(better) == 1 else 'are'} also {names}."
-
-
-def _closest(comparison: Comparison, others: Sequence[TunedLaw]) -> str:
-    """The law with the smallest criterion, and why it is not ranked."""
-    law = min(others, key=lambda law: law.cost)
-    if not law.feasible:
-        return f"The smallest criterion has {law.name} ({number(law.cost, 3)}); {law.reason}."
-    own = comparison.own.evaluation
-    assert own is not None
-    return (
-        f"The smallest criterion has {law.name} ({number(law.cost, 3)}), with {unstable_corners(law.evaluation)} "
-        f"unstable corners against {unstable_corners(own)}."
     )
 
 
@@ -327,7 +220,7 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
         if ours.evaluation.metrics.get(figure.key) is None:
             continue
         note = "" if rival is None else f"{_whole(rival.name)}: {_cell_of(comparison, figure, rival)}"
-        label = f"{_whole(_called(ours))}: {figure.label}"
+        label = f"{_whole(called(ours))}: {figure.label}"
         found.append(KeyNumber(label, _cell_of(comparison, figure, ours), unit_of(figure, comparison), note))
     return found
 

@@ -24,7 +24,7 @@ from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
-from flexhinf.design.weights.estimator_noise import NoiseCandidate, NoiseSearch
+from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
 
 __all__ = ["comparison_numbers", "design_numbers"]
 
@@ -204,6 +204,7 @@ def _runs(design: Design) -> dict[str, Any]:
         "draws": _samples(e),
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
+        "rest": _rest(design),
         "along_move": along_rows(design.synthesis.along),
         "rigid": [
             {
@@ -214,6 +215,22 @@ def _runs(design: Design) -> dict[str, Any]:
             for loop in (design.rigid.loops if design.rigid else ())
         ],
     }
+
+
+def _rest(design: Design) -> dict[str, Any] | None:
+    """The long run with dry friction, by joints; None for a robot that states none."""
+    run = design.rest
+    if run is None:
+        return None
+    return {
+        "extras": list(run.extras), "limit": run.limit, "hunts": run.hunts, "dead_zone": run.dead_zone,
+        "amplitudes_without_dead_zone": None if run.without is None else run.without.amplitudes,
+        "duration_s": float(run.response.run.time[-1]), "diverged_at_s": run.response.diverged_at,
+        "joints": [
+            {"joint": joint, "amplitude": cycle.amplitude, "frequency_Hz": cycle.frequency, "remaining_error": error}
+            for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors)
+        ],
+    }  # fmt: skip
 
 
 def _run(response: Response, metrics: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

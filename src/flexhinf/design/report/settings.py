@@ -177,6 +177,8 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
         ("delay of the inputs", s.delay, "s", _option(s, "delay")),
         ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
          _option(s, "quantisation")),
+        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, _units(e),
+         "ours: against hunting" if s.integral_dead_zone is None else "option --dead-zone"),
         ("limits of the inputs", inputs, units_of(e).effort if limits.saturated is not None else "",
          _stated(limits.saturation_source)),
         ("limits of the speeds", speeds, units_of(e).speed if limits.limits_speed else "",

@@ -19,6 +19,7 @@ from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.poles import mode_groups
 from flexhinf.design.report.sections.region import budget_rows, widest_step
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
+from flexhinf.design.report.sections.rest import frequency_text
 from flexhinf.design.report.sections.weights import (
     candidate_rows,
     robust_rows,
@@ -85,6 +86,8 @@ def design_tables(design: Design) -> list[Table]:
     found = [requirement_table(design), _inputs(design)]
     if e.step_samples is not None and len(e.step_samples):
         found.append(_samples(design))
+    if design.rest is not None and design.rest.hunts and design.rest.cycles:
+        found.append(_rest(design))
     found += [_margins(design), _modes(design)]
     if e.corners is not None:
         found.append(_corners(design))
@@ -134,6 +137,18 @@ def _samples(design: Design) -> Table:
     for name, unit, *values, joint in spread_rows(e, units_of(e)):
         cells = (number(value, 3) for value in values)
         table.add_row(f"{name}, {unit}", *cells, *([joint] if several else []))
+    return table
+
+
+def _rest(design: Design) -> Table:
+    run = design.rest
+    assert run is not None
+    unit, scale = units_of(design.evaluation).small
+    title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting"
+    table = _table(title, "joint", f"amplitude, {unit}", "frequency", f"remaining error, {unit}")
+    for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors.tolist()):
+        frequency = frequency_text(cycle.frequency) if cycle.amplitude > run.limit else "–"
+        table.add_row(joint, number(scale * cycle.amplitude, 3), frequency, number(scale * error, 3))
     return table
 
 

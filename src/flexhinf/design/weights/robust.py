@@ -22,9 +22,17 @@ from flexhinf.design.weights.linear_family import ROUGH, LinearDesign, LinearPro
 from flexhinf.design.weights.uncertainty import Channel
 from flexhinf.errors import NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf.gamma import is_feasible
-from flexhinf.plant import Plant
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 
-__all__ = ["PREFIX", "RobustProblem", "Scalings", "UncertainFlow", "find_scalings", "with_channels"]
+__all__ = [
+    "PREFIX",
+    "RobustProblem",
+    "Scalings",
+    "UncertainFlow",
+    "find_scalings",
+    "sized_channels",
+    "with_channels",
+]
 
 #: Largest level that is tried, relative to that of the nominal problem.
 LARGEST = 1e4
@@ -269,3 +277,25 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
         groups=plant.groups,
         limits=plant.limits,
     )
+
+
+def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
+    """A problem whose channels stand for a fraction of the tolerances, as `RobustProblem.parts` has it.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant
+        With the channels of the whole tolerances.
+    nominal : GeneralisedPlant
+        Without any: what this is for size 0.
+    size : float
+        From 0 to 1: L Lᵀ, the rows that are seen and the price of the inputs are multiplied by it.
+    """
+    if size <= 0.0 or size >= 1.0:
+        return nominal if size <= 0.0 else problem
+    known = problem.plant.parameters.values["tolerance_channels"]
+    plant = problem.plant.with_parameters(tolerance_channels=np.sqrt(size) * np.asarray(known))
+    without, whole = (np.array(p.expand(1).h_parts[1], dtype=float) for p in (nominal, problem))
+    rows = np.vstack([np.sqrt(1.0 - size) * without, np.sqrt(size) * whole])  # hᵀh is linear in the size
+    effort = (1.0 - size) * nominal.r2 + size * problem.r2
+    return replace(problem, plant=plant, penalty=Penalty(rows, effort))

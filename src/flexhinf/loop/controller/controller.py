@@ -27,6 +27,7 @@ from flexhinf.loop.controller.options import (
     check_names,
     checked_period,
     command_limits,
+    dead_zone,
 )
 from flexhinf.loop.controller.running import Running
 from flexhinf.loop.controller.schedule import Schedule
@@ -82,6 +83,10 @@ class Controller(Running):
     input_rate : float or (m,) array, optional
         The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
         as with `saturation`.
+    integral_dead_zone : float or (k,) array, optional
+        Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone
+        stays. Against hunting, where dry friction holds a joint beside the command until the integral has broken it
+        loose.
 
     Raises
     ------
@@ -102,6 +107,7 @@ class Controller(Running):
         command_range: Any = None,
         command_rate: Any = None,
         input_rate: Any = None,
+        integral_dead_zone: Any = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.period = checked_period(period)
@@ -109,9 +115,13 @@ class Controller(Running):
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.limits = Limits.of(saturation, len(solution.input_names), input_rate)
         self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
-        self.mode = Mode(moving, start, len(self.laws), self.command_limits.active, self.limits.rated)
-        self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         self.states, self.tracked = solution.plant_states, solution.tracked
+        self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
+        self.mode = Mode(
+            moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
+            self.integral_dead_zone is not None,
+        )  # fmt: skip
+        self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         check_names(solution, estimator, self.period, self.states, self.tracked)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
@@ -131,6 +141,8 @@ class Controller(Running):
             limits["input_rate"] = self.limits.rate
         if self.mode.limits_command:
             limits |= {"command_range": self.command_limits.pair, "command_rate": self.command_limits.rate}
+        if self.mode.has_dead_zone:
+            limits["integral_dead_zone"] = self.integral_dead_zone
         return options | limits
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -168,6 +180,8 @@ class Controller(Running):
             facts["command"] = ", ".join(
                 f"{low:.4g} to {high:.4g}, at most {rate:.4g} per s" for low, high, rate in pairs
             )
+        if self.integral_dead_zone is not None:
+            facts["integral dead zone"] = ", ".join(f"± {size:.4g}" for size in self.integral_dead_zone)
         if self.mode.moving:
             facts["reference"] = "moving"
         return facts
@@ -204,6 +218,7 @@ class Controller(Running):
         limits = self.limits, self.command_limits
         values = data_values(codes, self.estimator, self.mode, len(self.tracked), *limits)
         values["period"] = self.period
+        values["integral_dead_zone"] = self.integral_dead_zone
         if self.mode.takes_over:
             values["decay"] = np.exp(-self.period / self.fade)
         if isinstance(self.law, Schedule):

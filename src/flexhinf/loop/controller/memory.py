@@ -125,6 +125,8 @@ def data_layout(code: LawCode, estimator: Estimator | None, mode: Mode, tracked:
         parts["input_rate"] = (m,)
     if mode.limits_command:
         parts |= {"command_lower": (k,), "command_upper": (k,), "command_rate": (k,)}
+    if mode.has_dead_zone:
+        parts["integral_dead_zone"] = (k,)
     return Layout(parts)
 
 

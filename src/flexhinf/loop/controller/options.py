@@ -13,7 +13,8 @@ from flexhinf.plant import INTEGRAL, Estimator, Law
 from flexhinf.untrusted import real_array, real_number, value_text
 
 __all__ = [
-    "Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "command_limits", "positive",
+    "Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "command_limits",
+    "dead_zone", "positive",
 ]  # fmt: skip
 
 
@@ -55,6 +56,8 @@ class Mode:
         Number of laws, of which one is active at a time.
     limits_command, limits_input_rate : bool
         Whether the command has limits, and the rate of the input has; the input itself always may.
+    has_dead_zone : bool
+        Whether small errors are not integrated.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Mode:
     laws: int = 1
     limits_command: bool = False
     limits_input_rate: bool = False
+    has_dead_zone: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
@@ -236,6 +240,28 @@ def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str]
         + ("moving=True" if moving else "a law that tracks nothing"),
         "check_reference(robot, reference, duration) before the move; a plan (JerkLimited) has a largest velocity",
     )
+
+
+def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
+    """Largest errors (k,) that are not integrated, of a number or one per tracked state; None without any.
+
+    Raises
+    ------
+    InvalidInput
+        If it does not fit, is negative, or nothing is integrated.
+    """
+    if value is None:
+        return None
+    zone = real_array(value)
+    if not tracked or zone.shape not in ((), (len(tracked),)) or not np.all(zone >= 0.0):
+        raise InvalidInput(
+            "The dead zone of the integrals does not fit.",
+            f"expected one number >= 0 or one for each of {list(tracked)}, got {value_text(value)}"
+            if tracked
+            else f"expected a law with integrals, got {value_text(value)} beside a law that tracks nothing",
+            "integral_dead_zone=1e-3" if tracked else "integral_dead_zone=None",
+        )
+    return np.array(np.broadcast_to(zone, (len(tracked),))) if zone.any() else None
 
 
 def check_kinds(law: Any, estimator: Any) -> None:

@@ -89,9 +89,10 @@ def controller_step(
         taken = run.call(_first, memory.started)
     rest = r[len(estimate) :] if mode.moving else rest
     text, moving = (_error_coordinates, (r,)) if mode.moving else (_deviation, ())
+    zone = (data.integral_dead_zone,) if mode.has_dead_zone else ()
     position, growth, integral, deviation = run.call(
         partial(text, tracked), y, estimate, memory.position, held, memory.integral,
-        memory.started, data.period, point, *moving,
+        memory.started, data.period, point, *moving, *zone,
     )  # fmt: skip
     about = run.call(partial(_split, len(estimate)), r) if mode.moving and law.placed else None
     law_of = law.on(run, data.law, active, about)
@@ -136,11 +137,12 @@ def _deviation(
     started: Any,
     period: Any,
     point: Any,
+    *zone: Any,
 ) -> tuple[Any, Any, Any, Any]:
     """Tracked positions, growth of the integrals, integrals, and the law's argument x − x*."""
     # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
     position = _positions(tracked, y, estimate)
-    growth = started * period * (0.5 * (last + position) - reference)
+    growth = started * period * _beyond(0.5 * (last + position) - reference, *zone)
     integral = integral + growth
     return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - point
 
@@ -156,15 +158,23 @@ def _error_coordinates(
     period: Any,
     point: Any,
     moving: Any,
+    *zone: Any,
 ) -> tuple[Any, Any, Any, Any]:
     """As `_deviation`, with the law's argument x − x_d about the moving reference of this sample."""
     # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
     n, places = len(estimate), [source.state for source in tracked]
     position = _positions(tracked, y, estimate)
-    growth = started * period * 0.5 * ((last - reference[places]) + (position - moving[places]))
+    growth = (
+        started * period * _beyond(0.5 * ((last - reference[places]) + (position - moving[places])), *zone)
+    )
     integral = integral + growth
     deviation = np.concatenate([np.asarray(estimate) - moving[:n], integral - point[n:]])
     return position, growth, integral, deviation
+
+
+def _beyond(error: Any, *zone: Any) -> Any:
+    """What of an error (k,) lies beyond the dead zone ±zone (k,); all of it without one."""
+    return error if not zone else error - clip(error, -zone[0], zone[0])
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:

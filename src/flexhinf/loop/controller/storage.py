@@ -164,6 +164,8 @@ def write_controller(
         lower, upper = options["command_range"]
         rate = options["command_rate"]
         arrays |= {"command_lower": lower, "command_upper": upper, "command_rate": rate}
+    if "integral_dead_zone" in options:
+        arrays["integral_dead_zone"] = options["integral_dead_zone"]
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -220,6 +222,8 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     if "command_rate" in arrays:
         whole["command_range"] = (arrays["command_lower"], arrays["command_upper"])
         whole["command_rate"] = arrays["command_rate"]
+    if "integral_dead_zone" in arrays:
+        whole["integral_dead_zone"] = arrays["integral_dead_zone"]
     return {**whole, **header["options"]}
 
 

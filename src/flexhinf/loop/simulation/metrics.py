@@ -15,7 +15,9 @@ from flexhinf.untrusted import value_text
 
 __all__ = [
     "SETTLING_BAND",
+    "LimitCycle",
     "StepShape",
+    "limit_cycle",
     "load_metrics",
     "steady_state_error",
     "step_metrics",
@@ -30,6 +32,13 @@ RISE = (0.1, 0.9)
 
 #: Fraction of the run, at its end, over which the steady-state error is taken.
 TAIL = 0.10
+
+#: Fraction of a long run, at its end, in which an oscillation that has not died out is looked for.
+REST_TAIL = 0.5
+
+#: A period begins where a signal rises through this fraction of the amplitude above its middle, after it was as far
+#: below. Vibrations on a slow oscillation are then no periods of their own.
+HYSTERESIS = 0.5
 
 #: The edge of the settling band is inside it, whatever the rounding.
 ROUNDING = 1e-9
@@ -154,6 +163,48 @@ def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     """Largest |error| in the last tenth of a run, of arrays (N,)."""
     error = position - reference
     return float(np.abs(error[-_tail(error) :]).max())
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """An oscillation that does not die out.
+
+    Attributes
+    ----------
+    amplitude : float
+        Half of the distance between its extremes.
+    frequency : float or None
+        Hz; None where there is not one whole period.
+    """
+
+    amplitude: float
+    frequency: float | None
+
+
+def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
+    """What still moves in the last half of a run at rest.
+
+    Parameters
+    ----------
+    time, position : ndarray, (N,)
+
+    Returns
+    -------
+    LimitCycle
+        The frequency is that of whole periods between rises through the middle, with hysteresis.
+    """
+    first = len(position) - max(1, math.ceil(REST_TAIL * len(position)))
+    time, position = time[first:], position[first:]
+    low, high = float(position.min()), float(position.max())
+    amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
+    side = np.where(
+        deviation >= HYSTERESIS * amplitude, 1, np.where(deviation <= -HYSTERESIS * amplitude, -1, 0)
+    )
+    outside = np.flatnonzero(side)
+    rises = outside[1:][np.diff(side[outside]) > 0]
+    if amplitude == 0.0 or len(rises) < 2:
+        return LimitCycle(amplitude, None)
+    return LimitCycle(amplitude, float((len(rises) - 1) / (time[rises[-1]] - time[rises[0]])))
 
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:

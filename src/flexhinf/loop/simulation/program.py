@@ -35,12 +35,13 @@ class LoopSizes:
 
 
 def rk4_function(plant: Plant) -> ca.Function:
-    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later."""
-    nd = len(plant.disturbances)
+    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later, after the plant's `arrest`."""
+    nd, named = len(plant.disturbances), plant.parameters.named
 
     def advance(x: Any, u: Any, d: Any, truth: Any) -> Any:
         stages = [d[k * nd : (k + 1) * nd] for k in range(3)]
-        return rk4_step(lambda s, v: plant.evaluate_flow(s, u, v, truth[1:]), x, stages, truth[0])
+        after = rk4_step(lambda s, v: plant.evaluate_flow(s, u, v, truth[1:]), x, stages, truth[0])
+        return after if plant.arrest is None else plant.arrest(after, truth[0], named(truth[1:]))
 
     return trace(advance, plant.n, len(plant.inputs), 3 * nd, 1 + plant.parameters.size, name="advance")
 

@@ -1,0 +1,149 @@
+"""Goals and waypoints of a point of the robot, x, y, z in the world, as positions of the joints.
+
+The joints are found before the work, by `flexhinf.robot.kinematics`: everything after knows joints only. Between two
+waypoints the joints move smoothly, and the point not in a straight line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from flexhinf.design.design_file import DesignRequest
+from flexhinf.design.units import angles
+from flexhinf.design.waypoint_table import SLIDING, WaypointError, WaypointTable
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import Reached, pose_at
+from flexhinf.untrusted import value_text
+
+__all__ = ["Tool", "joint_waypoints", "tool_of", "with_joints"]
+
+AXES = ("x", "y", "z")
+
+#: Most waypoints of a point: each is a search.
+MOST = 500
+
+
+class Tool(NamedTuple):
+    """The point that goals are for: of a link, by the name of its joint (None: the last), at an offset (3,), m."""
+
+    link: str | None = None
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+#: The origin of the last link.
+ORIGIN = Tool()
+
+
+def tool_of(text: str) -> Tool:
+    """``hand:0,0,0.1``, ``hand`` or ``:0,0,0.1``; the origin of the last link for an empty text.
+
+    Raises
+    ------
+    InvalidInput
+        For an offset that is no point.
+    """
+    link, colon, offset = text.partition(":")
+    return Tool(link.strip() or None, _point("tool", offset) if colon else (0.0, 0.0, 0.0))
+
+
+def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
+    """The request with its Cartesian goal and waypoints as positions of the joints, and notes of what was found.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    goal : str
+        ``x,y,z`` in the world, m or with a unit; empty for none.
+    tool : str
+        As for `tool_of`.
+
+    Raises
+    ------
+    InvalidInput
+        For a place out of reach, a link that is not there, text that is no point, and a goal that is stated twice.
+    """
+    robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
+    if goal:
+        if s.pose is not None:
+            raise InvalidInput(
+                "The goal is stated twice.", f"expected --goal-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+                "leave out one of them (--pose \"\" takes back that of a design file)",
+            )  # fmt: skip
+        found = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+        s = replace(s, pose=tuple(found.pose.tolist()))
+        notes += [f"The goal is the pose {_text(found.pose)}.", *_singular("the goal", found)]
+    if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot):
+        table, worst = _converted(robot, s.move, point)
+        s = replace(s, move=table)
+        notes += _singular("one of the waypoints", worst)
+    return replace(request, specification=s, notes=tuple(notes))
+
+
+def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> WaypointTable:
+    """Waypoints x, y, z of a point as waypoints of the joints, each pose by a search from the one before.
+
+    Raises
+    ------
+    InvalidInput
+        For a place out of reach, with its time; for more than 500 waypoints; for columns that are not x, y, z.
+    """
+    return _converted(robot, table, tool)[0]
+
+
+def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:
+    """The waypoints of the joints, and the pose with the least mobility."""
+    wrong = [unit for unit in table.units if unit and unit not in SLIDING]
+    if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
+        raise WaypointError(
+            "The waypoints are not those of a point.",
+            f"expected columns x, y, z in m or mm, at most {MOST}, got {list(table.joints)} in {list(table.units)}, "
+            f"{len(table.rows)} rows",
+            "time,x [m],y [m],z [m]",
+        )
+    order = [table.joints.index(axis) for axis in AXES]
+    found: list[Reached] = []
+    for time, row in zip(table.times, table.rows):
+        near = found[-1].pose if found else None
+        try:
+            found.append(pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
+        except InvalidInput as error:
+            raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
+    rows = tuple(tuple(one.pose.tolist()) for one in found)
+    joints = robot.joint_names
+    worst = min(found, key=lambda one: one.mobility)
+    return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
+
+
+def _cartesian(table: WaypointTable, robot: Robot) -> bool:
+    return set(table.joints) == set(AXES) != set(robot.joint_names)
+
+
+def _singular(what: str, found: Reached) -> list[str]:
+    if not found.near_singular:
+        return []
+    return [
+        f"At {what}, {_text(found.pose)}, the robot is near a singular pose: in one direction its point moves by only "
+        f"{found.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
+    ]
+
+
+def _text(pose: np.ndarray) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in pose)})"
+
+
+def _point(what: str, text: str) -> tuple[float, ...]:
+    try:
+        point = angles(text)
+    except ValueError:
+        point = ()
+    if len(point) != 3 or not np.isfinite(point).all():
+        raise InvalidInput(
+            f"The point of --{what} cannot be read.",
+            f"expected x,y,z in m, got {value_text(text, 80)}",
+            "0.4,0,300mm",
+        )
+    return point

@@ -1,0 +1,112 @@
+"""What the laws of a comparison are measured by: the figures of one law in its loop, and those of the design."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from flexhinf.design.criterion import Criterion, Figures
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.responses import worst_of
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+
+__all__ = ["RUNS", "figures_of", "own_figures", "unstable_corners", "yardstick"]
+
+#: Runs of the criterion, by the figure that is infinite where one diverged.
+RUNS = {
+    "peak_input": "the step commanded at once",
+    "load_deviation": "the run under the load",
+    "move_error": "the planned move",
+}
+
+
+def unstable_corners(evaluation: LawEvaluation) -> int:
+    """Unstable corners of the tolerances; 0 for a robot that states none."""
+    return 0 if evaluation.corners is None else int(evaluation.corners.unstable)
+
+
+def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
+    """What a law is tuned by.
+
+    Parameters
+    ----------
+    evaluation : LawEvaluation
+    criterion : Criterion, optional
+        A loop that is far beyond its limits is not run, nor run further after the jump.
+
+    Raises
+    ------
+    FlexhinfError
+        If the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    """
+    found = evaluation.margins
+    if not found.stable:
+        raise NumericalFailure(
+            "The linear loop with its estimator is unstable at the goal.",
+            "expected all eigenvalues inside the unit circle",
+            "other parameters",
+        )
+    linear = Figures(
+        found.peak_sensitivity,
+        found.gain_margin,
+        found.damping,
+        evaluation.input_noise,
+        found.slowest_bandwidth,
+    )
+    return (
+        linear if criterion is not None and criterion.is_far(linear) else _run(linear, evaluation, criterion)
+    )
+
+
+def own_figures(evaluation: LawEvaluation) -> Figures:
+    """Those of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
+    try:
+        return figures_of(evaluation)
+    except FlexhinfError:
+        return _run(Figures(math.inf, 1.0, 0.0, math.inf, math.nan), evaluation)
+
+
+def yardstick(evaluation: LawEvaluation) -> Figures:
+    """Figures of the design's own law, by which those of all laws are divided.
+
+    Raises
+    ------
+    InvalidInput
+        If there is nothing to divide by: its linear loop is unstable at the goal, or one of its runs diverges.
+    """
+    found = own_figures(evaluation)
+    lost = [f"{run} diverges" for figure, run in RUNS.items() if math.isinf(getattr(found, figure))]
+    if not evaluation.linear_failure and not evaluation.margins.stable:
+        lost.insert(0, "its linear loop is unstable at the goal")
+    if lost:
+        raise InvalidInput(
+            "The design's own law is unstable or diverges, so no law can be measured by it.",
+            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
+            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
+            "start nearer to the goal; `flexhinf design` shows the loop alone",
+        )
+    return found
+
+
+def _run(linear: Figures, evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
+    jump = evaluation.jump
+    found = replace(linear, peak_input=_equivalent_peak(evaluation), settling=jump.settling.value)
+    if criterion is not None and criterion.is_far(found):
+        return found
+    return replace(
+        found,
+        load_deviation=worst_of(evaluation.load_response.metrics, "peak_deviation").value,
+        move_error=worst_of(evaluation.move.metrics, "largest_error").value,
+    )
+
+
+def _equivalent_peak(evaluation: LawEvaluation) -> float:
+    """Largest input of the jump; where motors have different limits, in terms of the strongest one: the largest share
+    of a limit times the largest limit."""
+    limits, jump = evaluation.setup.limits, evaluation.jump
+    effort = limits.effort
+    if np.all(effort == effort[0]) or not np.isfinite(effort).all():
+        return jump.peak_input
+    return limits.input_use(jump, effort).share * float(effort.max())

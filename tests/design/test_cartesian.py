@@ -1,0 +1,76 @@
+"""Goals and waypoints in space become those of the joints, at the right places, and are refused out of reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Specification
+from flexhinf.design.cartesian import tool_of, with_joints
+from flexhinf.design.design_file import DesignRequest
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.kinematics import position_of
+
+Robots = Callable[[str], Any]
+TIP = ":400mm,0,0"
+WAY = {"time": [0.0, 1.0, 2.0], "x [mm]": [700.0, 600.0, 500.0], "z": [0.0, 0.0, 0.0], "y": [0.0, 0.3, 0.4]}
+
+
+def request(robot_of: Robots, **fields: Any) -> DesignRequest:
+    return DesignRequest(robot_of("planar-two-link"), Specification(**fields), "planar-two-link")
+
+
+def test_a_goal_in_space_is_a_pose_of_the_joints(robot_of: Robots) -> None:
+    found = with_joints(request(robot_of), "0.6,300mm,0", TIP)
+    assert found.specification.pose is not None
+    place = position_of(found.robot, found.specification.pose, offset=(0.4, 0.0, 0.0))
+    assert place == pytest.approx([0.6, 0.3, 0.0], abs=1e-6)
+    assert "The goal is the pose" in found.notes[-1]
+    stretched = with_joints(request(robot_of, start=(0.3, 0.1)), "0.8999,0,0", TIP)
+    assert "near a singular pose" in stretched.notes[-1]
+    assert with_joints(request(robot_of)).specification == Specification()
+
+
+def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> None:
+    found = with_joints(request(robot_of, move=WAY), "", f"elbow{TIP}")
+    table = found.specification.move
+    assert table is not None
+    assert table.joints == ("shoulder", "elbow")
+    places = [position_of(found.robot, row, offset=(0.4, 0.0, 0.0)) for row in table.rows]
+    np.testing.assert_allclose(places, [[0.7, 0.0, 0.0], [0.6, 0.3, 0.0], [0.5, 0.4, 0.0]], atol=1e-6)
+    assert np.abs(np.diff(table.rows, axis=0)).max() < 1.0  # one configuration of the elbow throughout
+
+
+@pytest.mark.parametrize(
+    ("goal", "tool", "fields", "message"),
+    [
+        ("0.6,0.3", "", {}, "goal-xyz cannot be read"),
+        ("a,b,c", "", {}, "goal-xyz cannot be read"),
+        ("0.6,0.3,0", ":0.4", {}, "tool cannot be read"),
+        ("0.6,0.3,0", "hand", {}, "no such link"),
+        ("9,0,0", "", {}, "out of the robot's reach"),
+        ("0.6,0.3,0", TIP, {"pose": (0.1, 0.2)}, "stated twice"),
+        ("", TIP, {"move": {**WAY, "x [mm]": [700.0, 9e3, 0.0]}}, "(waypoint at 1 s)"),
+        (
+            "",
+            TIP,
+            {"move": {"time": [0, 1], "x [deg]": [0, 1], "y": [0, 1], "z": [0, 0]}},
+            "not those of a point",
+        ),
+    ],
+)
+def test_what_is_no_goal_is_refused(
+    goal: str, tool: str, fields: dict[str, Any], message: str, robot_of: Robots
+) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        with_joints(request(robot_of, **fields), goal, tool)
+    assert message in str(refused.value)
+
+
+def test_a_tool_is_a_link_and_an_offset() -> None:
+    assert tool_of("") == (None, (0.0, 0.0, 0.0))
+    assert tool_of("elbow") == ("elbow", (0.0, 0.0, 0.0))
+    assert tool_of("elbow:0,0,100mm") == ("elbow", (0.0, 0.0, pytest.approx(0.1)))

@@ -1,0 +1,143 @@
+"""Hunting at rest: found, judged, named in every report, and what helps; on two links with their motors measured."""
+
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from flexhinf.design import Design, Specification
+from flexhinf.design.hunting import brought_to_rest, rest_run
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.report.sections import rest
+from flexhinf.design.requirements import hunting_requirement
+from flexhinf.design.synthesis import synthesise
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import JerkLimited
+from flexhinf.robot import Parameter
+
+MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}
+
+
+@pytest.fixture(scope="module")
+def setup(robot_of) -> LoopSetup:
+    """Planar two-link, weights of its own, motors measured, friction neither in model nor in `extras`."""
+    robot, s = robot_of("planar-two-link"), Specification(**MOTORS)
+    return synthesise(robot, s, lambda text: None).setup(robot, s)
+
+
+def with_options(setup: LoopSetup, **options) -> LoopSetup:
+    return replace(setup, specification=Specification(**MOTORS, **options))
+
+
+def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
+    run = rest_run(setup)
+    assert run is not None
+    assert run.hunting == (0,)
+    assert run.extras == ("coulomb_friction",)
+    assert 1e-3 < run.cycles[0].amplitude < 1.5e-3
+    assert run.cycles[0].frequency is not None
+    assert (
+        15.0 < 1.0 / run.cycles[0].frequency < 60.0
+    )  # it leaves an unstable equilibrium: the time is ill-conditioned
+    line = hunting_requirement(run, ("rad", "rad"))
+    assert not line.met
+    assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
+
+
+def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
+    changed, run = brought_to_rest(setup)
+    assert run is not None
+    assert run.without is not None
+    assert (run.without.hunts, run.hunts) == (True, False)
+    np.testing.assert_array_equal(changed.dead_zone, [1e-3, 0.0])  # at most a hundredth of the step
+    np.testing.assert_array_equal(changed.bumpless_controller.integral_dead_zone, [1e-3, 0.0])
+    assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
+    assert run.errors.max() < 1e-3  # what the zone costs
+    kept, stated = brought_to_rest(with_options(setup, integral_dead_zone=0.0))
+    assert stated is not None
+    assert stated.hunts
+    assert kept.dead_zone is None
+
+
+def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
+    known = rest_run(with_options(setup, extras="coulomb_friction", friction_model=True))
+    assert known is not None
+    assert not known.hunts
+
+
+def test_linear_figures_are_those_without_friction(setup):
+    known = with_options(setup, extras="coulomb_friction", friction_model=True)
+    np.testing.assert_array_equal(known.equilibrium_loop().linear().a, setup.equilibrium_loop().linear().a)
+    assert known.estimator_model is not known.model
+    assert setup.estimator_model is setup.model
+
+
+def test_a_robot_without_dry_friction_has_no_such_run(setup):
+    none = {f"coulomb_friction_{joint}": 0.0 for joint in setup.joints}
+    assert rest_run(replace(setup, robot=setup.robot.with_values(none))) is None
+
+
+def test_a_stated_zone_that_does_not_fit_is_refused(setup):
+    with pytest.raises(InvalidInput, match="expected one number, or one for each of"):
+        rest_run(with_options(setup, integral_dead_zone=(1e-3, 1e-3, 1e-3)))
+
+
+class PlainFeedforward(LoopSetup):
+    """The feedforward as it was: of a robot without dry friction."""
+
+    @property
+    def dry_friction(self):
+        return ()
+
+
+def vars_of(setup):
+    return {field.name: getattr(setup, field.name) for field in fields(setup)}
+
+
+def test_feedforward_with_friction_follows_the_move_better(setup):
+    way = np.abs(setup.goal - setup.start)
+    plan = JerkLimited(setup.start, setup.goal, 1.6 * way, 6.4 * way, 51.0 * way, smoothing=0.2)
+    known = with_options(setup, extras="coulomb_friction")
+    errors = [np.abs(loop.move(plan).error).max() for loop in (known, PlainFeedforward(**vars_of(known)))]
+    assert errors[0] < 0.75 * errors[1]
+
+
+def test_every_report_says_who_hunts(setup):
+    """The section of the page, its note, the table of the terminal and the numbers, from the run alone."""
+    run = rest_run(setup)
+    assert run is not None
+    design = SimpleNamespace(
+        rest=run,
+        specification=setup.specification,
+        evaluation=SimpleNamespace(setup=setup),
+        robot=setup.robot,
+    )
+    (note,) = rest.remarks(cast(Design, design))
+    assert "shoulder by ±1.2" in note
+    assert "`--extras coulomb_friction --friction`" in note
+    figure, table = rest.blocks(cast(Design, design))
+    assert "hunts" in table.html()
+    assert "below the limit" in table.html()
+    assert "<svg" in figure.html()
+    still = SimpleNamespace(**{**vars(design), "rest": None})
+    assert rest.blocks(cast(Design, still)) == list(rest.remarks(cast(Design, still))) == []
+
+
+@pytest.mark.slow
+def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_only(robot_of):
+    """The figures of docs/design.md."""
+    robot = robot_of("paper").with_parameters(Parameter("coulomb_friction", 1.0))
+    options = {**MOTORS, "extras": "coulomb_friction"}
+    s = Specification(**options)
+    setup = synthesise(robot, s, lambda text: None).setup(robot, s)
+    changed, run = brought_to_rest(setup)
+    assert run is not None
+    assert run.without is not None
+    assert run.without.amplitudes[0] == pytest.approx(1.08e-3, rel=0.05)
+    assert run.amplitudes[0] < 0.3e-3
+    np.testing.assert_array_equal(changed.dead_zone, [1e-3])
+    known = rest_run(replace(setup, specification=Specification(**options, friction_model=True)))
+    assert known is not None
+    assert known.hunts
