@@ -63,7 +63,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--overshoot", "-5"], "overshoot"),
         (["--overshoot", "0"], "overshoot"),
         (["--delay", "-1e-3"], "delay"),
-        (["--delay", "5"], "5000 samples"),
+        (["--delay", "5"], "--delay 5ms"),
         (["--duration", "-3"], "a time > 0"),
         (["--duration", "5000"], "5000000 samples"),
         (["--quantisation", "-1"], "quantisation"),

@@ -116,7 +116,7 @@ def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     setup = found.setup(robot, s)
     corners = LawEvaluation("paper", setup).corners
     assert corners is not None
-    assert corners.unstable > 0.05 * corners.count
+    assert corners.unstable >= 64  # even with the noise levels that are best for them
     samples = sampled_steps(setup, 60, 6.0, 12)
     assert samples.overshoot.max() > 5.0
     assert samples.unsettled > 0

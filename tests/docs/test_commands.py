@@ -155,9 +155,9 @@ def test_a_program_runs_as_it_is_printed(block: Block, tmp_path: Path, environme
 
 
 def test_no_block_is_left_out() -> None:
-    known = {"sh", "python", "toml", "xml", "text"}
+    known = {"sh", "python", "toml", "xml", "csv", "text"}
     assert {block.language for block in BLOCKS} <= known
     assert len(commands()) > 10
     assert len(programs()) >= 4
-    nameless = [block.name for block in BLOCKS if block.language in ("toml", "xml") and not block.file]
+    nameless = [block.name for block in BLOCKS if block.language in ("toml", "xml", "csv") and not block.file]
     assert nameless == []

@@ -116,8 +116,8 @@ def quanta(value: Any) -> float | tuple[float, ...]:
 
     Examples
     --------
-    >>> quanta("0.18deg, 0.05Nm")
-    (0.0031415926535897933, 0.05)
+    >>> quanta("0.2mm, 0.05Nm")
+    (0.0002, 0.05)
     """
     return _one_or_several(value, _READINGS)
 
