@@ -27,6 +27,18 @@ def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixtur
     assert capsys.readouterr().out.startswith("flexhinf ")
 
 
+@pytest.mark.parametrize("stated", [None, "2"])
+def test_blas_has_one_thread_unless_the_user_states_another_number(stated: str | None) -> None:
+    """A design's matrices are small: threads of BLAS cost it a quarter of its time."""
+    program = "import os; from flexhinf.cli import main; main(['--version']); print(os.environ['OPENBLAS_NUM_THREADS'])"
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    told = {} if stated is None else {"OPENBLAS_NUM_THREADS": stated}
+    shown = subprocess.run(
+        [sys.executable, "-c", program], env=environment | told, capture_output=True, text=True, check=True
+    )
+    assert shown.stdout.split()[-1] == (stated or "1")
+
+
 def test_an_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["papers"]) == 2
     assert "papers" in capsys.readouterr().err

@@ -31,6 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Ctrl-C, SIGTERM and SIGHUP end a command in order: what it had begun to write is cleared away, and the exit code is
     that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more.
     """
+    if (
+        "numpy" not in sys.modules
+    ):  # a design's matrices are small: threads of BLAS cost it a quarter of its time
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     received: list[int] = []
     with _ended_in_order(received), _every_character(), _without_windows():
         try:
