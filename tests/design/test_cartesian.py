@@ -49,6 +49,11 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
     [
         ("0.6,0.3", "", {}, "goal-xyz cannot be read"),
         ("a,b,c", "", {}, "goal-xyz cannot be read"),
+        ("30deg,0.3,0", "", {}, "goal-xyz cannot be read"),
+        ("1e300,0,0", "", {}, "goal-xyz cannot be read"),
+        ("0.6,0.3,0", ":1e200,0,0", {}, "tool cannot be read"),
+        ("0.6,0.3,0", ":1e30,0,0", {}, "out of the robot's reach"),
+        ("", TIP, {}, "nothing that it is to reach"),
         ("0.6,0.3,0", ":0.4", {}, "tool cannot be read"),
         ("0.6,0.3,0", "hand", {}, "no such link"),
         ("9,0,0", "", {}, "out of the robot's reach"),

@@ -19,6 +19,7 @@ from flexhinf.design.units import (
     AboveOne,
     Allowed,
     Count,
+    DeadZone,
     Degrees,
     Duration,
     Flag,
@@ -230,7 +231,7 @@ class Specification:
     friction_model: Annotated[Flag, About(SYNTHESIS,
         "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
         "planned move has it anyway.", "", options=("--friction/--no-friction",))] = False
-    integral_dead_zone: Annotated[Quanta | None, About(LOOP,
+    integral_dead_zone: Annotated[DeadZone | None, About(LOOP,
         "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.",
         "1e-3", "rad, m", ("--dead-zone",),

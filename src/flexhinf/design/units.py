@@ -20,14 +20,15 @@ from flexhinf.plant import Penalty
 from flexhinf.untrusted import real_number, value_text
 
 __all__ = [
-    "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
+    "AboveOne", "Allowed", "Count", "DeadZone", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
     "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio", "Seconds", "Seed",
     "Tolerances", "Weights", "angle_unit_of",
-    "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta",
-    "reading_kind", "seconds", "speeds", "weights",
+    "angles", "choice", "flag", "frequencies", "integer", "integers", "lengths", "names", "number", "numbers", "places",
+    "poses", "quanta", "reading_kind", "seconds", "speeds", "weights",
 ]  # fmt: skip
 
 _ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+_LENGTHS = {"": 1.0, "m": 1.0, "mm": 1e-3}
 _FREQUENCIES = {"": 1.0, "rad/s": 1.0, "hz": 2.0 * math.pi}
 _SPEEDS = {
     "": 1.0, "rad/s": 1.0, "m/s": 1.0, "mm/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0,
@@ -39,7 +40,8 @@ _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(\S*)\s*\Z")
+#: Nothing is looked at twice: a text of any length is read or refused at once.
+_QUANTITY = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+(\S*+)\s*+\Z")
 
 
 def number(value: Any) -> float:
@@ -67,6 +69,11 @@ def angles(value: Any) -> tuple[float, ...]:
     (0.5, 3.141592653589793)
     """
     return tuple(_quantity(one, _ANGLES, math.radians) for one in _several(value))
+
+
+def lengths(value: Any) -> tuple[float, ...]:
+    """Lengths in m, one or several; as text between commas, with m or mm."""
+    return tuple(_quantity(one, _LENGTHS) for one in _several(value))
 
 
 def poses(value: Any) -> tuple[tuple[float, ...], ...]:
@@ -120,6 +127,17 @@ def quanta(value: Any) -> float | tuple[float, ...]:
     (0.0002, 0.05)
     """
     return _one_or_several(value, _READINGS)
+
+
+def places(value: Any) -> float | tuple[float, ...]:
+    """One position, or one per joint, in rad or m; as text with a unit of an angle or a length.
+
+    Examples
+    --------
+    >>> places("0.2mm, 0.05")
+    (0.0002, 0.05)
+    """
+    return _one_or_several(value, _ANGLES)
 
 
 def reading_kind(value: Any) -> str:
@@ -301,6 +319,10 @@ PerJointSpeed = Annotated[
 Quanta = Annotated[
     Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(quanta),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
+]  # fmt: skip
+DeadZone = Annotated[
+    Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(places),
+    Allowed("a number >= 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[
     tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
