@@ -151,7 +151,7 @@ def _point(what: str, text: str) -> tuple[float, ...]:
     if len(point) != 3 or not all(map(within_proportion, point)):
         raise InvalidInput(
             f"The point of --{what} cannot be read.",
-            f"expected x,y,z in m, got {value_text(text, 80)}",
+            f"expected x,y,z in m or mm, got {value_text(text, 80)}",
             "0.4,0,300mm",
         )
     return point
