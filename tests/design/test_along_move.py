@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Specification
-from flexhinf.design.along_move import AlongMove, Least, margins_along, scheduled
+from flexhinf.design.along_move import AlongMove, Least, acting, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.move_evaluation import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
@@ -87,3 +88,17 @@ def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     same, unhelped = scheduled(setup, plan, strict, lambda pose: useless)
     assert (same, unhelped.count, unhelped.added) == (setup.law, 1, 0)
     assert scheduled(setup, plan, strict, None)[0] is setup.law
+
+
+def test_the_law_that_acts_is_chosen_by_the_joints_that_are_tracked(setup: LoopSetup) -> None:
+    """With one joint out of two tracked, its own place in the pose counts."""
+    robot = setup.robot
+
+    def law(pose: tuple[float, float]) -> Law:
+        weights = {"link_position": 60.0, "link_position_elbow_integral": 100.0}
+        problem = robot.problem(weights, pose, integrate=["link_position_elbow"])
+        return fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
+
+    laws = [law((0.0, 0.0)), law((0.0, 1.0))]
+    assert acting(Schedule(laws), np.array([1.0, 0.1])) == (0, laws[0])
+    assert acting(Schedule(laws), np.array([0.1, 0.9])) == (1, laws[1])

@@ -49,7 +49,9 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
     [
         ("0.6,0.3", "", {}, "goal-xyz cannot be read"),
         ("a,b,c", "", {}, "goal-xyz cannot be read"),
+        ("30deg,0,0", "", {}, "goal-xyz cannot be read"),
         ("0.6,0.3,0", ":0.4", {}, "tool cannot be read"),
+        ("0.6,0.3,0", ":0,0,1rad", {}, "tool cannot be read"),
         ("0.6,0.3,0", "hand", {}, "no such link"),
         ("9,0,0", "", {}, "out of the robot's reach"),
         ("0.6,0.3,0", TIP, {"pose": (0.1, 0.2)}, "stated twice"),

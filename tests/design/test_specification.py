@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import pytest
@@ -38,6 +39,12 @@ def test_the_default_of_an_option_is_that_of_its_field() -> None:
         if field.default not in (None, ()):
             assert getattr(Specification(**{name: shown}), name) == field.default
         assert field.default is not None or field.about.default or name == "process_noise"
+
+
+def test_the_options_of_a_group_stand_together() -> None:
+    groups = [field.about.group for field in FIELDS.values()]
+    changes = sum(one != other for one, other in itertools.pairwise(groups))
+    assert changes + 1 == len(set(groups))
 
 
 def test_words_have_any_case() -> None:

@@ -78,3 +78,10 @@ def test_values_that_are_matrices_huge_or_contain_themselves_are_refused() -> No
         assert units.angle_unit_of(wrong) is None
         with pytest.raises(SpecificationError, match="pose"):
             Specification(pose=wrong)
+
+
+@pytest.mark.parametrize("text", ["1Nm", "1deg/s", "2N", "1m/s"])
+def test_a_dead_zone_is_a_distance(text: str) -> None:
+    assert Specification(integral_dead_zone="0.5mm").integral_dead_zone == 5e-4  # type: ignore[arg-type]
+    with pytest.raises(SpecificationError, match="one per joint"):
+        Specification(integral_dead_zone=text)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.design.design_file import DesignRequest
-from flexhinf.design.units import angles
+from flexhinf.design.units import angle_unit_of, angles
 from flexhinf.design.waypoint_table import SLIDING, WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
@@ -137,13 +137,13 @@ def _text(pose: np.ndarray) -> str:
 
 def _point(what: str, text: str) -> tuple[float, ...]:
     try:
-        point = angles(text)
+        point = () if angle_unit_of(text) else angles(text)
     except ValueError:
         point = ()
     if len(point) != 3 or not np.isfinite(point).all():
         raise InvalidInput(
             f"The point of --{what} cannot be read.",
-            f"expected x,y,z in m, got {value_text(text, 80)}",
+            f"expected x,y,z in m or mm, got {value_text(text, 80)}",
             "0.4,0,300mm",
         )
     return point

@@ -12,6 +12,7 @@ from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.robot import Robot
 from flexhinf.robot.drive import DRIVES
+from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.signals import UNITS
 
 __all__ = ["ROBOT", "JointLimits", "LimitUse", "integral_dead_zone", "joint_limits"]
@@ -151,7 +152,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
         For a number of limits that is not the number of joints.
     """
     slides, joints = robot.links.slides, robot.joint_names
-    ranges = np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits])
+    low, high = position_ranges(robot)
 
     def units(signal: str) -> tuple[str, ...]:
         return tuple(UNITS[signal][sliding] for sliding in slides)
@@ -166,7 +167,7 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     saturation, saturation_source = stated("saturation", robot.effort_limits)
     speed, speed_source = stated("peak_speed", robot.speed_limits)
     return JointLimits(
-        joints, peak, saturation, speed, ranges[:, 0], ranges[:, 1], units(DRIVES[robot.drive]),
+        joints, peak, saturation, speed, low, high, units(DRIVES[robot.drive]),
         units("link_velocity"), units("link_position"), peak_source, saturation_source, speed_source,
     )  # fmt: skip
 

@@ -18,6 +18,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
+from flexhinf.robot.limits import position_ranges
 
 __all__ = ["EFFORT_FRACTION", "has_integrals", "plan_move", "stated_move", "step_command"]
 
@@ -172,7 +173,7 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
         spline = Waypoints(times, positions, "spline")
         return Waypoints(times, positions, "through") if _wanders(spline) else spline
     if s.shaping == "jerk-limited":
-        pose = np.clip(positions[-1], *_ranges(robot))
+        pose = np.clip(positions[-1], *position_ranges(robot))
         scales = JointScales.of(robot.plant(), robot.operating_point(pose))
         smoothing = 2.0 * math.pi / float(scales.vibration.min())
     return Waypoints(times, positions, s.shaping, smoothing)
@@ -187,11 +188,6 @@ def _wanders(spline: Waypoints) -> bool:
     low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
     beyond = np.maximum(between - high, low - between).max(axis=(0, 1))
     return bool(np.any(beyond > BEYOND * np.ptp(spline.values, axis=0) + 1e-12))
-
-
-def _ranges(robot: Robot) -> np.ndarray:
-    """Lower and upper ends (2, n) of the joints' ranges."""
-    return np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits]).T
 
 
 def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, instants: int) -> None:

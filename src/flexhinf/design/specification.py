@@ -20,6 +20,7 @@ from flexhinf.design.units import (
     Allowed,
     Count,
     Degrees,
+    Distances,
     Duration,
     Flag,
     Frequencies,
@@ -191,6 +192,9 @@ class Specification:
     command: Annotated[Flag, About(SYNTHESIS,
         "Whether the command is a disturbance too, beside --disturbances.", "",
         options=("--command/--no-command",))] = False
+    friction_model: Annotated[Flag, About(SYNTHESIS,
+        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
+        "planned move has it anyway.", "", options=("--friction/--no-friction",))] = False
     measured: Annotated[Names, About(LOOP,
         "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
         "motor_position")] = ("link_position",)
@@ -217,6 +221,11 @@ class Specification:
     quantisation: Annotated[Quanta, About(LOOP,
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")] = 0.0
+    integral_dead_zone: Annotated[Distances | None, About(LOOP,
+        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
+        "0: none.",
+        "1e-3", "rad, m", ("--dead-zone",),
+        default="none, or the amplitude of the hunting that dry friction causes")] = None
     load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")] = None
     draws: Annotated[Count | None, About(REPORT,
@@ -227,14 +236,6 @@ class Specification:
         default="by the number of states")] = None
     duration: Annotated[Duration | None, About(REPORT, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")] = None
-    friction_model: Annotated[Flag, About(SYNTHESIS,
-        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
-        "planned move has it anyway.", "", options=("--friction/--no-friction",))] = False
-    integral_dead_zone: Annotated[Quanta | None, About(LOOP,
-        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
-        "0: none.",
-        "1e-3", "rad, m", ("--dead-zone",),
-        default="none, or the amplitude of the hunting that dry friction causes")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0
     compare_rigid: Annotated[Flag, About(REPORT,
         "Whether the same is designed on the rigid model too, and run on the elastic robot.", "",

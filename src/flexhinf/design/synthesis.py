@@ -41,9 +41,6 @@ GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
 #: bandwidth, the noise at the motors with this power of the damping.
 LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
 
-#: A margin that is missed by more than e to this power is not the bandwidth's fault.
-NEARLY = 0.25
-
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:

@@ -20,11 +20,11 @@ from flexhinf.plant import Penalty
 from flexhinf.untrusted import real_number, value_text
 
 __all__ = [
-    "AboveOne", "Allowed", "Count", "Degrees", "Duration", "Flag", "Frequencies", "Names", "NotNegative",
-    "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio", "Seconds", "Seed",
-    "Tolerances", "Weights", "angle_unit_of",
-    "angles", "choice", "flag", "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta",
-    "reading_kind", "seconds", "speeds", "weights",
+    "AboveOne", "Allowed", "Count", "Degrees", "Distances", "Duration", "Flag", "Frequencies", "Names",
+    "NotNegative", "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio",
+    "Seconds", "Seed", "Tolerances", "Weights", "angle_unit_of", "angles", "choice", "distances", "flag",
+    "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta", "reading_kind",
+    "seconds", "speeds", "weights",
 ]  # fmt: skip
 
 _ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
@@ -120,6 +120,17 @@ def quanta(value: Any) -> float | tuple[float, ...]:
     (0.0002, 0.05)
     """
     return _one_or_several(value, _READINGS)
+
+
+def distances(value: Any) -> float | tuple[float, ...]:
+    """One distance in rad or m, or one per joint; as text with rad, deg, °, m or mm.
+
+    Examples
+    --------
+    >>> distances("1e-3, 2mm")
+    (0.001, 0.002)
+    """
+    return _one_or_several(value, _ANGLES)
 
 
 def reading_kind(value: Any) -> str:
@@ -301,6 +312,10 @@ PerJointSpeed = Annotated[
 Quanta = Annotated[
     Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(quanta),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
+]  # fmt: skip
+Distances = Annotated[
+    Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(distances),
+    Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[
     tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),

@@ -14,6 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics.motion import frames_of
+from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.robot import Robot
 from flexhinf.untrusted import real_array, value_text
 
@@ -111,8 +112,7 @@ def pose_at(
 
     wanted, shift = _three("place", place), _three("offset", offset)
     k, n = _place(robot, link), len(robot.joint_names)
-    ranges = [(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits]
-    low, high = np.array(ranges, dtype=float).T
+    low, high = position_ranges(robot)
 
     def at(q: np.ndarray) -> np.ndarray:
         turns, places = link_frames(robot, q)

@@ -14,7 +14,12 @@ from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["check_holding", "check_reference"]
+__all__ = ["check_holding", "check_reference", "position_ranges"]
+
+
+def position_ranges(robot: Robot) -> np.ndarray:
+    """Lower and upper ends (2, n) of the joints' ranges, rad or m; infinite where a joint has no limit."""
+    return np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits]).T
 
 
 def check_reference(
@@ -114,8 +119,8 @@ def check_holding(robot: Robot, pose: Any, limit: Any = None) -> tuple[np.ndarra
 
 def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) -> None:
     """The first time at which any joint is outside."""
-    bounds = np.array([(-np.inf, np.inf) if pair is None else pair for pair in robot.links.limits])
-    outside = (positions < bounds[:, 0]) | (positions > bounds[:, 1]) | ~np.isfinite(positions)
+    low, high = position_ranges(robot)
+    outside = (positions < low) | (positions > high) | ~np.isfinite(positions)
     if not np.any(outside):
         return
     row = int(np.argmax(np.any(outside, axis=1)))
@@ -123,7 +128,7 @@ def _within_positions(robot: Robot, positions: np.ndarray, times: np.ndarray) ->
     slides = robot.links.slides[joint]
     raise InvalidInput(
         f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
-        f"expected {bounds[joint, 0]:g} to {bounds[joint, 1]:g} {'m' if slides else 'rad'}, got "
+        f"expected {low[joint]:g} to {high[joint]:g} {'m' if slides else 'rad'}, got "
         f"{positions[row, joint]:.6g} at t = {times[row]:g} s",
         "a reference within the limits; angles are in rad",
     )
