@@ -49,7 +49,12 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
     [
         ("0.6,0.3", "", {}, "goal-xyz cannot be read"),
         ("a,b,c", "", {}, "goal-xyz cannot be read"),
+        ("30DEG,0,0", "", {}, "goal-xyz cannot be read"),
         ("30deg,0,0", "", {}, "goal-xyz cannot be read"),
+        ("1e300,0,0", "", {}, "goal-xyz cannot be read"),
+        ("0.6,0.3,0", ":1e200,0,0", {}, "tool cannot be read"),
+        ("0.6,0.3,0", ":1e30,0,0", {}, "out of the robot's reach"),
+        ("", TIP, {}, "nothing that it is to reach"),
         ("0.6,0.3,0", ":0.4", {}, "tool cannot be read"),
         ("0.6,0.3,0", ":0,0,1rad", {}, "tool cannot be read"),
         ("0.6,0.3,0", "hand", {}, "no such link"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,14 @@ def test_a_bandwidth_is_in_rad_per_second_unless_it_says_hertz(value: Any, meant
 def test_what_is_no_bandwidth_is_refused(text: Any) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
         units.frequencies(text)
+
+
+@pytest.mark.parametrize("text", ["1" * 100_000 + " x y", " " * 100_000 + "x", "1" + " " * 100_000 + "x y"])
+def test_a_long_text_is_refused_at_once(text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(ValueError):  # noqa: PT011
+        units.angles(text)
+    assert time.process_time() - began < 1.0
 
 
 def test_angles_are_in_radians_unless_they_say_degrees() -> None:

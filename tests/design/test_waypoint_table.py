@@ -52,6 +52,13 @@ def test_columns_by_name_are_the_same_as_a_file(tmp_path: Path) -> None:
         ("time [h],shoulder\n0,1\n1,1\n", "unit that is not known"),
         ("time,shoulder [turns]\n0,1\n1,1\n", "unit that is not known"),
         ("time,shoulder,shoulder\n0,1,1\n1,1,1\n", "each column once"),
+        ("time,shoulder [deg],shoulder [rad]\n0,0,1\n1,1,1\n", "one for each joint"),
+        ("time,shoulder\n0,1\n1,1e308\n", "at most 1e.30"),
+        ("time,shoulder\n1e308,1\n-1e308,1\n", "1e.308 of 'time' in line 2"),
+        (f"time,shoulder [{' ' * 20_000}x]y\n0,1\n1,x\n", "no number"),
+        (f"time,shoulder [{' ' * 20_000}x]\n0,1\n1,1\n", "unit that is not known"),
+        (f"time,{'[' * 20_000}]\n0,1\n1,x\n", "no number"),
+        (f"time,shoulder{' ' * 20_000}[\n0,1\n1,x\n", "no number"),
     ],
 )
 def test_what_is_no_motion_is_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.design.design_file import DesignRequest
-from flexhinf.design.units import angle_unit_of, angles
+from flexhinf.design.units import lengths
 from flexhinf.design.waypoint_table import SLIDING, WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import Reached, pose_at
-from flexhinf.untrusted import value_text
+from flexhinf.untrusted import value_text, within_proportion
 
 __all__ = ["Tool", "joint_waypoints", "tool_of", "with_joints"]
 
@@ -64,9 +64,17 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
     Raises
     ------
     InvalidInput
-        For a place out of reach, a link that is not there, text that is no point, and a goal that is stated twice.
+        For a place out of reach, a link that is not there, text that is no point, a goal that is stated twice, and a
+        tool where neither goal nor waypoints are those of a point.
     """
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
+    move = s.move if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot) else None
+    if tool and not goal and move is None:
+        raise InvalidInput(
+            "A tool is stated, and nothing that it is to reach.",
+            f"expected --goal-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
+            "--goal-xyz 0.4,0,0.3, or leave out --tool",
+        )
     if goal:
         if s.pose is not None:
             raise InvalidInput(
@@ -76,8 +84,8 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
         found = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(found.pose.tolist()))
         notes += [f"The goal is the pose {_text(found.pose)}.", *_singular("the goal", found)]
-    if isinstance(s.move, WaypointTable) and _cartesian(s.move, robot):
-        table, worst = _converted(robot, s.move, point)
+    if move is not None:
+        table, worst = _converted(robot, move, point)
         s = replace(s, move=table)
         notes += _singular("one of the waypoints", worst)
     return replace(request, specification=s, notes=tuple(notes))
@@ -137,10 +145,10 @@ def _text(pose: np.ndarray) -> str:
 
 def _point(what: str, text: str) -> tuple[float, ...]:
     try:
-        point = () if angle_unit_of(text) else angles(text)
+        point = lengths(text)
     except ValueError:
         point = ()
-    if len(point) != 3 or not np.isfinite(point).all():
+    if len(point) != 3 or not all(map(within_proportion, point)):
         raise InvalidInput(
             f"The point of --{what} cannot be read.",
             f"expected x,y,z in m or mm, got {value_text(text, 80)}",

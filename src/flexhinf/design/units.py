@@ -23,11 +23,12 @@ __all__ = [
     "AboveOne", "Allowed", "Count", "Degrees", "Distances", "Duration", "Flag", "Frequencies", "Names",
     "NotNegative", "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio",
     "Seconds", "Seed", "Tolerances", "Weights", "angle_unit_of", "angles", "choice", "distances", "flag",
-    "frequencies", "integer", "integers", "names", "number", "numbers", "poses", "quanta", "reading_kind",
-    "seconds", "speeds", "weights",
+    "frequencies", "integer", "integers", "lengths", "names", "number", "numbers", "poses", "quanta",
+    "reading_kind", "seconds", "speeds", "weights",
 ]  # fmt: skip
 
 _ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+_LENGTHS = {"": 1.0, "m": 1.0, "mm": 1e-3}
 _FREQUENCIES = {"": 1.0, "rad/s": 1.0, "hz": 2.0 * math.pi}
 _SPEEDS = {
     "": 1.0, "rad/s": 1.0, "m/s": 1.0, "mm/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0,
@@ -39,7 +40,8 @@ _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(\S*)\s*\Z")
+#: Nothing is looked at twice: a text of any length is read or refused at once.
+_QUANTITY = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+(\S*+)\s*+\Z")
 
 
 def number(value: Any) -> float:
@@ -67,6 +69,11 @@ def angles(value: Any) -> tuple[float, ...]:
     (0.5, 3.141592653589793)
     """
     return tuple(_quantity(one, _ANGLES, math.radians) for one in _several(value))
+
+
+def lengths(value: Any) -> tuple[float, ...]:
+    """Lengths in m, one or several; as text between commas, with m or mm."""
+    return tuple(_quantity(one, _LENGTHS) for one in _several(value))
 
 
 def poses(value: Any) -> tuple[tuple[float, ...], ...]:

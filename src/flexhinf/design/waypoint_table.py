@@ -14,7 +14,6 @@ import csv
 import difflib
 import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from pydantic import BeforeValidator, WithJsonSchema
 
 from flexhinf.design.units import Allowed
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import read_text, real_array, value_text
+from flexhinf.untrusted import HUGE, read_text, real_array, value_text
 
 __all__ = ["Move", "WaypointError", "WaypointTable", "waypoints"]
 
@@ -35,8 +34,6 @@ LARGEST, MOST_ROWS = 20_000_000, 100_000
 SECONDS = {"s": 1.0, "ms": 1e-3}
 TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 SLIDING = {"m": 1.0, "mm": 1e-3}
-
-_HEADING = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*\Z")
 
 
 class WaypointError(InvalidInput):
@@ -192,11 +189,11 @@ def _columns(
 
 def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
     """A table of columns by heading; `place` says where a row stands."""
-    headings = [_HEADING.match(name) if isinstance(name, str) else None for name in columns]
-    named = [("", "") if match is None else (match[1], match[2] or "") for match in headings]
-    if [name for name, _ in named].count("time") != 1 or len(named) < 2 or not all(name for name, _ in named):
+    named = [_heading(name) if isinstance(name, str) else ("", "") for name in columns]
+    names = [name for name, _ in named]
+    if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
         raise WaypointError(
-            f"{what} need a column 'time' and one for each joint.",
+            f"{what} need one column 'time' and one for each joint.",
             f"expected time,shoulder,elbow, got {value_text(list(columns))}",
             "a header 'time [s],shoulder [deg],elbow [deg]'",
         )
@@ -224,14 +221,26 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
 
 
+def _heading(text: str) -> tuple[str, str]:
+    """Name and unit of a heading; the unit is empty where none stands in brackets behind the name."""
+    text = text.strip()
+    for opening, closing in ("[]", "()"):
+        if text.endswith(closing) and opening in text:
+            name, _, unit = text[:-1].rpartition(opening)
+            return name.strip(), unit.strip()
+    return text, ""
+
+
 def _check_rows(times: np.ndarray, positions: np.ndarray, names: list[str], what: str, place: Any) -> None:
-    """Finite numbers, and times that increase."""
+    """Finite numbers in proportion, and times that increase."""
     both = np.column_stack([times, positions])
-    if not np.isfinite(both).all():
-        row, column = np.argwhere(~np.isfinite(both))[0].tolist()
+    usable = np.abs(both) <= HUGE
+    if not usable.all():
+        row, column = np.argwhere(~usable)[0].tolist()
         raise WaypointError(
-            f"{what} hold what is no finite number.",
-            f"expected numbers, got {both[row, column]} of {['time', *names][column]!r} in {place(row)}",
+            f"{what} hold what is no usable number.",
+            f"expected finite ones of at most {HUGE:g}, got {both[row, column]} of "
+            f"{value_text(['time', *names][column], 60)} in {place(row)}",
             "leave the row out",
         )
     if not (np.diff(times) > 0.0).all():

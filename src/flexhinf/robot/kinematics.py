@@ -16,7 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics.motion import frames_of
 from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.robot import Robot
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import HUGE, real_array, value_text, within_proportion
 
 __all__ = ["Reached", "link_frames", "pose_at", "position_of"]
 
@@ -175,10 +175,10 @@ def _place(robot: Robot, link: str | None) -> int:
 
 def _three(what: str, value: Any) -> np.ndarray:
     array = real_array(value)
-    if array.shape != (3,) or not np.isfinite(array).all():
+    if array.shape != (3,) or not all(map(within_proportion, array)):
         raise InvalidInput(
             f"The {what} is no point.",
-            f"expected three finite numbers, m, got {value_text(value, 80)}",
+            f"expected three numbers of at most {HUGE:g}, m, got {value_text(value, 80)}",
             "(0.4, 0.0, 0.3)",
         )
     return array

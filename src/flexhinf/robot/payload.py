@@ -7,7 +7,6 @@ number, and the inertia of the payload is in proportion to its mass.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
-from flexhinf.untrusted import value_text
+from flexhinf.untrusted import value_text, within_proportion
 
 __all__ = ["SHAPES", "Frame", "Payload", "carried", "inertia_of_shape", "payload_from_text"]
 
@@ -27,9 +26,6 @@ SHAPES = {
     "box": ("length in x", "length in y", "length in z"),
     "cylinder": ("radius", "height"),
 }
-
-#: A number, or two or three that grow, a unit, and where: 3kg@hand, 0..3@hand, 0..1..3kg@hand:0,0,0.1.
-TEXT = re.compile(r"\s*([^@:\s]+?)\s*(?:kg)?\s*(?:@\s*([^:]*?)\s*)?(?::\s*(.+?)\s*)?")
 
 
 @dataclass(frozen=True)
@@ -79,10 +75,10 @@ class Payload:
 
     def __post_init__(self) -> None:
         lower, upper = self.mass.interval
-        if lower < 0.0 or not upper > 0.0:
+        if lower < 0.0 or not upper > 0.0 or not within_proportion(upper, positive=True):
             raise InvalidInput(
                 "The mass of a payload is not usable.",
-                f"expected 0 kg or more, and more than 0 at the upper end, got {lower:g} to {upper:g} kg",
+                f"expected 0 kg or more, and at least 1e-30 kg at the upper end, got {lower:g} to {upper:g} kg",
                 "mass = { value = 0.0, range = [0.0, 3.0] }",
             )
         moments = np.linalg.eigvalsh(matrix_of(self.inertia_per_mass))
@@ -166,16 +162,16 @@ def payload_from_text(text: str) -> Payload:
     InvalidInput
         For a text that says something else.
     """
-    match = TEXT.fullmatch(text)
+    head, colon, place = text.partition(":")
+    words, at, link = (part.strip() for part in head.partition("@"))
     try:
-        if match is None:
-            raise ValueError
-        numbers = [float(word) for word in match[1].split("..")]
-        centre = None if match[3] is None else [float(word) for word in match[3].split(",")]
+        numbers = [_number(word) for word in words.removesuffix("kg").split("..")]
+        centre = [_number(word) for word in place.split(",")] if colon else None
         if (
             not all(np.isfinite([*numbers, *(centre or ())]))
             or len(numbers) > 3
             or (centre and len(centre) != 3)
+            or (at and not link)
         ):
             raise ValueError
     except ValueError:
@@ -190,8 +186,13 @@ def payload_from_text(text: str) -> Payload:
         mass = Parameter("mass", numbers[0], source=source)
     else:
         mass = Parameter("mass", numbers[-2], range=(numbers[0], numbers[-1]), source=source)
-    place = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
-    return Payload(mass, match[2] or "", place)
+    offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
+    return Payload(mass, link, offset)
+
+
+def _number(word: str) -> float:
+    """A number without the underscores that Python allows."""
+    return float(word.replace("_", "x"))
 
 
 def carried(

@@ -43,7 +43,7 @@ ATTRIBUTES = {
 }
 
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
-NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
 
 
 def check_element(file: str, name: str, element: Element) -> None:
