@@ -36,7 +36,8 @@ def options() -> str:
     from flexhinf.design.specification import FIELDS
 
     lines, group = [], ""
-    for name, field in FIELDS.items():
+    groups = list(dict.fromkeys(field.about.group for field in FIELDS.values()))  # as --help shows them
+    for name, field in sorted(FIELDS.items(), key=lambda item: groups.index(item[1].about.group)):
         about = field.about
         if about.group != group:
             group = about.group

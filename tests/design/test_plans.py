@@ -95,9 +95,9 @@ def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) ->
         (
             {"move": WAY, "peak_speed": 0.5},
             "faster than it may",
-            "times as long: the move keeps its limits in",
+            "times as far apart in time: the move keeps its limits in",
         ),
-        ({"move": WAY, "saturation": 3.0}, "more of joint", "times as long"),
+        ({"move": WAY, "saturation": 3.0}, "more of joint", "times as far apart in time"),
         ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, "takes too long", "ms"),
         ({"move": {"time": [0, 1], "elbow": [0, 1]}}, "one column for each", "shoulder"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.monte_carlo import MonteCarlo
+from flexhinf.design.report.sections.requirements import found_text, limit_text
 from flexhinf.design.requirements import (
     Requirement,
     all_met,
@@ -62,6 +64,17 @@ class Linear:
 
 def line(limit: float, found: float, at_most: bool) -> Requirement:
     return Requirement("what", limit, found, "V", at_most, "where", "criterion")
+
+
+def test_angles_are_shown_as_the_user_gave_them() -> None:
+    error = Requirement("tracking error", math.radians(0.5), math.radians(0.1), "rad", True, "move", "")
+    shown = error.shown(True)
+    assert (limit_text(shown), found_text(shown)) == ("≤ 0.5°", "0.1°")
+    assert error.shown(False) is error
+    speed = Requirement("link speed", math.pi, 1.0, "rad/s", True, "step", "").shown(True)
+    assert (limit_text(speed), found_text(speed)) == ("≤ 180 °/s", "57.3 °/s")
+    bandwidth = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "")
+    assert bandwidth.shown(True) is bandwidth
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,10 @@ def judged(
     corners = None if count is None else SimpleNamespace(unstable=0, count=8, most_unstable=count)
     evaluation: Any = SimpleNamespace(
         corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
-        setup=SimpleNamespace(specification=SimpleNamespace(period=1e-3), joints=("elbow", "shoulder")),
+        setup=SimpleNamespace(
+            specification=SimpleNamespace(period=1e-3, in_degrees=False), joints=("elbow", "shoulder"),
+            robot=SimpleNamespace(links=SimpleNamespace(slides=(False, False))),
+        ),
         step=SimpleNamespace(peak_input=10.0), least_damped_joint="elbow", input_noises=None,
         load_response=SimpleNamespace(
             metrics=[{"joint": "elbow", "recovery_time_s": recovery, "remaining_error": 0.1}, FINE]

@@ -81,8 +81,8 @@ def root(
     """Robust nonlinear H∞ control of robots with elastic joints.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
-    2 a mistake that can be put right, nothing written; 130 interrupted, 143 terminated,
-    141 nobody reads the output.
+    2 a mistake that can be put right, nothing written; 130 interrupted,
+    143 terminated, 141 nobody reads the output.
     """
 
 

@@ -37,11 +37,12 @@ def design(
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
 
     The folder also holds design.toml: the specification and its result.
-    `flexhinf design design.toml` makes the same design again; options win over it.
+    `flexhinf design design.toml` makes the same design again; options win
+    over it.
 
     Exit code: 0 if the nonlinear loop meets the specification; 1 if it does not
-    (the report is written, and says so); 2 for a mistake, or for what cannot be met
-    (nothing is written); 130 if interrupted.
+    (the report is written, and says so); 2 for a mistake, or for what cannot
+    be met (nothing is written); 130 if interrupted.
     """
     from rich.console import Console
 
@@ -116,12 +117,13 @@ def compare(
 ) -> None:
     """Which law is best for this robot: the nonlinear H∞ law, or one that you would use instead?
 
-    Laws by name on the same plants, with the same commands, disturbances and seeds, each with
-    its own sensors and tuned over all its parameters for one criterion that is stated first:
-    one table, one figure, one page. The headline names the best rival.
+    Laws by name on the same plants, with the same commands, disturbances and
+    seeds, each with its own sensors and tuned over all its parameters for one
+    criterion that is stated first: one table, one figure, one page. The
+    headline names the best rival.
 
-    Exit code: 0 when the report is written, whoever wins; 2 for a mistake (nothing is
-    written); 130 if interrupted.
+    Exit code: 0 when the report is written, whoever wins; 2 for a mistake
+    (nothing is written); 130 if interrupted.
     """
     from rich.console import Console
 

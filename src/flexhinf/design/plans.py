@@ -206,5 +206,5 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
         except InvalidInput:
             continue
         longest = STRETCH**k * s.move.times[-1]
-        return f"times {STRETCH**k:.3g} times as long: the move keeps its limits in {longest:.3g} s"
+        return f"waypoints {STRETCH**k:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
     return ""

@@ -6,8 +6,9 @@ judged on the running loop: sampled, with the estimator and the delay, and with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +32,9 @@ __all__ = [
     "sample_requirements",
     "step_requirements",
 ]
+
+#: The requirement of the links' speeds.
+SPEED = "link speed"
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
@@ -77,6 +81,20 @@ class Requirement:
         if self.at_most:
             return bool(self.found <= self.limit * (1.0 + TOLERANCE))
         return bool(self.found >= self.limit * (1.0 - TOLERANCE))
+
+    @property
+    def unit_text(self) -> str:
+        """The unit as it stands behind a number: with a space, but for degrees."""
+        return self.unit if self.unit in ("", "°") else f" {self.unit}"
+
+    def shown(self, degrees: bool) -> Requirement:
+        """The same for a reader: angles and speeds of links in degrees where these are shown, a bandwidth as it is."""
+        turns = self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)
+        if not (degrees and turns):
+            return self
+        return replace(
+            self, limit=math.degrees(self.limit), found=math.degrees(self.found), unit=f"°{self.unit[3:]}"
+        )
 
 
 def all_met(lines: Sequence[Requirement]) -> bool:
@@ -233,7 +251,7 @@ def _peak(limits: JointLimits, use: LimitUse, where: str, how: str = "") -> Requ
 
 def _speed(limits: JointLimits, use: LimitUse, where: str) -> Requirement:
     return Requirement(
-        "link speed", use.limit, use.value, use.unit, True, where, "|velocity| of the link nearest to its limit",
+        SPEED, use.limit, use.value, use.unit, True, where, "|velocity| of the link nearest to its limit",
         limits.speed_source, _named(limits, use.joint), use.at,
     )  # fmt: skip
 

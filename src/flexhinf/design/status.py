@@ -70,7 +70,9 @@ def status_of(
     inside: bool | None,
 ) -> Status:
     """The status of a design."""
-    missing = [line for line in lines if not line.met]
+    setup = evaluation.setup
+    degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
+    missing = [line.shown(degrees) for line in lines if not line.met]
     names = [line.what for line in missing]
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
     scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
@@ -81,7 +83,7 @@ def status_of(
 def _missed(line: Requirement, places: bool) -> str:
     """What was found and required; also where, if it is missed in several places."""
     sign = "≤" if line.at_most else "≥"
-    unit = f" {line.unit}" if line.unit else ""
+    unit = line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""

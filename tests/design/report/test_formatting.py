@@ -16,6 +16,7 @@ from flexhinf.design.report.formatting import (
     changes_text,
     finite,
     listed,
+    notes_of,
     pose_text,
     range_text,
     settling_text,
@@ -78,6 +79,17 @@ def test_a_robot_is_described_by_its_largest_changes() -> None:
         {"mass": np.array([1.0, 2.2])}, {"mass": np.array([1.0, 2.0])}, ["hip", "knee"], []
     )
     assert several == "mass knee +10 %"
+    ones, parts = np.ones((2, 6)), np.ones((2, 6))
+    parts[1, 5] = 1.2
+    assert changes_text({"inertia": parts}, {"inertia": ones}, ["hip", "knee"], []) == "inertia zz knee +20 %"
+    centre = {"centre_of_mass": np.array([[1.0, 2.0, 3.3]])}
+    nominal = {"centre_of_mass": np.array([[1.0, 2.0, 3.0]])}
+    assert changes_text(centre, nominal, ["joint"], []) == "centre of mass z +10 %"
+
+
+def test_options_are_code_once() -> None:
+    (note,) = notes_of(["Try `--extras a --friction`, `--dead-zone`, or --rays."])
+    assert note.text == "Try `--extras a --friction`, `--dead-zone`, or `--rays`."
 
 
 def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
 from flexhinf.design.ranking import ranked, trade_offs
-from flexhinf.design.report.formatting import ESTIMATORS, count_text, joint_count, law_name, pose_text
+from flexhinf.design.report.formatting import (
+    ESTIMATORS,
+    count_text,
+    joint_count,
+    law_name,
+    pose_text,
+    units_of,
+)
 from flexhinf.design.report.sections.frequency import Loop, frequency_figures
 from flexhinf.design.report.sections.law_figures import FIGURES, FigureTable, LawFigure, cell, unit_of
 from flexhinf.design.report.sections.law_responses import responses_figure, trade_off_figure
@@ -110,7 +117,10 @@ def _intro(comparison: Comparison) -> str:
 
 def _status(comparison: Comparison) -> list[Status]:
     """What the design's own law misses of the specification, and what was only sampled."""
-    missed = [line for line in comparison.own.requirements if not line.met]
+    own = comparison.own.evaluation
+    assert own is not None
+    degrees = units_of(own).degrees
+    missed = [line.shown(degrees) for line in comparison.own.requirements if not line.met]
     found = [Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")]
     if missed:
         text = "; ".join(requirement_text(line) for line in missed)

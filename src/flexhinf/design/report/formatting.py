@@ -14,6 +14,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Note, Table, number
 from flexhinf.robot.extras import EXTRAS
+from flexhinf.robot.quantities import INERTIA, VECTOR
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
@@ -197,9 +198,7 @@ def changes_text(
             continue
         new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, nominal[name]))
         for i in np.flatnonzero(old != 0.0).tolist():
-            place = ""
-            if len(new) > 1:
-                place = f" {joints[i]}" if len(new) == len(joints) else f" {i + 1}"
+            place = _place(name, i, len(new), joints)
             changes.append((100.0 * (new[i] / old[i] - 1.0), name.replace("_", " ") + place))
     changes = [change for change in changes if abs(change[0]) > 1e-9]
     largest = sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]
@@ -207,6 +206,18 @@ def changes_text(
     if len(changes) > LISTED:
         words.append("others by less")
     return ", ".join(words) or "the nominal robot"
+
+
+def _place(name: str, i: int, count: int, joints: Sequence[str]) -> str:
+    """Which of `count` numbers of a parameter number i is: component and joint, for example `` zz elbow``."""
+    parts = {"centre_of_mass": VECTOR, "inertia": INERTIA}.get(name, ("",))
+    if count == 1:
+        return ""
+    if count != len(parts) * len(joints):
+        return f" {i + 1}"
+    joint, part = divmod(i, len(parts))
+    words = (parts[part], joints[joint] if len(joints) > 1 else "")
+    return "".join(f" {word}" for word in words if word)
 
 
 def _inactive(extras: Sequence[str]) -> set[str]:
@@ -230,7 +241,8 @@ def finite(value: Any) -> Any:
     return value
 
 
-_OPTION = re.compile(r"(?<!`)(--[a-z]+(?:-[a-z]+)*)(?!`)")
+#: What is code already, or an option of the command line.
+_OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
 def joint_table(
@@ -254,4 +266,4 @@ def _with_unit(value: Any, unit: str) -> str:
 
 def notes_of(remarks: Iterable[str]) -> list[Note]:
     """Remarks as blocks of a page, options of the command line set as code."""
-    return [Note(_OPTION.sub(r"`\g<1>`", text)) for text in remarks]
+    return [Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text)) for text in remarks]

@@ -107,11 +107,12 @@ def requirement_table(design: Design) -> Table:
     title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
     table = _table(title, "", "required", "achieved", "met")
     groups: dict[str, list[Any]] = {}
+    degrees = units_of(design.evaluation).degrees
     for line in design.requirements:
         groups.setdefault(line.where, []).append(line)
     for where, lines in sorted(groups.items(), key=lambda group: all(line.met for line in group[1])):
         table.add_row(where)
-        for line in sorted(lines, key=lambda line: line.met):
+        for line in sorted((line.shown(degrees) for line in lines), key=lambda line: line.met):
             required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
             met = Text("met", "green") if line.met else Text("NOT MET", "red")
             table.add_row(f"  {line.what}", required, found_text(line), met)

@@ -149,7 +149,8 @@ def _figure(design: Design) -> Figure:
         "noise-trade-off", figure,
         f"What noise at the motors buys: of {search.count} choices of Rᵛ with a stable loop, those that no other one "
         "betters in noise, damping and compliance at once, one mark for each motor; squares: used. A choice further "
-        "left breaks another limit, or is more compliant. The dashed line is the damping that is required.",
+        "left breaks another limit, or is more compliant."
+        f"{'' if target is None else ' The dashed line is the damping that is required.'}",
         "Noise at the motors against damping and load stiffness",
     )  # fmt: skip
 
@@ -170,7 +171,7 @@ def _candidates(design: Design) -> Table:
         Column("compliance / true state", "", 2),
         Column("peak sensitivity", "", 2),
         Column("gain margin", "", 2),
-        "limits that are missed",
+        "limits missed, or used",
     )
     return Table(columns, rows, f"{len(rows)} of {search.count} choices of Rᵛ", "table-noise-search")
 

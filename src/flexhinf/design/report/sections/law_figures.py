@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexhinf.design.report.formatting import pose_text
+from flexhinf.design.report.formatting import pose_text, units_of
 from flexhinf.design.report.sections.requirements import limit_text
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import number
@@ -197,10 +197,13 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
     found.append(_plain("criterion, design = 1", "", [_cost(row) for row in rows]))
     kept = ["yes" if row.tuned is not None and row.tuned.feasible else "no" for row in rows]
     found.append(_plain("limits of the tuning kept", "", kept))
+    own = comparison.own.evaluation
+    assert own is not None
+    degrees = units_of(own).degrees
     for lines in zip(*(row.requirements for row in rows)):
         first = lines[0]
         sampled = ", sampled" if "robots sampled" in first.where else ""
-        label = f"{first.what} {limit_text(first)}{sampled}"
+        label = f"{first.what} {limit_text(first.shown(degrees))}{sampled}"
         found.append(_plain(label, "", ["met" if line.met else "not met" for line in lines]))
     for group in GROUPS:
         figures = [

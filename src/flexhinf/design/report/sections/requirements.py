@@ -26,23 +26,23 @@ def blocks(design: Design) -> list[Any]:
         "No bandwidth or damping is required: the weights are given, and the loop has what results from them."
     )
     free = [Paragraph(given)] if design.design_problem.target is None else []
-    return [requirement_table(design.requirements), *free, _inputs(design, units_of(design.evaluation))]
+    units = units_of(design.evaluation)
+    lines = [line.shown(units.degrees) for line in design.requirements]
+    return [requirement_table(lines), *free, _inputs(design, units)]
 
 
 def limit_text(line: Requirement) -> str:
     """The limit with its sign and unit, for example ``≤ 60 V``."""
-    unit = f" {line.unit}" if line.unit else ""
-    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{unit}"
+    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text}"
 
 
 def found_text(line: Requirement) -> str:
     """What is achieved, with its unit and the joint of the worst value."""
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
-    unit = f" {line.unit}" if line.unit else ""
     words = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
     joint = f" ({', '.join(word for word in words if word)})" if any(words) else ""
-    return f"{number(line.found, 3)}{unit}{joint}"
+    return f"{number(line.found, 3)}{line.unit_text}{joint}"
 
 
 def requirement_text(line: Requirement) -> str:

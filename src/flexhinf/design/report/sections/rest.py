@@ -11,7 +11,7 @@ from flexhinf.design.hunting import RestRun
 from flexhinf.design.report.drawing import figure_block, joint_lines, limit_lines, reference_line
 from flexhinf.design.report.formatting import joint_table, listed, units_of
 from flexhinf.design.result import Design
-from flexhinf.loop.simulation.metrics import REST_TAIL
+from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
 from flexhinf.robot.extras import DRY
 
@@ -37,13 +37,14 @@ def remarks(design: Design) -> Iterator[str]:
     run, s = design.rest, design.specification
     if run is not None and run.without is not None and run.dead_zone is not None:
         unit, scale = units_of(design.evaluation).small
+        gap = "" if unit == "°" else " "
         zone = ", ".join(number(scale * size, 2) for size in run.dead_zone)
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {before.response.joints[worst]} by "
-            f"±{number(scale * before.amplitudes[worst], 3)} {unit} "
+            f"±{number(scale * before.amplitudes[worst], 3)}{gap}{unit} "
             f"({frequency_text(before.cycles[worst].frequency)}). "
-            f"So errors up to {zone} {unit} are not integrated; they may remain. `--dead-zone` states another "
+            f"So errors up to {zone}{gap}{unit} are not integrated; they may remain. `--dead-zone` states another "
             "zone, 0 none."
         )
     if run is None or not run.hunts:
@@ -52,8 +53,9 @@ def remarks(design: Design) -> Iterator[str]:
         yield "The long run at rest with the robot's dry friction diverges."
         return
     unit, scale = units_of(design.evaluation).small
+    gap = "" if unit == "°" else " "
     joints = [
-        f"{run.response.joints[k]} by ±{number(scale * run.cycles[k].amplitude, 3)} {unit} "
+        f"{run.response.joints[k]} by ±{number(scale * run.cycles[k].amplitude, 3)}{gap}{unit} "
         f"({frequency_text(run.cycles[k].frequency)})"
         for k in run.hunting
     ]
@@ -77,13 +79,16 @@ def frequency_text(frequency: float | None) -> str:
 def _figure(design: Design, run: RestRun) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     unit, scale = units.small
-    first = round((1.0 - REST_TAIL) * len(response.run.time))
-    deviation = scale * (response.positions - response.goal)
+    gap = "" if unit == "°" else " "
+    time, positions, inputs = (
+        tail_of(each, REST_TAIL) for each in (response.run.time, response.positions, response.inputs)
+    )
+    deviation = scale * (positions - response.goal)
     figure, axes = new_figure(2)
-    for axis, values in zip(axes, (deviation, response.inputs)):
-        joint_lines(axis, *_extremes(response.run.time[first:], values[first:]), response.joints)
+    for axis, values in zip(axes, (deviation, inputs)):
+        joint_lines(axis, *_extremes(time, values), response.joints)
     reference_line(axes[0])
-    limit_lines(axes[0], np.full(len(response.joints), scale * run.limit), deviation[first:], "limit")
+    limit_lines(axes[0], np.full(len(response.joints), scale * run.limit), deviation, "limit")
     label(axes[0], "link position − goal", unit)
     label(axes[1], "input", units.effort)
     if len(response.joints) > 1:
@@ -92,7 +97,7 @@ def _figure(design: Design, run: RestRun) -> Figure:
         "rest", figure,
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{'sharp: it holds a motor until the torque exceeds it' if run.sharp else 'smoothed'}. An amplitude beyond "
-        f"{number(scale * run.limit, 3)} {unit} is hunting.",
+        f"{number(scale * run.limit, 3)}{gap}{unit} is hunting.",
         "At rest with dry friction",
     )  # fmt: skip
 
@@ -117,7 +122,7 @@ def _table(design: Design, run: RestRun) -> Any:
         for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors.tolist())
     ]  # fmt: skip
     zone = "" if run.dead_zone is None else ", and a dead zone of the integrals"
-    columns = ("joint", Column("amplitude", unit), "frequency", Column("remaining error", unit), "")
+    columns = ("joint", Column("amplitude", unit), "frequency", Column("remaining error", unit), "result")
     friction = [name.replace("_", " ") for name in run.extras if name in DRY]
     caption = (
         f"With {listed(friction)}{zone}. Amplitude: half of the distance between the extremes in the last half. "
