@@ -38,6 +38,14 @@ def test_what_is_no_bandwidth_is_refused(text: Any) -> None:
         units.frequencies(text)
 
 
+@pytest.mark.parametrize("value", [b"1", bytearray(b"12"), memoryview(b"1"), "1e400", "1" * 3000])
+def test_bytes_are_no_numbers_and_what_is_beyond_all_floats_is_no_absent_limit(value: Any) -> None:
+    for field in ("pose", "saturation", "peak_speed", "integral_dead_zone"):
+        with pytest.raises(SpecificationError):
+            Specification(**{field: value})
+    assert Specification(saturation="inf").saturation == math.inf
+
+
 @pytest.mark.parametrize("text", ["1" * 100_000 + " x y", " " * 100_000 + "x", "1" + " " * 100_000 + "x y"])
 def test_a_long_text_is_refused_at_once(text: str) -> None:
     began = time.process_time()

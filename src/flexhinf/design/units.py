@@ -229,6 +229,8 @@ def _quantity(
         if match is None or match[2].lower() not in units:
             raise ValueError(value_text(value))
         found, unit = float(match[1]), match[2].lower()
+        if math.isinf(found) and "inf" not in match[1]:
+            raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         return in_degrees(found) if in_degrees and unit in ("deg", "°") else found * units[unit]
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
@@ -250,7 +252,9 @@ def _several(value: Any) -> list[Any]:
 
 def _is_sequence(value: Any) -> bool:
     array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array or (isinstance(value, Sequence) and not isinstance(value, str))
+    return array or (
+        isinstance(value, Sequence) and not isinstance(value, (str, bytes, bytearray, memoryview))
+    )
 
 
 def _sequence(value: Any) -> list[Any]:
