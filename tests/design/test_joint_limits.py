@@ -170,6 +170,12 @@ def test_a_unit_that_the_sensor_does_not_have_is_refused(text: str, example: str
     assert error_text(refused.value).endswith("--quantisation 0.01deg,0.1Nm")
 
 
+def test_a_unit_that_no_sensor_has_is_refused_per_signal_too() -> None:
+    with pytest.raises(SpecificationError, match="in its own unit"):
+        Specification(measured=("motor_position",), quantisation="0.1Nm,0.1Nm")  # type: ignore[arg-type]
+    Specification(measured=("motor_position",), quantisation="1rad,1rad")  # type: ignore[arg-type]
+
+
 def test_the_loop_quantises_each_signal_by_its_own_step(setup_of: Callable[..., LoopSetup]) -> None:
     steps = (1e-3, 0.05)
     sensors = ("motor_position", "joint_torque")

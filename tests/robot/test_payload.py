@@ -207,6 +207,10 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
         ("-1..2", "mass of a payload"),
         ("3..0", "does not hold its value"),
         ("1@elbow", "carries nothing"),
+        (1.0, "payload is none"),
+        (b"1kg", "payload is none"),
+        ({"mass": 1.0}, "payload is none"),
+        ([None], "payload is none"),
     ],
 )
 def test_what_is_no_payload_is_refused(write, text, message):

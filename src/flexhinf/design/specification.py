@@ -326,14 +326,15 @@ def _check_sensor_units(s: Specification, stated: Any) -> None:
     parts = (
         stated.split(",") if isinstance(stated, str) else stated if isinstance(stated, (list, tuple)) else []
     )
-    if len(parts) not in (1, len(s.measured)):
-        return
-    for part, name in zip(len(s.measured) * list(parts) if len(parts) == 1 else parts, s.measured):
-        kind = reading_kind(part)
-        if kind and kind not in name:
+    single = len(parts) == len(s.measured)  # otherwise one for all sensors, or one per signal
+    for k, part in enumerate(parts):
+        kind, sensors = reading_kind(part), s.measured[k : k + 1] if single else s.measured
+        fitting = all if len(parts) == 1 else any
+        if kind and not fitting(kind in name for name in sensors):
             raise _refusal(
                 "quantisation",
-                f"expected a step for each of {list(s.measured)} in its own unit, got {value_text(part)} for {name!r}",
+                f"expected a step for each of {list(s.measured)} in its own unit, got {value_text(part)} for "
+                f"{' and '.join(map(repr, sensors))}",
                 ",".join(EXAMPLES.get(k, "1e-4") for k in map(_kind_of, s.measured)),
             )
 

@@ -286,8 +286,14 @@ def own_frames(joints: Sequence[Joint], links: Sequence[Any]) -> tuple[dict[str,
 
 
 def _payloads(given: Any) -> list[Payload]:
-    rows = [given] if isinstance(given, (str, Payload)) else list(given)
-    return [row if isinstance(row, Payload) else payload_from_text(str(row)) for row in rows]
+    rows = given if isinstance(given, (list, tuple)) else [given]
+    if not all(isinstance(row, (str, Payload)) for row in rows):
+        raise InvalidInput(
+            "The payload is none.",
+            f"expected text, a Payload or several, got {value_text(given)}",
+            "payload='0..3kg@hand'",
+        )
+    return [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
 
 
 def _stated(table: Any) -> dict[str, float]:
