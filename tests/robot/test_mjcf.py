@@ -149,6 +149,7 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
     [
         ("<option", "<include file='x.xml'/><option", "<include> is not read"),
         ('type="slide" axis="1 0 0"', 'type="ball"', "of type 'ball'"),
+        ('type="slide" axis="1 0 0"', 'type="slide" axis="1 x 0"', 'try:   axis="1 0 0"'),
         ('name="elbow"', 'name="elbow" stiffness="3"', "has stiffness"),
         ('name="elbow"', 'name="elbow" axs="0 0 1"', "unknown attribute 'axs'"),
         ('name="elbow"', "", "no usable name"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -10,12 +9,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from flexhinf.loop import Loop, Trajectory
-from flexhinf.loop.simulation.metrics import StepShape, load_metrics, steady_state_error, step_metrics
+from flexhinf.loop.simulation.metrics import (
+    StepShape,
+    load_metrics,
+    steady_state_error,
+    step_metrics,
+    tail_of,
+)
 
 __all__ = ["LoadResponse", "Move", "Plan", "Response", "Worst", "run_response", "worst_of"]
-
-#: Part of the run at its end over which a remaining error is taken.
-TAIL = 0.1
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,6 @@ class Response:
         rows = []
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
-            tail = max(1, math.ceil(TAIL * len(position)))
             shape = step_metrics(self.run.time, position, StepShape(float(begin), float(end), 0.0))
             rows.append(
                 {
@@ -114,7 +115,7 @@ class Response:
                     "steady_state_error": steady_state_error(position, np.full(len(position), end)),
                     "peak_input": float(np.abs(u).max()),
                     "peak_speed": float(np.abs(self.velocities[:, k]).max()),
-                    "input_noise": float(u[-tail:].std()),
+                    "input_noise": float(tail_of(u).std()),
                 }
             )
         return rows
@@ -238,7 +239,7 @@ class Move:
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
-        u, tail = self.response.inputs, max(1, math.ceil(TAIL * len(self.error)))
+        u = self.response.inputs
         return [
             {
                 "joint": self.response.joints[k],
@@ -246,7 +247,7 @@ class Move:
                 "rms_error": float(np.sqrt(np.mean(error**2))),
                 "peak_input": float(np.abs(u[:, k]).max()),
                 "peak_speed": float(np.abs(self.response.velocities[:, k]).max()),
-                "final_error": float(np.abs(error[-tail:]).max()),
+                "final_error": float(np.abs(tail_of(error)).max()),
             }
             for k, error in enumerate(self.error.T)
         ]

@@ -86,7 +86,7 @@ def numbers(file: str, where: str, values: Mapping[str, str], key: str, counts: 
         raise InvalidInput(
             f"{file}: {key} of {where} cannot be read.",
             f"expected {' or '.join(map(str, counts))} numbers of at most {HUGE:g}, got {value_text(text, 60)}",
-            f'{key}="{" ".join(["0"] * counts[0])}"',
+            f'{key}="{" ".join(["1", *["0"] * (counts[0] - 1)])}"',
         )
     return found
 

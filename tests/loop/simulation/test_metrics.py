@@ -10,6 +10,7 @@ from flexhinf.loop.simulation.metrics import (
     load_metrics,
     step_metrics,
     step_shape,
+    tail_of,
 )
 
 T = np.arange(0, 1001) * 0.01  # 10 s
@@ -183,3 +184,9 @@ def test_what_rests_has_no_frequency_and_what_dies_out_no_amplitude():
     assert limit_cycle(time, np.full(len(time), 0.3)) == LimitCycle(0.0, None)
     assert limit_cycle(time, np.exp(-time) * np.sin(9.0 * time)).amplitude < 1e-20
     assert limit_cycle(time, np.where(time > 80.0, 1.0, 0.0)) == LimitCycle(0.5, None)  # it still moves
+
+
+@pytest.mark.parametrize(("samples", "part", "left"), [(101, 0.1, 11), (101, 0.5, 51), (4, 0.1, 1)])
+def test_the_end_of_a_run_is_the_same_wherever_it_is_judged(samples: int, part: float, left: int) -> None:
+    signal = np.arange(2.0 * samples).reshape(samples, 2)
+    np.testing.assert_array_equal(tail_of(signal, part), signal[samples - left :])

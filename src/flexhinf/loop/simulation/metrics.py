@@ -22,6 +22,7 @@ __all__ = [
     "steady_state_error",
     "step_metrics",
     "step_shape",
+    "tail_of",
 ]
 
 #: Half width of the settling band, as a fraction of the step: ±2 %.
@@ -71,7 +72,7 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
         None for a command that still moves in the last tenth of the run: it is no step.
     """
     final = float(reference[-1])
-    if np.any(reference[-_tail(reference) :] != final):
+    if np.any(tail_of(reference) != final):
         return None
     changes = np.flatnonzero(reference != reference[0])
     if len(changes):
@@ -162,7 +163,7 @@ def load_metrics(
 def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     """Largest |error| in the last tenth of a run, of arrays (N,)."""
     error = position - reference
-    return float(np.abs(error[-_tail(error) :]).max())
+    return float(np.abs(tail_of(error)).max())
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,7 @@ def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
     LimitCycle
         The frequency is that of whole periods between rises through the middle, with hysteresis.
     """
-    first = len(position) - max(1, math.ceil(REST_TAIL * len(position)))
-    time, position = time[first:], position[first:]
+    time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
     side = np.where(
@@ -205,6 +205,11 @@ def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
     if amplitude == 0.0 or len(rises) < 2:
         return LimitCycle(amplitude, None)
     return LimitCycle(amplitude, float((len(rises) - 1) / (time[rises[-1]] - time[rises[0]])))
+
+
+def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
+    """The last part of a signal (N, …), one sample at least."""
+    return signal[len(signal) - max(1, math.ceil(part * len(signal))) :]
 
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
@@ -229,7 +234,3 @@ def _rise_time(time: np.ndarray, way: np.ndarray) -> float | None:
         back = (way[k] - level) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]) if k else 0.0
         crossings.append(float(time[k] - back))
     return crossings[1] - crossings[0]
-
-
-def _tail(signal: np.ndarray) -> int:
-    return max(1, math.ceil(TAIL * len(signal)))

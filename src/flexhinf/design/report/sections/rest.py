@@ -11,7 +11,7 @@ from flexhinf.design.hunting import RestRun
 from flexhinf.design.report.drawing import figure_block, joint_lines, limit_lines, reference_line
 from flexhinf.design.report.formatting import joint_table, listed, units_of
 from flexhinf.design.result import Design
-from flexhinf.loop.simulation.metrics import REST_TAIL
+from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
 from flexhinf.robot.extras import DRY
 
@@ -87,13 +87,15 @@ def _figure(design: Design, run: RestRun) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     unit, scale = units.small
     gap = "" if unit == "°" else " "
-    first = round((1.0 - REST_TAIL) * len(response.run.time))
-    deviation = scale * (response.positions - response.goal)
+    time, positions, inputs = (
+        tail_of(each, REST_TAIL) for each in (response.run.time, response.positions, response.inputs)
+    )
+    deviation = scale * (positions - response.goal)
     figure, axes = new_figure(2)
-    for axis, values in zip(axes, (deviation, response.inputs)):
-        joint_lines(axis, *_extremes(response.run.time[first:], values[first:]), response.joints)
+    for axis, values in zip(axes, (deviation, inputs)):
+        joint_lines(axis, *_extremes(time, values), response.joints)
     reference_line(axes[0])
-    limit_lines(axes[0], np.full(len(response.joints), scale * run.limit), deviation[first:], "limit")
+    limit_lines(axes[0], np.full(len(response.joints), scale * run.limit), deviation, "limit")
     label(axes[0], "link position − goal", unit)
     label(axes[1], "input", units.effort)
     if len(response.joints) > 1:
