@@ -55,6 +55,11 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     np.testing.assert_array_equal(changed.bumpless_controller.integral_dead_zone, [1e-3, 0.0])
     assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
     assert run.errors.max() < 1e-3  # what the zone costs
+    design = SimpleNamespace(
+        rest=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
+    )
+    (note,) = rest.remarks(cast(Design, design))
+    assert "errors up to 1 mrad in shoulder are not integrated" in note
     kept, stated = brought_to_rest(with_options(setup, integral_dead_zone=0.0))
     assert stated is not None
     assert stated.hunts

@@ -121,7 +121,9 @@ class MjcfFile:
         if name not in self._classes and name != self._main:
             raise self._refusal(
                 f"there is no default class {value_text(name, 60)}",
-                f"expected one of {sorted(self._classes)}",
+                f"expected one of {sorted(self._classes)}"
+                if self._classes
+                else "expected none: there are no classes",
                 "one of these" if self._classes else "leave out class and childclass",
             )
         values = {**self._classes.get(name, {}).get(str(element.tag), {}), **element.attrib}

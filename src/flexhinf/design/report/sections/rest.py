@@ -38,13 +38,20 @@ def remarks(design: Design) -> Iterator[str]:
     if run is not None and run.without is not None and run.dead_zone is not None:
         unit, scale = units_of(design.evaluation).small
         gap = "" if unit == "°" else " "
-        zone = ", ".join(number(scale * size, 2) for size in run.dead_zone)
+        joints = run.response.joints
+        zone = listed(
+            [
+                f"{number(scale * size, 2)}{gap}{unit}{f' in {joint}' if len(joints) > 1 else ''}"
+                for joint, size in zip(joints, run.dead_zone)
+                if size > 0.0
+            ]
+        )
         before, worst = run.without, run.without.worst
         yield (
             f"Dry friction and integral action would keep the robot moving: {before.response.joints[worst]} by "
             f"±{number(scale * before.amplitudes[worst], 3)}{gap}{unit} "
             f"({frequency_text(before.cycles[worst].frequency)}). "
-            f"So errors up to {zone}{gap}{unit} are not integrated; they may remain. `--dead-zone` states another "
+            f"So errors up to {zone} are not integrated; they may remain. `--dead-zone` states another "
             "zone, 0 none."
         )
     if run is None or not run.hunts:
