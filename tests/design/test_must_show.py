@@ -258,12 +258,12 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
         rays=0, draws=200, degrees=(2,), mujoco=True, compare_rigid=False,
     )  # fmt: skip
     result = design(robot_of("seven-link"), s)
-    # The law damps every oscillation as required. The error of the estimator, which measures links alone, rings at
-    # 190 Hz in the running loop whatever its noise levels are: the report says so, and the specification is not met.
+    # The law damps every oscillation as required. The error of the estimator, which measures links alone, would ring at
+    # 190 Hz with 0.0016; what damping the noise that the effort allows buys is told, and need not be all that is asked.
     check(result, 5.0, 120.0, 200, missed=frozenset({"damping of oscillations"}))
     law = [mode.damping for mode in result.law_modes if mode.eigenvalue.imag > 0.0]
     assert min(law) >= 0.98 * 0.15
-    assert any("estimation error oscillates" in risk for risk in result.status.risky)
+    assert result.evaluation.margins.damping > 0.02
 
 
 # What is lost and why -----------------------------------------------------------------------------

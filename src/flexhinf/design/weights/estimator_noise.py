@@ -48,8 +48,10 @@ from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.design.weights.noise_candidates import (
+    LIMITED_COUNTS,
     LIMITS,
     MISSED_WEIGHT,
+    NOISE_COUNTS,
     NoiseCandidate,
     NoiseSearch,
     trade_off_of,
@@ -263,7 +265,7 @@ class _Search:
         )
         candidate = NoiseCandidate(
             levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise, missed,
-            missed,
+            missed, noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
         )  # fmt: skip
         candidate = self.counted(candidate)
         self.tried.append(candidate)

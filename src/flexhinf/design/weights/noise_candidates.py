@@ -9,7 +9,15 @@ import numpy as np
 
 from flexhinf.design.estimators import EstimatorNoise
 
-__all__ = ["LIMITS", "MISSED_WEIGHT", "NoiseCandidate", "NoiseSearch", "trade_off_of"]
+__all__ = [
+    "LIMITED_COUNTS",
+    "LIMITS",
+    "MISSED_WEIGHT",
+    "NOISE_COUNTS",
+    "NoiseCandidate",
+    "NoiseSearch",
+    "trade_off_of",
+]
 
 #: What may limit the choice, beside unstable corners.
 LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
@@ -17,8 +25,9 @@ LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
 #: What a limit that is missed by the factor e counts, in decades of noise.
 MISSED_WEIGHT = 20.0
 
-#: How much of that the limit of the noise counts: a loop that rings or has no margin is worse than a loud one.
-NOISE_COUNTS = 0.25
+#: How much of that the limit of the noise counts: a loop that rings or has no margin is worse than a loud one. Where
+#: the motors' effort is limited it counts more than all others: noise takes the effort that the step needs.
+NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +48,8 @@ class NoiseCandidate:
         The same beyond what the law fed the true state misses, and every candidate of the families.
     unstable : int or None
         Corners of the tolerances; None without tolerances, and where they were not looked at.
+    noise_counts : float
+        What the limit of the noise counts beside the others.
     """
 
     levels: EstimatorNoise
@@ -50,6 +61,7 @@ class NoiseCandidate:
     missed: Mapping[str, float]
     avoidable: Mapping[str, float]
     unstable: int | None = None
+    noise_counts: float = NOISE_COUNTS
 
     @property
     def input_noise(self) -> float:
@@ -68,7 +80,7 @@ class NoiseCandidate:
 
     def _cost(self, missed: Mapping[str, float]) -> float:
         counted = sum(
-            excess * (NOISE_COUNTS if limit == "noise" else 1.0) for limit, excess in missed.items()
+            excess * (self.noise_counts if limit == "noise" else 1.0) for limit, excess in missed.items()
         )
         return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 

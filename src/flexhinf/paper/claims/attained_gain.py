@@ -148,8 +148,8 @@ def _figure(setup: PaperSetup, worst: list[Named]) -> Figure:
         )
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")
     axes.axhline(setup.gamma_star, color=MUTED, linewidth=1.2, linestyle=(0, (4.0, 2.2)), label="γ*")
+    axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])  # first: one known energy alone has no range
     axes.set_xscale("log")
-    axes.set_xlim(0.7 * ENERGIES[0], 1.4 * ENERGIES[-1])
     axes.set_ylim(0.0, None)
     axes.set_xlabel("energy of the disturbance, ∫|d|² (rad² s)")
     label(axes, "attained gain", "")
