@@ -284,8 +284,13 @@ def _command(folder: Path, number: signal.Signals, delay: float) -> str:
         return f"exit code {code}"
     if "Traceback" in errors and "flexhinf/cli" in errors:
         return f"a traceback: {errors[-200:]!r}"
-    if (folder / "out").exists() != (code in (0, 1)) and code != -signal.SIGKILL:
-        return f"exit code {code}, and {'a' if (folder / 'out').exists() else 'no'} report"
+    written = (folder / "out").exists()
+    if code in (0, 1) and not written:
+        return f"exit code {code}, and no report"
+    if written and (
+        "nothing was written" in errors or (code == 128 + number and "written and whole" not in errors)
+    ):
+        return f"exit code {code}, a report, and {errors[-200:]!r}"
     if (folder / "out").exists() and not report.is_report(folder / "out"):
         return "half a report"
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
