@@ -31,9 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Ctrl-C, SIGTERM and SIGHUP end a command in order: what it had begun to write is cleared away, and the exit code is
     that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more.
     """
-    if (
-        "numpy" not in sys.modules
-    ):  # a design's matrices are small: threads of BLAS cost it a quarter of its time
+    # A design's matrices are small: threads of BLAS cost it a quarter of its time.
+    if "numpy" not in sys.modules:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     received: list[int] = []
     with _ended_in_order(received), _every_character(), _without_windows():
@@ -54,9 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _NO_READER
         except Exception as error:
             if received:
-                sys.stderr.write(
-                    "error: Interrupted.\n"
-                )  # what became of an interruption inside of a library
+                sys.stderr.write("error: Interrupted.\n")  # as a library passed the interruption on
                 code = 128 + signal.SIGINT
             elif isinstance(error, (OSError, MemoryError, ImportError)):
                 code = _refused(error)
