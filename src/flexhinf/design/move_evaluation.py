@@ -6,9 +6,9 @@ import numpy as np
 
 from flexhinf.design.along_move import AlongMove
 from flexhinf.design.joint_limits import JointLimits
-from flexhinf.design.requirements import Requirement, limit_requirements
+from flexhinf.design.requirements import Requirement, limit_requirements, stating_option
 from flexhinf.design.responses import Move
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 __all__ = ["TRACKING_FRACTION", "move_requirements", "tracking_limits"]
@@ -37,8 +37,7 @@ def move_requirements(
     """
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
-    most = tracking_limits(s, limits, move)
-    option = FIELDS["tracking_error"].options[0] if s.tracking_error is not None else "default"
+    most, option = tracking_limits(s, limits, move), stating_option(s, "tracking_error")
     return [
         _nearest(
             limits, move, "tracking error", "largest_error", most, option,
@@ -69,12 +68,12 @@ def margins_requirements(s: Specification, along: AlongMove) -> list[Requirement
     for figure, (what, limit) in limits.items():
         if limit:
             k = along.worst(figure)
-            found, option = float(getattr(along.margins[k], figure)), FIELDS[figure].options[0]
-            stated = "default" if getattr(s, figure) == FIELDS[figure].default else option
+            found = float(getattr(along.margins[k], figure))
             lines.append(
                 Requirement(
                     what, limit, found, "", figure == "peak_sensitivity", where,
-                    "worst pose; linearised about the robot at rest there", stated, at=float(along.times[k]),
+                    "worst pose; linearised about the robot at rest there", stating_option(s, figure),
+                    at=float(along.times[k]),
                 )
             )  # fmt: skip
     return lines

@@ -30,6 +30,7 @@ __all__ = [
     "margin_requirements",
     "peak_option",
     "sample_requirements",
+    "stating_option",
     "step_requirements",
 ]
 
@@ -102,7 +103,7 @@ def all_met(lines: Sequence[Requirement]) -> bool:
     return all(line.met for line in lines)
 
 
-def _option(s: Specification, name: str) -> str:
+def stating_option(s: Specification, name: str) -> str:
     """The option that states a field, or "default" where it has its default."""
     field = FIELDS[name]
     return "default" if getattr(s, name) == field.default else field.options[0]
@@ -120,11 +121,13 @@ def margin_requirements(
     return [
         Requirement(
             "peak sensitivity", s.peak_sensitivity_limit, margins.peak_sensitivity, "", True, RUNNING,
-            "largest singular value of S at the plant's inputs, over all frequencies", _option(s, "peak_sensitivity"),
+            "largest singular value of S at the plant's inputs, over all frequencies",
+            stating_option(s, "peak_sensitivity"),
         ),
         Requirement(
             "gain margin", s.gain_margin_limit, margins.gain_margin, "", False, RUNNING,
-            "smallest factor, up or down, of one input's gain that makes the loop unstable", _option(s, "gain_margin"),
+            "smallest factor, up or down, of one input's gain that makes the loop unstable",
+            stating_option(s, "gain_margin"),
             joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
@@ -157,12 +160,12 @@ def behaviour_requirements(
     return [
         Requirement(
             "bandwidth", float(bandwidth[worst]), found, "rad/s", False, RUNNING,
-            "where |command → link position| is 3 dB below its value at rest", _option(s, "bandwidth"),
+            "where |command → link position| is 3 dB below its value at rest", stating_option(s, "bandwidth"),
             joints[worst] if len(joints) > 1 else "",
         ),
         Requirement(
             "damping of oscillations", damping, margins.damping, "", False, RUNNING,
-            "smallest damping ratio of every oscillation, the estimator's included", _option(s, "damping"),
+            "smallest damping ratio of every oscillation, the estimator's included", stating_option(s, "damping"),
             least_damped if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
@@ -191,7 +194,7 @@ def step_requirements(
     lines = [
         Requirement(
             "overshoot", s.overshoot, overshoot.value, "%", True, where,
-            "largest of all joints, per cent of the joint's own step", _option(s, "overshoot"),
+            "largest of all joints, per cent of the joint's own step", stating_option(s, "overshoot"),
             overshoot.joint if several else "",
         )
     ]  # fmt: skip
@@ -292,7 +295,7 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
         ),
         Requirement(
             "overshoot", s.overshoot, float(samples.overshoot.max()), "%", True, where,
-            "largest of all joints, per cent of the joint's own step", _option(s, "overshoot"),
+            "largest of all joints, per cent of the joint's own step", stating_option(s, "overshoot"),
             samples.joint_of_worst_overshoot,
         ),
     ]  # fmt: skip

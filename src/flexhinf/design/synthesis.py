@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,12 @@ from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
+from flexhinf.robot.limits import check_holding
 from flexhinf.robot.plausibility import check_delay, check_fast
 
 __all__ = ["Synthesis", "synthesise"]
@@ -309,27 +311,15 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     sensor_steps(robot, s)
     limits = joint_limits(robot, s)
     for pose in (goal, start, *s.via):
-        _check_holding(robot, pose, limits)
+        check_holding(robot, pose, limits.effort, partial(_stated, limits))
 
 
-def _check_holding(robot: Robot, pose: Any, limits: JointLimits) -> None:
-    """`check_holding`, with advice in fields of the specification."""
-    x, u = robot.operating_point(pose)
-    worst = int(np.argmax(np.abs(u) / limits.effort))
-    if abs(u[worst]) <= limits.effort[worst]:
-        return
-    unit, joint, value = limits.effort_units[worst], robot.joint_names[worst], float(limits.effort[worst])
-    required = limits.peak[worst] <= limits.saturation[worst]
-    name, source = (
-        ("peak_effort", limits.peak_source) if required else ("saturation", limits.saturation_source)
-    )
-    stated = f"; {ROBOT} states it" if source == ROBOT else ""
-    raise InvalidInput(
-        f"The motor of joint {joint!r} cannot hold this pose.",
-        f"expected a holding input of at most {value:g} {unit}, got {u[worst]:.4g} {unit} at the pose "
-        f"{[float(f'{q:.4g}') for q in x[: len(u)]]}{stated}",
-        f"a pose nearer to where the arm hangs, a lighter load, or a larger `{name}`",
-    )
+def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
+    """Who states the smaller limit of a joint's input, and the field of the specification that raises it."""
+    name, source = "saturation", limits.saturation_source
+    if limits.peak[joint] <= limits.saturation[joint]:
+        name, source = "peak_effort", limits.peak_source
+    return f"; {ROBOT} states it" if source == ROBOT else "", f"`{name}`"
 
 
 def _checked_penalty(s: Specification, problem: DesignProblem) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,12 @@ def check_reference(
     return float(share[row, joint])
 
 
-def check_holding(robot: Robot, pose: Any, limit: Any = None) -> tuple[np.ndarray, np.ndarray]:
+def check_holding(
+    robot: Robot,
+    pose: Any,
+    limit: Any = None,
+    explain: Callable[[int], tuple[str, str]] = lambda joint: ("", "effort"),
+) -> tuple[np.ndarray, np.ndarray]:
     """Refuse a pose that the motors cannot hold.
 
     Parameters
@@ -92,6 +97,8 @@ def check_holding(robot: Robot, pose: Any, limit: Any = None) -> tuple[np.ndarra
         As for `Robot.operating_point`.
     limit : number, (n,) or mapping by joint, optional
         Largest absolute input of each motor, V, or N·m (N); by default what the robot states.
+    explain : callable, optional
+        What an error adds on the limit of a joint, by its place: who states it, and what a larger one is called.
 
     Returns
     -------
@@ -107,12 +114,12 @@ def check_holding(robot: Robot, pose: Any, limit: Any = None) -> tuple[np.ndarra
     limits = np.array(robot.effort_limits) if limit is None else _per_joint(robot, "effort", limit)
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
-        unit = _unit(robot, worst)
+        unit, (stated, larger) = _unit(robot, worst), explain(worst)
         raise InvalidInput(
             f"The motor of joint {robot.joint_names[worst]!r} cannot hold this pose.",
             f"expected a holding input of at most {limits[worst]:g} {unit}, got {u[worst]:.4g} {unit} at the pose "
-            f"{[float(f'{q:.4g}') for q in x[: len(u)]]}",
-            "a pose nearer to where the arm hangs, a lighter load, or a larger effort",
+            f"{[float(f'{q:.4g}') for q in x[: len(u)]]}{stated}",
+            f"a pose nearer to where the arm hangs, a lighter load, or a larger {larger}",
         )
     return x, u
 
