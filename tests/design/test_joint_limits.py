@@ -176,6 +176,19 @@ def test_a_unit_that_no_sensor_has_is_refused_per_signal_too() -> None:
     Specification(measured=("motor_position",), quantisation="1rad,1rad")  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [(1e29, "at most 6.28319 rad"), ((1e-3, 1e7), "'joint_torque_elbow' leaves nothing")],
+)
+def test_a_step_beyond_the_whole_range_is_refused_before_any_work(
+    robot_of: Named, steps: Any, message: str
+) -> None:
+    s = Specification(measured=("motor_position_elbow", "joint_torque_elbow"), quantisation=steps)
+    with pytest.raises(SpecificationError) as refused:
+        design(robot_of("planar-two-link"), s)
+    assert message in str(refused.value)
+
+
 def test_the_loop_quantises_each_signal_by_its_own_step(setup_of: Callable[..., LoopSetup]) -> None:
     steps = (1e-3, 0.05)
     sensors = ("motor_position", "joint_torque")
