@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.stated_units import per_signal
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -156,12 +157,11 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     steps = np.asarray(s.quantisation, dtype=float)
     if steps.shape == () or (s.estimator == "none" and steps.size == 1):
         return steps.reshape(())
-    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names, robot.rigid)
-    if len(steps) == len(signals):
-        return steps
-    if signals and len(steps) == len(s.measured):
-        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in s.measured]
-        return np.concatenate([np.full(len(group), step) for group, step in zip(groups, steps)])
+    signals = ()
+    if s.estimator != "none":
+        each, signals = per_signal(robot, s.measured, s.quantisation)
+        if len(each) == len(signals):
+            return np.array(each)
     allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
     raise SpecificationError(
         "quantisation",
@@ -175,7 +175,10 @@ def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> S
     """The same specification with other sensors. A quantisation per signal is kept for signals that stay; another
     one has the step of a signal in the same unit, of the same joint if there is one, and no step without any."""
     if isinstance(s.quantisation, float) or s.estimator == "none":
-        return replace(s, measured=sensors)
+        plain = np.asarray(
+            s.quantisation, dtype=float
+        ).tolist()  # without units, which the other sensors may not have
+        return replace(s, measured=sensors, quantisation=plain)
     joints = robot.joint_names
     known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
 

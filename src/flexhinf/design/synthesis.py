@@ -20,6 +20,7 @@ from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
@@ -103,6 +104,7 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         With what to change.
     """
     n = len(robot.joint_names)
+    check_stated_units(robot, s)
     move = stated_move(robot, s)
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import csv
 import difflib
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, WithJsonSchema
 
-from flexhinf.design.units import Allowed
+from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, read_text, real_array, value_text
 
@@ -30,10 +29,6 @@ __all__ = ["Move", "WaypointError", "WaypointTable", "waypoints"]
 
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000
-
-SECONDS = {"s": 1.0, "ms": 1e-3}
-TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
-SLIDING = {"m": 1.0, "mm": 1e-3}
 
 
 class WaypointError(InvalidInput):
