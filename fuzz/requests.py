@@ -293,10 +293,8 @@ def _quantity(drawn: Drawn, folder: Path) -> str:
     )
     kinds = ("m/s", "rad/s") if field == "peak_speed" else ("m", "rad")
     count = 2 if field in ("pose", "start", "via") or drawn.rng.random() < 0.6 else 1
-    parts = [
-        (drawn.number().replace(",", ";"), drawn.unit([kinds[k]]) if count == 2 else drawn.unit([kinds[drawn.rng.integers(2)]]))
-        for k in range(count)
-    ]
+    of = [[kind] for kind in kinds] if count == 2 else [list(kinds)]
+    parts = [(drawn.number().replace(",", ";"), drawn.unit(of[k])) for k in range(count)]
     value: Any = ",".join(number + unit for number, unit in parts)
     if drawn.rng.random() < 0.3 and "," not in "".join(number for number, _ in parts):
         value = [number + unit for number, unit in parts]
