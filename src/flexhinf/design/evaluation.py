@@ -320,7 +320,7 @@ class LawEvaluation:
         """RMS of each input (m,) that the measurement noise causes, V or N·m; None with the true state fed back."""
         if self.setup.noise is None:
             return None
-        return np.linalg.norm(self.margins.noise_to_input * self.setup.noise, axis=1)
+        return self.margins.input_noise(self.setup.noise)
 
     @property
     def input_noise(self) -> float:
