@@ -104,7 +104,7 @@ def _table(design: Design, runs: ImpulseRuns) -> Any:
     caption = (
         "An impulse on the link, the loop at rest at the goal. Damping ratio: the least of the oscillations that make "
         f"up {100.0 * VISIBLE:g} % of the joint's own velocity or input, fitted to all samples of all runs; fit and "
-        f"runs differ by {number(100.0 * error, 2)} % of the peak at most. Left: largest velocity of the link from then "
-        "on, of its peak"
+        f"runs differ by {number(100.0 * error, 2)} % of the peak at most. Left: largest velocity of the link from "
+        "then on, of its peak"
     )
     return joint_table(columns, rows, caption, "table-ring-down")
