@@ -319,7 +319,12 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
 
 
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
-    """Who states the smaller limit of a joint's input, and the field of the specification that raises it."""
+    """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
+
+    Files are often written with an effort of 1 or 10 where nobody knew the motor.
+    """
+    if limits.peak_source == ROBOT == limits.saturation_source:
+        return f"; {ROBOT} states it: is it a placeholder?", "`peak_effort` and `saturation` (inf: no limit)"
     name, source = "saturation", limits.saturation_source
     if limits.peak[joint] <= limits.saturation[joint]:
         name, source = "peak_effort", limits.peak_source

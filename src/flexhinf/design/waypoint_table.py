@@ -201,7 +201,7 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
                 f"expected one of {list(units)} for {value_text(name, 60)}, got {value_text(unit, 60)}",
                 f"'{name} [{next(iter(units))}]'",
             )
-        values[name] = units.get(unit, 1.0) * real_array(column)
+        values[name] = units.get(unit, 1.0) * _numbers(column)
     times = values.pop("time")
     positions = list(values.values())
     if times.ndim != 1 or any(column.shape != times.shape for column in positions) or len(times) < 2:
@@ -214,6 +214,14 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
     rows = tuple(map(tuple, np.column_stack(positions).tolist()))
     units = tuple(unit for name, unit in named if name != "time")
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
+
+
+def _numbers(column: Any) -> np.ndarray:
+    """Numbers of a column; NaN where something else stands, true and false included."""
+    entries = column.tolist() if isinstance(column, np.ndarray) and column.ndim == 1 else column
+    if isinstance(entries, (list, tuple)):
+        entries = [np.nan if isinstance(entry, (bool, np.bool_)) else entry for entry in entries]
+    return real_array(entries)
 
 
 def _heading(text: str) -> tuple[str, str]:
