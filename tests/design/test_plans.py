@@ -99,6 +99,13 @@ def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) ->
         ),
         ({"move": WAY, "saturation": 3.0}, "more of joint", "times as far apart in time"),
         ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, "takes too long", "ms"),
+        ({"move": {**WAY, "time": [0.0, 1e-4, 1e-3]}}, "is too short", "seconds"),
+        ({"move": {**WAY, "time": [0.0, 1e-300, 1.0]}}, "too near to each other in time", "seconds"),
+        (
+            {"move": {**WAY, "time": [0, 0.1, 2]}, "shaping": "jerk-limited"},
+            "smoothing of a motion",
+            "shaping='jump'",
+        ),
         ({"move": {"time": [0, 1], "elbow": [0, 1]}}, "one column for each", "shoulder"),
     ],
 )

@@ -20,6 +20,7 @@ from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
@@ -103,6 +104,7 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         With what to change.
     """
     n = len(robot.joint_names)
+    check_stated_units(robot, s)
     move = stated_move(robot, s)
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
@@ -295,7 +297,9 @@ def _law_at(
     progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
     place = robot.operating_point(pose)[0][: len(start)]
     bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-    damping = s.damping if problem.target is None else required_damping(s, problem.target)
+    damping = s.damping
+    if problem.target is not None:
+        damping = min(required_damping(s, problem.target), problem.target.damping)
     there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
     return solve_hji(there.problem, there.gamma, degree)
 
@@ -315,7 +319,12 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
 
 
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
-    """Who states the smaller limit of a joint's input, and the field of the specification that raises it."""
+    """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
+
+    Files are often written with an effort of 1 or 10 where nobody knew the motor.
+    """
+    if limits.peak_source == ROBOT == limits.saturation_source:
+        return f"; {ROBOT} states it: is it a placeholder?", "`peak_effort` and `saturation` (inf: no limit)"
     name, source = "saturation", limits.saturation_source
     if limits.peak[joint] <= limits.saturation[joint]:
         name, source = "peak_effort", limits.peak_source

@@ -33,8 +33,8 @@ from flexhinf.report import Column
 
 Make = Callable[[str], Design]
 ORDER = [
-    "specification", "step", "draws", "load", "move", "margins", "modes", "corners", "weights", "noise", "region",
-    "rigid", "law", "files",
+    "specification", "step", "draws", "load", "ring-down", "move", "margins", "modes", "corners", "weights", "noise",
+    "region", "rigid", "law", "files",
 ]  # fmt: skip
 
 
@@ -60,9 +60,9 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
     figures = re.findall(r'id="(figure-[a-z]+)"', html)
     assert figures == [
-        "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-move", "figure-bode",
-        "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search", "figure-budget",
-        "figure-rigid",
+        "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-ringing", "figure-move",
+        "figure-bode", "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search",
+        "figure-budget", "figure-rigid",
     ]  # fmt: skip
 
 
