@@ -297,7 +297,9 @@ def _law_at(
     progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
     place = robot.operating_point(pose)[0][: len(start)]
     bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-    damping = s.damping if problem.target is None else required_damping(s, problem.target)
+    damping = s.damping
+    if problem.target is not None:
+        damping = min(required_damping(s, problem.target), problem.target.damping)
     there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
     return solve_hji(there.problem, there.gamma, degree)
 

@@ -13,7 +13,14 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.modes import closed_loop
-from flexhinf.design.weights.choose import BANDWIDTH_FRACTION, DAMPING, DesignProblem, choose, preset_of
+from flexhinf.design.weights.choose import (
+    BANDWIDTH_FRACTION,
+    DAMPING,
+    DesignProblem,
+    choose,
+    preset_of,
+    required_damping,
+)
 from flexhinf.design.weights.uncertainty import channels
 from flexhinf.errors import InvalidInput
 
@@ -298,6 +305,19 @@ def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Ca
         with pytest.raises(InvalidInput, match="states no tolerances") as refused:
             choose(robot, np.array([0.5]), np.array([0.0]), Specification(preset="robust"))
         assert "preset='damped'" in str(refused.value)
+
+
+def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot_of: Named) -> None:
+    """A vibration of 51 Hz has three samples of 6 ms a period: no sampled law damps it as by default."""
+    robot = robot_of("vertical-rig stiffness*100")
+    goal = np.array(robot.home)
+    default = Specification(preset="damped", period=6e-3)
+    found = choose(robot, goal, goal - 0.1, default)
+    assert found.target is not None
+    assert found.target.damping < 0.05
+    assert required_damping(default, found.target) == 0.1  # what the running loop is judged by
+    with pytest.raises(InvalidInput, match="damping of the oscillations binds"):
+        choose(robot, goal, goal - 0.1, replace(default, damping=0.2))
 
 
 @pytest.mark.slow

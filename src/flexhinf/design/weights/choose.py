@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearCorners
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import RINGS, Specification
 from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, worst_members
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
-from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
+from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
 from flexhinf.design.weights.uncertainty import acting_corners, channels, covering_products, dissipation_of
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
@@ -143,10 +143,10 @@ def preset_of(robot: Any, s: Specification) -> str:
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
     """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
-    where a design that states none was given less, see `flexhinf.design.synthesis`."""
+    where a design that states none was given less, see `flexhinf.design.synthesis`; then at least `RINGS`."""
     if s.damping is not None:
         return s.damping
-    return DAMPING if target is None else min(DAMPING, target.damping)
+    return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))
 
 
 def _contradiction(both: str, advice: str) -> InvalidInput:
@@ -161,6 +161,9 @@ def choose(
     robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
     """The problem of a specification.
+
+    A default damping that no weights reach, as where samples show too little of a fast vibration, yields to what they
+    reach; the running loop is judged by `required_damping` all the same.
 
     Parameters
     ----------
@@ -177,7 +180,12 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
-        return _searched(robot, goal, start, s, preset, None if near is None else near.search)
+        try:
+            return _searched(robot, goal, start, s, preset, None if near is None else near.search)
+        except DampingOutOfReach as refused:
+            if s.damping is not None or not refused.reached:
+                raise
+            return _searched(robot, goal, start, replace(s, damping=refused.reached), preset, None)
     penalty, source, priced = _stated(robot, goal, s)
     problem = _problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
