@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import tolerance_corners
 from flexhinf.design.along_move import AlongMove, Least, scheduled
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.effort_limit import problem_within_effort
@@ -21,9 +20,11 @@ from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
-from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
-from flexhinf.design.weights.estimator_noise import search_noise
+from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
+from flexhinf.design.weights.design_problem import DesignProblem
+from flexhinf.design.weights.estimator_noise import search_noise, with_levels
 from flexhinf.design.weights.noise_candidates import NoiseSearch
+from flexhinf.design.weights.robust_preset import WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -35,10 +36,6 @@ from flexhinf.robot.plausibility import check_delay, check_fast
 __all__ = ["Synthesis", "synthesise"]
 
 Progress = Callable[[str], None]
-
-#: The damping that weights are searched for grows by this factor while corners of the tolerances are unstable, at most
-#: so many times, up to this value: only for the preset robust.
-GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
 
 #: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
 #: bandwidth, the noise at the motors with this power of the damping.
@@ -67,6 +64,8 @@ class Synthesis:
         The chosen solution, or a schedule with those of other poses.
     along : AlongMove or None
         Margins of the running loop along the stated move; None without one.
+    robust : WholeLoopSearch or None
+        How weights and noise levels were found for the tolerances; of the preset robust.
     """
 
     goal: np.ndarray
@@ -78,6 +77,7 @@ class Synthesis:
     rays: int
     law: Law
     along: AlongMove | None = None
+    robust: WholeLoopSearch | None = None
 
     @property
     def solution(self) -> HJISolution:
@@ -112,11 +112,11 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
-    problem, noise = _robust_problem(robot, goal, start, s, progress)
-    levels = None if noise is None else noise.chosen.levels
-    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
-    if slower is not problem:
-        problem, noise = slower, _noise_search(robot, goal, start, s, slower, progress)
+    found = None
+    if preset_of(robot, s) == "robust":
+        problem, noise, found = _robust_problem(robot, goal, start, s, progress)
+    else:
+        problem, noise = _searched_problem(robot, goal, start, s, progress)
     states = len(problem.problem.state_names)
     degrees, rays = tried_degrees(states, s), rays_of(states, s)
     ratios = s.gamma_ratio, s.checked_gamma_ratio
@@ -127,8 +127,8 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         )
     )  # fmt: skip
     chosen = _best(choices)
-    law = _law_of(robot, s, problem, chosen.solution, start, progress)
-    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
+    law = _law_of(robot, s, problem, chosen.solution, start, found, progress)
+    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law, robust=found)
     return made if move is None else _along(robot, s, made, move, progress)
 
 
@@ -141,41 +141,46 @@ def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress
     least = Least(most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most)
 
     def another(pose: np.ndarray) -> Law:
-        return _law_at(robot, s, made.design_problem, solution.degree, made.start, pose, progress)
+        return _law_at(
+            robot, s, made.design_problem, solution.degree, made.start, pose, made.robust, progress
+        )
 
     law, along = scheduled(made.setup(robot, s), move, least, None if s.via else another)
     return replace(made, law=law, along=along)
 
 
-def _robust_problem(
+def _searched_problem(
     robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
 ) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+    """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
+    problem, noise = _affordable(robot, goal, start, s, choose(robot, goal, start, s), progress)
+    levels = None if noise is None else noise.chosen.levels
+    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
+    if slower is problem:
+        return problem, noise
+    return slower, _noise_search(robot, goal, start, s, slower, progress)
 
-    A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is looked
-    at here, and the damping that weights are searched for grows until it is. Without success, the best is returned.
-    """
-    problem = choose(robot, goal, start, s)
-    best = _affordable(robot, goal, start, s, problem, progress)
-    problem = best[0]
-    if problem.robustness is None or s.estimator == "none":
-        return best
-    fewest = _unstable(robot, goal, start, s, *best)
-    damping = required_damping(s)
-    for _ in range(TURNS):
-        if not fewest:
-            break
-        damping = min(LARGEST_DAMPING, GROWTH * damping)
-        progress(f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}")
-        try:
-            problem = choose(robot, goal, start, replace(s, damping=damping))
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        unstable = _unstable(robot, goal, start, s, problem, noise)
-        if unstable < fewest:
-            fewest, best = unstable, (problem, noise)
-    return best
+
+def _robust_problem(
+    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
+) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
+    """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
+    tolerance_channels(robot, [goal, start])
+    damped, noise = _searched_problem(robot, goal, start, replace(s, preset="damped"), progress)
+    assert damped.target is not None
+    progress("channels of the tolerances")
+    same = replace(s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
+    covered = choose(robot, goal, start, same)
+    levels = None if noise is None else noise.chosen.levels
+    problem, levels, found = search_whole_loop(robot, goal, start, s, damped, covered, levels, progress)
+    if noise is None or levels is None or not found.better:
+        return problem, noise, found
+    setup, damping = _linear_setup(robot, goal, start, s, problem), required_damping(s, damped.target)
+    return (
+        problem,
+        with_levels(search_noise(setup, damping, progress) or noise, setup, damping, levels),
+        found,
+    )
 
 
 def _affordable(
@@ -194,7 +199,7 @@ def _affordable(
     noise = _noise_search(robot, goal, start, s, problem, progress)
     best = problem, noise
     for _ in range(LOWERINGS):
-        if noise is None or problem.target is None or s.preset == "robust":
+        if noise is None or problem.target is None:
             break
         target, missed = problem.target, noise.chosen.missed
         short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
@@ -243,23 +248,6 @@ def _noise_search(
     return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
 
 
-def _unstable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    noise: NoiseSearch | None,
-) -> int:
-    """Unstable corners with the noise levels that were found or stated."""
-    if noise is not None and noise.chosen.unstable is not None:
-        return noise.chosen.unstable
-    setup = _linear_setup(robot, goal, start, s, problem)
-    if noise is not None:
-        setup = replace(setup, estimator_noise=noise.chosen.levels)
-    return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
-
-
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
     """The degree with the largest step; where no degree has a region, the highest degree."""
     return max(
@@ -273,6 +261,7 @@ def _law_of(
     problem: DesignProblem,
     solution: HJISolution,
     start: np.ndarray,
+    found: WholeLoopSearch | None,
     progress: Progress,
 ) -> Law:
     """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
@@ -280,7 +269,7 @@ def _law_of(
     Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
     are the same everywhere.
     """
-    laws = [_law_at(robot, s, problem, solution.degree, start, pose, progress) for pose in s.via]
+    laws = [_law_at(robot, s, problem, solution.degree, start, pose, found, progress) for pose in s.via]
     return Schedule([solution, *laws]) if laws else solution
 
 
@@ -291,16 +280,21 @@ def _law_at(
     degree: int,
     start: np.ndarray,
     pose: Any,
+    found: WholeLoopSearch | None,
     progress: Progress,
 ) -> HJISolution:
-    """The same design at another pose."""
+    """The same design at another pose; of the preset robust, with the same factors on the weights."""
     progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
     place = robot.operating_point(pose)[0][: len(start)]
     bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
     damping = s.damping
     if problem.target is not None:
         damping = min(required_damping(s, problem.target), problem.target.damping)
-    there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
+    same = replace(s, bandwidth=bandwidth, damping=damping)
+    there = choose(robot, place, start, same)
+    if found is not None:
+        damped = choose(robot, place, start, replace(same, preset="damped"))
+        return solve_hji(*at_pose(there, damped, found), degree)
     return solve_hji(there.problem, there.gamma, degree)
 
 

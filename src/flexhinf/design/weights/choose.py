@@ -15,7 +15,7 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -34,7 +34,7 @@ from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, Li
 from flexhinf.design.weights.robust import RobustProblem, find_scalings
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
-from flexhinf.design.weights.uncertainty import acting_corners, channels, covering_products
+from flexhinf.design.weights.uncertainty import Channel, acting_corners, channels, covering_products
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import Penalty
@@ -187,13 +187,7 @@ def _searched(
             preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, target, found
         )
 
-    tolerances = channels(robot, [goal, start])
-    if not tolerances:
-        raise InvalidInput(
-            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
-            "expected parameters with a tolerance that changes how the robot moves, got none",
-            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
-        )
+    tolerances = tolerance_channels(robot, [goal, start])
     scalings = find_scalings(
         RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
     )
@@ -220,6 +214,24 @@ def _searched(
     if scalings.fraction < 1.0:
         return first
     return covering_products(first, covered, _failing)
+
+
+def tolerance_channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The channels of a robot's tolerances, each at that of the poses where it does most.
+
+    Raises
+    ------
+    InvalidInput
+        If there are none.
+    """
+    found = channels(robot, poses)
+    if not found:
+        raise InvalidInput(
+            f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+            "expected parameters with a tolerance that changes how the robot moves, got none",
+            "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+        )
+    return found
 
 
 def _failing(made: DesignProblem) -> int:

@@ -57,7 +57,7 @@ from flexhinf.design.weights.noise_candidates import (
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, NumericalFailure
 
-__all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise"]
+__all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise", "with_levels"]
 
 #: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
 #: least so much of the joint's own.
@@ -138,6 +138,15 @@ def search_noise(
     if found is not None:
         progress(f"noise levels of the estimator: {found.count} tried")
     return found
+
+
+def with_levels(
+    found: NoiseSearch, setup: LoopSetup, damping: float | None, levels: EstimatorNoise
+) -> NoiseSearch:
+    """The same search with levels that were found elsewhere, judged by the same figures."""
+    search = _Search(setup, damping)
+    candidate = search.candidate(levels)
+    return found if candidate is None else replace(found, chosen=search.with_corners(candidate))
 
 
 class _Search:
