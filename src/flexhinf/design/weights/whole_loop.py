@@ -46,7 +46,7 @@ NOISE = 3.0
 MOST, WIDTH = 16.0, 0.01
 
 #: Candidates, and corners that step in each, for up to so many states: a step of many joints takes its time.
-CANDIDATES = ((10, 60, 24), (15, 70, 16), (10_000, 25, 4))
+CANDIDATES = ((10, 45, 12), (15, 60, 12), (10_000, 25, 4))
 
 #: Corners nearest to instability that are looked at from the beginning; corners that join at once.
 NEAREST, JOIN = 12, 4

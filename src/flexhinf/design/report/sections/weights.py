@@ -25,6 +25,7 @@ __all__ = [
     "robust_rows",
     "selected_candidates",
     "state_weights",
+    "whole_loop_blocks",
     "whole_loop_rows",
 ]
 
@@ -182,12 +183,18 @@ def _search_figure(design: Design) -> Figure:
     )  # fmt: skip
 
 
+def whole_loop_blocks(design: Design) -> list[Any]:
+    """What the preset robust searched for on the running loop; nothing with other presets."""
+    found = design.synthesis.robust
+    return [] if found is None else [Paragraph(_whole_loop_text(found)), _whole_loop(design, found)]
+
+
 def _whole_loop_text(found: WholeLoopSearch) -> str:
     """What was searched, under which conditions, and what came of it."""
     searched = (
-        f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of the "
-        "tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner of "
-        "them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
+        f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
+        "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
+        "of them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
         f"loop, and at most {NOISE:g} times the noise at each motor. "
     )
     if not found.better:
