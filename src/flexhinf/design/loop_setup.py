@@ -261,6 +261,21 @@ class LoopSetup(LoopPlants):
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 
+    def impulse_responses(
+        self, impulses: np.ndarray, duration: float, sub_steps: int | None = None
+    ) -> Iterator[Response]:
+        """In equilibrium at the goal, then an impulse (n,), N·m·s or N·s, on one link after the other: a jump of the
+        velocities, of which law and estimator do not know. Without measurement noise where `quiet`."""
+        x, u = self.equilibrium(self.goal)
+        enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
+        loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
+        given = {"duration": duration, "initial_input": u, "seed": self.specification.seed}
+        noise = None if self.quiet else self.noise
+        runs = run_many(
+            loop.prepared(noise=noise, initial_state=start, **given) for start in x + (enter * impulses).T
+        )
+        return (Response(run, self.goal, self.goal, self.joints) for run in runs)
+
     def move(
         self,
         plan: Plan,

@@ -28,6 +28,7 @@ from flexhinf.design.requirements import (
     corner_requirement,
     hunting_requirement,
     margin_requirements,
+    ring_down_requirement,
     sample_requirements,
     step_requirements,
 )
@@ -122,6 +123,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.load_response  # noqa: B018
+    evaluation.ring_down  # noqa: B018
     evaluation.move  # noqa: B018
     evaluation.step_samples  # noqa: B018
     return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
@@ -225,6 +227,7 @@ def _requirements(
         joints = evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
+        lines.append(ring_down_requirement(s, damping, evaluation.ring_down))
     limits = evaluation.setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)

@@ -15,6 +15,7 @@ import numpy as np
 from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.carrying import Carried
 from flexhinf.design.hunting import RestRun
+from flexhinf.design.impulse import ImpulseRuns
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
@@ -31,6 +32,7 @@ __all__ = [
     "limit_requirements",
     "margin_requirements",
     "peak_option",
+    "ring_down_requirement",
     "sample_requirements",
     "stating_option",
     "step_requirements",
@@ -174,6 +176,17 @@ def behaviour_requirements(
             least_damped if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
+
+
+def ring_down_requirement(s: Specification, damping: float, runs: ImpulseRuns) -> Requirement:
+    """That the running loop comes to rest after a blow as damped as every oscillation must be."""
+    joints = runs.responses[0].joints
+    return Requirement(
+        "damping in the ring-down", damping, runs.damping, "", False,
+        "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
+        stating_option(s, "damping"), joints[runs.worst] if len(joints) > 1 else "",
+    )  # fmt: skip
 
 
 def step_requirements(

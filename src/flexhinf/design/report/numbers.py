@@ -21,6 +21,7 @@ from flexhinf.design.report.sections.corners import corner_rows
 from flexhinf.design.report.sections.estimator_noise import is_used
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import input_rows
+from flexhinf.design.report.sections.ringing import ring_down_rows
 from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
@@ -203,6 +204,12 @@ def _runs(design: Design) -> dict[str, Any]:
         },
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": _samples(e),
+        "ring_down": {
+            "damping": e.ring_down.damping,
+            "diverged": e.ring_down.diverged,
+            "fit_error": e.ring_down.found and e.ring_down.found.error,
+            "joints": ring_down_rows(e.ring_down),
+        },
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
         "payload": [_carried(one) for one in design.carried],

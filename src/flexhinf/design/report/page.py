@@ -29,6 +29,7 @@ from flexhinf.design.report.sections import (
     region,
     requirements,
     rest,
+    ringing,
     step,
     weights,
 )
@@ -58,6 +59,7 @@ PARTS = (
     Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
     Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
     Part("payload", "Payload", payload.blocks, payload.remarks),
+    Part("ring-down", "Ring-down after a blow", ringing.blocks, ringing.remarks),
     Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
     Part("rest", "Long run at rest with dry friction", rest.blocks, rest.remarks),
     Part("along", "Margins along the move", along_move.blocks, along_move.remarks),
