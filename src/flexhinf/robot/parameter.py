@@ -109,7 +109,8 @@ class Parameter:
         """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
         if self.range is None:
             return self.value + sign * abs(self.value) * self.tolerance / 100.0
-        return self.value + abs(sign) * (self.range[sign > 0.0] - self.value)
+        share = abs(sign)
+        return (1.0 - share) * self.value + share * self.range[sign > 0.0]  # the ends to the last bit
 
     @property
     def interval(self) -> tuple[float, float]:
