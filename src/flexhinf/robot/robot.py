@@ -162,9 +162,8 @@ class Robot(Summarised):
         """
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
-        packed = self.links.packed(values)
         arrays = {name: self.links.joint_array(column) for name, column in columns.items()}
-        return PlantValues(packed | arrays, values)
+        return PlantValues(self.links.packed(values) | arrays, values)
 
     # Plants ---------------------------------------------------------------------------------------
     def plant(
