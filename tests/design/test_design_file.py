@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_schema, load_design, read_request
 from flexhinf.design.design_file import is_design_file
-from flexhinf.design.design_file_text import request_text
+from flexhinf.design.design_file_text import _document, request_text
 from flexhinf.design.specification import FIELDS
 from flexhinf.plant import Penalty
 
@@ -138,6 +139,15 @@ def test_texts_with_units_are_read_and_degrees_are_kept(tmp_path: Path) -> None:
     assert "pose = [1.5707963267948966] # 90°" in file.read_text(encoding="utf-8")
     assert load_design(file)[1] == read
     assert not Specification(pose=(0.5,)).in_degrees
+
+
+def test_metres_are_not_shown_as_degrees() -> None:
+    """Of a robot whose first joint slides."""
+    s = Specification(pose="30mm,10deg", via=[(0.01, 0.1)], tracking_error="0.01", angle_unit="deg")  # type: ignore[arg-type]
+    text = tomlkit.dumps(_document(s, "paper", None, ".", None, (True, False)))
+    assert "# 0.03 m, 10°" in text
+    assert "# 0.01 m, 5.72958°" in text
+    assert "tracking_error = [0.01] # rad, m" in text
 
 
 def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
