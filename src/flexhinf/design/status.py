@@ -73,7 +73,7 @@ def status_of(
     setup = evaluation.setup
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     missing = [line.shown(degrees) for line in lines if not line.met]
-    names = [line.what for line in missing]
+    names = [line.what for line in lines]
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
     scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
     risks = tuple(_risks(lines, evaluation))
@@ -81,7 +81,7 @@ def status_of(
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """What was found and required; also where, if it is missed in several places."""
+    """What was found and required; also where, if it is judged in several places."""
     sign = "≤" if line.at_most else "≥"
     unit = line.unit_text
     joint = f" in {line.joint}" if line.joint else ""

@@ -37,6 +37,9 @@ __all__ = [
     "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
 ]  # fmt: skip
 
+#: Most turns in which a default damping yields to what weights reach.
+YIELDS = 4
+
 #: Corners among which the worst for the first weights are looked for, to be members of the second search.
 MANY = 400
 
@@ -162,8 +165,7 @@ def choose(
 ) -> DesignProblem:
     """The problem of a specification.
 
-    A default damping that no weights reach, as where samples show too little of a fast vibration, yields to what they
-    reach; the running loop is judged by `required_damping` all the same.
+    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
 
     Parameters
     ----------
@@ -180,12 +182,14 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
-        try:
-            return _searched(robot, goal, start, s, preset, None if near is None else near.search)
-        except DampingOutOfReach as refused:
-            if s.damping is not None or not refused.reached:
-                raise
-            return _searched(robot, goal, start, replace(s, damping=refused.reached), preset, None)
+        begun, tried = None if near is None else near.search, s
+        for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
+            try:
+                return _searched(robot, goal, start, tried, preset, begun)
+            except DampingOutOfReach as refused:
+                if s.damping is not None or not refused.reached or turn == YIELDS:
+                    raise
+                begun, tried = None, replace(s, damping=refused.reached)
     penalty, source, priced = _stated(robot, goal, s)
     problem = _problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
@@ -366,9 +370,8 @@ def _robust(
         checked.complete,
     )
     source = f"found for {_words(target)}, beside the channels of the tolerances"
-    return DesignProblem(
-        "robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness
-    )
+    stated = "robust", base, source, "ours"
+    return DesignProblem(*stated, problem, nominal, star, gamma, target, found, robustness)
 
 
 def _by_quantity(robust: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
