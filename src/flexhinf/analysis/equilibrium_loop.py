@@ -384,7 +384,8 @@ class EquilibriumLoop:
             z = np.where(np.isfinite(near).all(axis=1, keepdims=True), near, z)
         slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
         for _ in range(ITERATIONS):
-            later, slope = self._period(z, vectors, fixed)
+            with np.errstate(over="ignore", invalid="ignore"):  # far from any rest: not fine, below
+                later, slope = self._period(z, vectors, fixed)
             flat, gap = slope.reshape(count, -1), later - z
             fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
             size[~fine] = np.inf
