@@ -188,7 +188,7 @@ class _Search:
         What holds each of them at the goal counts too: a slow step may end before it is there.
         """
         s, robot = self.s, self.robot
-        degree = max(tried_degrees(len(problem.problem.state_names), s))
+        degree = min(tried_degrees(len(problem.problem.state_names), s))
         law = solve_hji(problem.problem, problem.gamma, degree)
         free = replace(s, saturation=np.inf)
         setup = LoopSetup(robot, free, law, self.goal, self.start, estimator_noise=self.levels)

@@ -11,7 +11,8 @@ import numpy as np
 
 from flexhinf.analysis import tolerance_corners
 from flexhinf.design.along_move import AlongMove, Least, scheduled
-from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
+from flexhinf.design.degree_rule import choose_degree
+from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
@@ -117,19 +118,43 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
     if slower is not problem:
         problem, noise = slower, _noise_search(robot, goal, start, s, slower, progress)
-    states = len(problem.problem.state_names)
-    degrees, rays = tried_degrees(states, s), rays_of(states, s)
-    ratios = s.gamma_ratio, s.checked_gamma_ratio
-    choices = tuple(
-        try_degrees(
-            problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, progress,
-            problem.gamma_star,
-        )
-    )  # fmt: skip
-    chosen = _best(choices)
+    levels = None if noise is None else noise.chosen.levels
+    chosen, choices, rays = _degrees(robot, goal, start, s, problem, levels, progress)
     law = _law_of(robot, s, problem, chosen.solution, start, progress)
     made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
     return made if move is None else _along(robot, s, made, move, progress)
+
+
+def _degrees(
+    robot: Robot,
+    goal: np.ndarray,
+    start: np.ndarray,
+    s: Specification,
+    problem: DesignProblem,
+    levels: EstimatorNoise | None,
+    progress: Progress,
+) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
+    """The degree that is used, all that were solved, and the rays of a region.
+
+    The region of the degree that is used is sampled, and those of all degrees that the specification states.
+    """
+    states = len(problem.problem.state_names)
+    degrees, rays = tried_degrees(states, s), rays_of(states, s)
+    solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, progress))
+    setup = LoopSetup(robot, s, solved[0].solution, goal, start, estimator_noise=levels)
+    if len(solved) > 1:
+        progress("the degree of V: the step with each")
+    chosen, choices = choose_degree(setup, problem.nominal, solved)
+    if not rays:
+        return chosen, choices, rays
+    gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
+    found = []
+    for choice in choices:
+        if choice is chosen or s.degrees is not None:
+            progress(f"degree {choice.degree}: sample the region")
+            choice = with_region(choice, gamma, penalty, rays, s.seed)
+        found.append(choice)
+    return found[choices.index(chosen)], tuple(found), rays
 
 
 def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress: Progress) -> Synthesis:
@@ -258,13 +283,6 @@ def _unstable(
     if noise is not None:
         setup = replace(setup, estimator_noise=noise.chosen.levels)
     return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
-
-
-def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
-    """The degree with the largest step; where no degree has a region, the highest degree."""
-    return max(
-        choices, key=lambda c: (c.step_amplitude, -c.degree) if c.step_amplitude > 0.0 else (0.0, c.degree)
-    )
 
 
 def _law_of(
