@@ -98,6 +98,26 @@ def test_a_pose_that_the_motor_cannot_hold_is_refused_before_any_work(
     assert len(told) == 1
 
 
+def test_a_step_to_where_it_starts_is_refused_before_any_work(robot_of: Named) -> None:
+    told: list[str] = []
+    with pytest.raises(InvalidInput, match="nothing to move"):
+        design(robot_of("paper"), asked(pose=(0.3,), start=(0.3,)), told.append)
+    assert len(told) == 1
+
+
+def test_a_dead_zone_as_large_as_the_step_is_refused_before_any_work(robot_of: Named) -> None:
+    told: list[str] = []
+    with pytest.raises(
+        InvalidInput, match=r"dead zone of joint 'elbow' is as large(.|\n)*less than 0.2 rad, got 10"
+    ):
+        design(
+            robot_of("planar-two-link"),
+            asked(pose=(0.3, 0.2), start=(0.3, 0.4), integral_dead_zone=(10.0, 10.0)),
+            told.append,
+        )
+    assert len(told) == 1
+
+
 def test_without_a_limit_or_a_search_nothing_is_tried(robot_of: Named) -> None:
     told: list[str] = []
     choose_within_effort(robot_of("paper"), asked(), told.append)

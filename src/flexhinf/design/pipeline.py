@@ -300,7 +300,6 @@ def compare(
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
-    _check_way(setup)
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario = _comparison_scenario(linear, synthesis)
@@ -357,15 +356,6 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     if found.jump_samples is not None:
         lines += sample_requirements(s, limits, found.jump_samples)
     return tuple(lines)
-
-
-def _check_way(setup: LoopSetup) -> None:
-    if not (setup.goal != setup.start).any():
-        raise InvalidInput(
-            "There is nothing to move: the step starts at its goal.",
-            f"expected another start than {setup.goal.tolist()}",
-            "another `start` or `pose`",
-        )
 
 
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:

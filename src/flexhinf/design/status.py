@@ -131,10 +131,13 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
             f"{margins.delay_margin_s / period:.2g} periods"
         )
-    held = [row for row in evaluation.load_response.metrics if row["recovery_time_s"] is None]
+    loaded = evaluation.load_response.metrics
+    held = [row for row in loaded if row["recovery_time_s"] is None]
+    if not loaded:
+        found.append("under a constant load on the links the loop diverges")
     if held:
         worst_row = max(held, key=lambda row: row["remaining_error"])
-        joint = f" {worst_row['joint']}" if len(evaluation.load_response.metrics) > 1 else ""
+        joint = f" {worst_row['joint']}" if len(loaded) > 1 else ""
         found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:

@@ -15,17 +15,17 @@ from flexhinf.design.degree_rule import choose_degree
 from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
-from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
+from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
@@ -323,7 +323,13 @@ def _law_at(
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
+    """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
+    if not np.any(goal != start):
+        raise InvalidInput(
+            "There is nothing to move: the step starts at its goal.",
+            f"expected another start than {goal.tolist()}",
+            "another `start` or `pose`",
+        )
     robot.plant(s.measured, extras=s.extras)
     model = robot.plant(s.measured)
     estimator_for(
@@ -331,9 +337,26 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
     )  # fmt: skip
     sensor_steps(robot, s)
+    _check_dead_zone(robot, s, np.abs(goal - start))
     limits = joint_limits(robot, s)
     for pose in (goal, start, *s.via):
         check_holding(robot, pose, limits.effort, partial(_stated, limits))
+
+
+def _check_dead_zone(robot: Robot, s: Specification, step: np.ndarray) -> None:
+    """Refuse a dead zone in which a joint's whole step (n,) is never integrated."""
+    zone = integral_dead_zone(robot, s, None)
+    if zone is None:
+        return
+    beyond = (step > 0.0) & (zone >= step)
+    if beyond.any():
+        joint = int(np.argmax(beyond))
+        unit = "m" if robot.links.slides[joint] else "rad"
+        raise SpecificationError(
+            "integral_dead_zone",
+            f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
+            f"expected less than {step[joint]:.3g} {unit}, got {zone[joint]:.3g} {unit}",
+        )
 
 
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
