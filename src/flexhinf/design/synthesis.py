@@ -113,213 +113,199 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
-    problem, noise = _robust_problem(robot, goal, start, s, progress)
-    levels = None if noise is None else noise.chosen.levels
-    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
-    if slower is not problem:
-        problem, noise = slower, _noise_search(robot, goal, start, s, slower, progress)
-    levels = None if noise is None else noise.chosen.levels
-    chosen, choices, rays = _degrees(robot, goal, start, s, problem, levels, progress)
-    law = _law_of(robot, s, problem, chosen.solution, start, progress)
-    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
-    return made if move is None else _along(robot, s, made, move, progress)
+    steps = _Steps(robot, s, goal, start, progress)
+    made = steps.synthesis()
+    return made if move is None else steps.along(made, move)
 
 
-def _degrees(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    levels: EstimatorNoise | None,
-    progress: Progress,
-) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
-    """The degree that is used, all that were solved, and the rays of a region.
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The steps of one synthesis, and what all of them are about.
 
-    The region of the degree that is used is sampled, and those of all degrees that the specification states.
+    Attributes
+    ----------
+    robot : Robot
+    s : Specification
+    goal, start : (n,)
+        Link positions of the step, rad or m.
+    progress : callable
+        Called with what comes next.
     """
-    states = len(problem.problem.state_names)
-    degrees, rays = tried_degrees(states, s), rays_of(states, s)
-    solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, progress))
-    setup = LoopSetup(robot, s, solved[0].solution, goal, start, estimator_noise=levels)
-    if len(solved) > 1:
-        progress("the degree of V: the step with each")
-    chosen, choices = choose_degree(setup, problem.nominal, solved)
-    if not rays:
-        return chosen, choices, rays
-    gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
-    found = []
-    for choice in choices:
-        if choice is chosen or s.degrees is not None:
-            progress(f"degree {choice.degree}: sample the region")
-            choice = with_region(choice, gamma, penalty, rays, s.seed)
-        found.append(choice)
-    return found[choices.index(chosen)], tuple(found), rays
 
+    robot: Robot
+    s: Specification
+    goal: np.ndarray
+    start: np.ndarray
+    progress: Progress
 
-def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress: Progress) -> Synthesis:
-    """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
-    progress("margins along the move")
-    target, solution = made.design_problem.target, made.solution
-    damping = None if target is None else required_damping(s, target)
-    most = 1.0 + TOLERANCE
-    least = Least(most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most)
+    def synthesis(self) -> Synthesis:
+        """The law about the goal, or a schedule with the poses that are stated."""
+        s = self.s
+        problem, noise = self.robust_problem()
+        levels = None if noise is None else noise.chosen.levels
+        slower = problem_within_effort(self.robot, self.goal, self.start, s, problem, levels, self.progress)
+        if slower is not problem:
+            problem, noise = slower, self.noise_search(slower)
+        chosen, choices, rays = self.degrees(problem, noise)
+        law = self.law_of(problem, chosen.solution)
+        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law)
 
-    def another(pose: np.ndarray) -> Law:
-        return _law_at(robot, s, made.design_problem, solution.degree, made.start, pose, progress)
+    def degrees(
+        self, problem: DesignProblem, noise: NoiseSearch | None
+    ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
+        """The degree that is used, all that were solved, and the rays of a region.
 
-    law, along = scheduled(made.setup(robot, s), move, least, None if s.via else another)
-    return replace(made, law=law, along=along)
+        The region of the degree that is used is sampled, and those of all degrees that the specification states.
+        """
+        s, states = self.s, len(problem.problem.state_names)
+        degrees, rays = tried_degrees(states, s), rays_of(states, s)
+        solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
+        levels = None if noise is None else noise.chosen.levels
+        setup = LoopSetup(self.robot, s, solved[0].solution, self.goal, self.start, estimator_noise=levels)
+        if len(solved) > 1:
+            self.progress("the degree of V: the step with each")
+        chosen, choices = choose_degree(setup, problem.nominal, solved)
+        if not rays:
+            return chosen, choices, rays
+        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
+        found = []
+        for choice in choices:
+            if choice is chosen or s.degrees is not None:
+                self.progress(f"degree {choice.degree}: sample the region")
+                choice = with_region(choice, gamma, penalty, rays, s.seed)
+            found.append(choice)
+        return found[choices.index(chosen)], tuple(found), rays
 
+    def along(self, made: Synthesis, move: Plan) -> Synthesis:
+        """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
+        self.progress("margins along the move")
+        target, solution = made.design_problem.target, made.solution
+        damping = None if target is None else required_damping(self.s, target)
+        most = 1.0 + TOLERANCE
+        least = Least(
+            most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
+        )
 
-def _robust_problem(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+        def another(pose: np.ndarray) -> Law:
+            return self.law_at(made.design_problem, solution.degree, pose)
 
-    A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is looked
-    at here, and the damping that weights are searched for grows until it is. Without success, the best is returned.
-    """
-    problem = choose(robot, goal, start, s)
-    best = _affordable(robot, goal, start, s, problem, progress)
-    problem = best[0]
-    if problem.robustness is None or s.estimator == "none":
+        law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
+        return replace(made, law=law, along=along)
+
+    def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+
+        A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is
+        looked at here, and the damping that weights are searched for grows until it is. Without success, the best is
+        returned.
+        """
+        problem = choose(self.robot, self.goal, self.start, self.s)
+        best = self.affordable(problem)
+        problem = best[0]
+        if problem.robustness is None or self.s.estimator == "none":
+            return best
+        fewest = self.unstable(*best)
+        damping = required_damping(self.s)
+        for _ in range(TURNS):
+            if not fewest:
+                break
+            damping = min(LARGEST_DAMPING, GROWTH * damping)
+            self.progress(
+                f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}"
+            )
+            try:
+                problem = choose(self.robot, self.goal, self.start, replace(self.s, damping=damping))
+            except FlexhinfError:
+                break
+            noise = self.noise_search(problem)
+            unstable = self.unstable(problem, noise)
+            if unstable < fewest:
+                fewest, best = unstable, (problem, noise)
         return best
-    fewest = _unstable(robot, goal, start, s, *best)
-    damping = required_damping(s)
-    for _ in range(TURNS):
-        if not fewest:
-            break
-        damping = min(LARGEST_DAMPING, GROWTH * damping)
-        progress(f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}")
-        try:
-            problem = choose(robot, goal, start, replace(s, damping=damping))
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        unstable = _unstable(robot, goal, start, s, problem, noise)
-        if unstable < fewest:
-            fewest, best = unstable, (problem, noise)
-    return best
 
+    def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
 
-def _affordable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
+        The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
+        `RINGS`. What the specification states is not lowered.
+        """
+        noise = self.noise_search(problem)
+        best = problem, noise
+        for _ in range(LOWERINGS):
+            if noise is None or problem.target is None or self.s.preset == "robust":
+                break
+            target, missed = problem.target, noise.chosen.missed
+            short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+            loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+            slower = (
+                1.0
+                if self.s.bandwidth is not None
+                else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
+            )
+            damping = target.damping
+            if self.s.damping is None:
+                damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
+            if slower == 1.0 and damping >= target.damping:
+                break
+            lower = replace(self.s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
+            self.progress(
+                f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
+                f"damping {damping:.2g}"
+            )
+            try:
+                problem = choose(self.robot, self.goal, self.start, lower, near=problem)
+            except FlexhinfError:
+                break
+            noise = self.noise_search(problem)
+            before = best[1]
+            if (
+                noise is not None
+                and before is not None
+                and noise.chosen.whole_score < before.chosen.whole_score
+            ):
+                best = problem, noise
+        return best
 
-    The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
-    `RINGS`. What the specification states is not lowered.
-    """
-    noise = _noise_search(robot, goal, start, s, problem, progress)
-    best = problem, noise
-    for _ in range(LOWERINGS):
-        if noise is None or problem.target is None or s.preset == "robust":
-            break
-        target, missed = problem.target, noise.chosen.missed
-        short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
-        loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
-        slower = (
-            1.0 if s.bandwidth is not None else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
-        )
-        damping = target.damping
-        if s.damping is None:
-            damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
-        if slower == 1.0 and damping >= target.damping:
-            break
-        lower = replace(s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
-        progress(
-            f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
-            f"damping {damping:.2g}"
-        )
-        try:
-            problem = choose(robot, goal, start, lower, near=problem)
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        before = best[1]
-        if noise is not None and before is not None and noise.chosen.whole_score < before.chosen.whole_score:
-            best = problem, noise
-    return best
+    def linear_setup(self, problem: DesignProblem) -> LoopSetup:
+        """The loop of the problem's linear law."""
+        law = solve_hji(problem.problem, problem.gamma, 2)
+        return LoopSetup(self.robot, self.s, law, self.goal, self.start)
 
+    def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
+        """Noise levels of the estimator for the problem's linear law; None where they are stated."""
+        damping = None if problem.target is None else required_damping(self.s, problem.target)
+        return search_noise(self.linear_setup(problem), damping, self.progress)
 
-def _linear_setup(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem
-) -> LoopSetup:
-    """The loop of the problem's linear law."""
-    law = solve_hji(problem.problem, problem.gamma, 2)
-    return LoopSetup(robot, s, law, goal, start)
+    def unstable(self, problem: DesignProblem, noise: NoiseSearch | None) -> int:
+        """Unstable corners with the noise levels that were found or stated."""
+        if noise is not None and noise.chosen.unstable is not None:
+            return noise.chosen.unstable
+        setup = self.linear_setup(problem)
+        if noise is not None:
+            setup = replace(setup, estimator_noise=noise.chosen.levels)
+        return tolerance_corners(
+            setup.equilibrium_loop(), self.robot.corner, self.robot.uncertain, ()
+        ).unstable
 
+    def law_of(self, problem: DesignProblem, solution: HJISolution) -> Law:
+        """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
 
-def _noise_search(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> NoiseSearch | None:
-    damping = None if problem.target is None else required_damping(s, problem.target)
-    return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
+        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are
+        stated are the same everywhere.
+        """
+        laws = [self.law_at(problem, solution.degree, pose) for pose in self.s.via]
+        return Schedule([solution, *laws]) if laws else solution
 
-
-def _unstable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    noise: NoiseSearch | None,
-) -> int:
-    """Unstable corners with the noise levels that were found or stated."""
-    if noise is not None and noise.chosen.unstable is not None:
-        return noise.chosen.unstable
-    setup = _linear_setup(robot, goal, start, s, problem)
-    if noise is not None:
-        setup = replace(setup, estimator_noise=noise.chosen.levels)
-    return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
-
-
-def _law_of(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    solution: HJISolution,
-    start: np.ndarray,
-    progress: Progress,
-) -> Law:
-    """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
-
-    Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
-    are the same everywhere.
-    """
-    laws = [_law_at(robot, s, problem, solution.degree, start, pose, progress) for pose in s.via]
-    return Schedule([solution, *laws]) if laws else solution
-
-
-def _law_at(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    degree: int,
-    start: np.ndarray,
-    pose: Any,
-    progress: Progress,
-) -> HJISolution:
-    """The same design at another pose."""
-    progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
-    place = robot.operating_point(pose)[0][: len(start)]
-    bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-    damping = s.damping
-    if problem.target is not None:
-        damping = min(required_damping(s, problem.target), problem.target.damping)
-    there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
-    return solve_hji(there.problem, there.gamma, degree)
+    def law_at(self, problem: DesignProblem, degree: int, pose: Any) -> HJISolution:
+        """The same design at another pose."""
+        self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
+        place = self.robot.operating_point(pose)[0][: len(self.start)]
+        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
+        damping = self.s.damping
+        if problem.target is not None:
+            damping = min(required_damping(self.s, problem.target), problem.target.damping)
+        there = choose(self.robot, place, self.start, replace(self.s, bandwidth=bandwidth, damping=damping))
+        return solve_hji(there.problem, there.gamma, degree)
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
