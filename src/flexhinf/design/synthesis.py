@@ -10,22 +10,23 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.along_move import AlongMove, Least, scheduled
-from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
+from flexhinf.design.degree_rule import choose_degree
+from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
-from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
+from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
 from flexhinf.design.weights.design_problem import DesignProblem
-from flexhinf.design.weights.estimator_noise import search_noise, with_levels
+from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
 from flexhinf.design.weights.robust_preset import WholeLoopSearch, at_pose, search_whole_loop
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
@@ -112,194 +113,203 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
-    found = None
-    if preset_of(robot, s) == "robust":
-        problem, noise, found = _robust_problem(robot, goal, start, s, progress)
-    else:
-        problem, noise = _searched_problem(robot, goal, start, s, progress)
-    states = len(problem.problem.state_names)
-    degrees, rays = tried_degrees(states, s), rays_of(states, s)
-    ratios = s.gamma_ratio, s.checked_gamma_ratio
-    choices = tuple(
-        try_degrees(
-            problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, progress,
-            problem.gamma_star,
-        )
-    )  # fmt: skip
-    chosen = _best(choices)
-    law = _law_of(robot, s, problem, chosen.solution, start, found, progress)
-    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law, robust=found)
-    return made if move is None else _along(robot, s, made, move, progress)
+    steps = _Steps(robot, s, goal, start, progress)
+    made = steps.synthesis()
+    return made if move is None else steps.along(made, move)
 
 
-def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress: Progress) -> Synthesis:
-    """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
-    progress("margins along the move")
-    target, solution = made.design_problem.target, made.solution
-    damping = None if target is None else required_damping(s, target)
-    most = 1.0 + TOLERANCE
-    least = Least(most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most)
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The steps of one synthesis, and what all of them are about.
 
-    def another(pose: np.ndarray) -> Law:
-        return _law_at(
-            robot, s, made.design_problem, solution.degree, made.start, pose, made.robust, progress
-        )
-
-    law, along = scheduled(made.setup(robot, s), move, least, None if s.via else another)
-    return replace(made, law=law, along=along)
-
-
-def _searched_problem(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
-    problem, noise = _affordable(robot, goal, start, s, choose(robot, goal, start, s), progress)
-    levels = None if noise is None else noise.chosen.levels
-    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
-    if slower is problem:
-        return problem, noise
-    return slower, _noise_search(robot, goal, start, s, slower, progress)
-
-
-def _robust_problem(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
-) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
-    """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
-    tolerance_channels(robot, [goal, start])
-    damped, noise = _searched_problem(robot, goal, start, replace(s, preset="damped"), progress)
-    assert damped.target is not None
-    progress("channels of the tolerances")
-    same = replace(s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
-    covered = choose(robot, goal, start, same)
-    levels = None if noise is None else noise.chosen.levels
-    problem, levels, found = search_whole_loop(robot, goal, start, s, damped, covered, levels, progress)
-    if noise is None or levels is None or not found.better:
-        return problem, noise, found
-    setup, damping = _linear_setup(robot, goal, start, s, problem), required_damping(s, damped.target)
-    return (
-        problem,
-        with_levels(search_noise(setup, damping, progress) or noise, setup, damping, levels),
-        found,
-    )
-
-
-def _affordable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
-
-    The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
-    `RINGS`. What the specification states is not lowered.
+    Attributes
+    ----------
+    robot : Robot
+    s : Specification
+    goal, start : (n,)
+        Link positions of the step, rad or m.
+    progress : callable
+        Called with what comes next.
     """
-    noise = _noise_search(robot, goal, start, s, problem, progress)
-    best = problem, noise
-    for _ in range(LOWERINGS):
-        if noise is None or problem.target is None:
-            break
-        target, missed = problem.target, noise.chosen.missed
-        short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
-        loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
-        slower = (
-            1.0 if s.bandwidth is not None else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
+
+    robot: Robot
+    s: Specification
+    goal: np.ndarray
+    start: np.ndarray
+    progress: Progress
+
+    def synthesis(self) -> Synthesis:
+        """The law about the goal, or a schedule with the poses that are stated."""
+        found = None
+        if preset_of(self.robot, self.s) == "robust":
+            problem, noise, found = self.robust_problem()
+        else:
+            problem, noise = self.searched_problem()
+        chosen, choices, rays = self.degrees(problem, noise)
+        law = self.law_of(problem, chosen.solution, found)
+        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
+
+    def degrees(
+        self, problem: DesignProblem, noise: NoiseSearch | None
+    ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
+        """The degree that is used, all that were solved, and the rays of a region.
+
+        The region of the degree that is used is sampled, and those of all degrees that the specification states.
+        """
+        s, states = self.s, len(problem.problem.state_names)
+        degrees, rays = tried_degrees(states, s), rays_of(states, s)
+        solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
+        levels = None if noise is None else noise.chosen.levels
+        setup = LoopSetup(self.robot, s, solved[0].solution, self.goal, self.start, estimator_noise=levels)
+        if len(solved) > 1:
+            self.progress("the degree of V: the step with each")
+        chosen, choices = choose_degree(setup, problem.nominal, solved)
+        if not rays:
+            return chosen, choices, rays
+        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
+        found = []
+        for choice in choices:
+            if choice is chosen or s.degrees is not None:
+                self.progress(f"degree {choice.degree}: sample the region")
+                choice = with_region(choice, gamma, penalty, rays, s.seed)
+            found.append(choice)
+        return found[choices.index(chosen)], tuple(found), rays
+
+    def along(self, made: Synthesis, move: Plan) -> Synthesis:
+        """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
+        self.progress("margins along the move")
+        target, solution = made.design_problem.target, made.solution
+        damping = None if target is None else required_damping(self.s, target)
+        most = 1.0 + TOLERANCE
+        least = Least(
+            most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
         )
-        damping = target.damping
-        if s.damping is None:
-            damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
-        if slower == 1.0 and damping >= target.damping:
-            break
-        lower = replace(s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
-        progress(
-            f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
-            f"damping {damping:.2g}"
+
+        def another(pose: np.ndarray) -> Law:
+            return self.law_at(made.design_problem, solution.degree, pose, made.robust)
+
+        law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
+        return replace(made, law=law, along=along)
+
+    def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
+        problem, noise = self.affordable(choose(self.robot, self.goal, self.start, self.s))
+        levels = None if noise is None else noise.chosen.levels
+        slower = problem_within_effort(
+            self.robot, self.goal, self.start, self.s, problem, levels, self.progress
         )
-        try:
-            problem = choose(robot, goal, start, lower, near=problem)
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        before = best[1]
-        if noise is not None and before is not None and noise.chosen.whole_score < before.chosen.whole_score:
-            best = problem, noise
-    return best
+        return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
+    def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
+        """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
+        tolerance_channels(self.robot, [self.goal, self.start])
+        plain = replace(self, s=replace(self.s, preset="damped", rays=0))
+        damped, noise = plain.searched_problem()
+        assert damped.target is not None
+        self.progress("channels of the tolerances")
+        same = replace(self.s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
+        covered = choose(self.robot, self.goal, self.start, same)
+        levels = None if noise is None else noise.chosen.levels
+        problem, levels, found = search_whole_loop(
+            self.robot, self.goal, self.start, self.s, damped, covered, levels,
+            plain.degrees(damped, noise)[0].degree, self.progress,
+        )  # fmt: skip
+        if noise is None or levels is None or not found.better:
+            return problem, noise, found
+        setup, damping = self.linear_setup(problem), required_damping(self.s, damped.target)
+        own = search_noise(setup, damping, self.progress, levels)
+        return (damped, noise, replace(found, found=found.damped)) if own is None else (problem, own, found)
 
-def _linear_setup(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem
-) -> LoopSetup:
-    """The loop of the problem's linear law."""
-    law = solve_hji(problem.problem, problem.gamma, 2)
-    return LoopSetup(robot, s, law, goal, start)
+    def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
 
+        The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
+        `RINGS`. What the specification states is not lowered.
+        """
+        noise = self.noise_search(problem)
+        best = problem, noise
+        for _ in range(LOWERINGS):
+            if noise is None or problem.target is None:
+                break
+            target, missed = problem.target, noise.chosen.missed
+            short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+            loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+            slower = (
+                1.0
+                if self.s.bandwidth is not None
+                else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
+            )
+            damping = target.damping
+            if self.s.damping is None:
+                damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
+            if slower == 1.0 and damping >= target.damping:
+                break
+            lower = replace(self.s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
+            self.progress(
+                f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
+                f"damping {damping:.2g}"
+            )
+            try:
+                problem = choose(self.robot, self.goal, self.start, lower, near=problem)
+            except FlexhinfError:
+                break
+            noise = self.noise_search(problem)
+            before = best[1]
+            if (
+                noise is not None
+                and before is not None
+                and noise.chosen.whole_score < before.chosen.whole_score
+            ):
+                best = problem, noise
+        return best
 
-def _noise_search(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> NoiseSearch | None:
-    damping = None if problem.target is None else required_damping(s, problem.target)
-    return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
+    def linear_setup(self, problem: DesignProblem) -> LoopSetup:
+        """The loop of the problem's linear law."""
+        law = solve_hji(problem.problem, problem.gamma, 2)
+        return LoopSetup(self.robot, self.s, law, self.goal, self.start)
 
+    def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
+        """Noise levels of the estimator for the problem's linear law; None where they are stated."""
+        damping = None if problem.target is None else required_damping(self.s, problem.target)
+        return search_noise(self.linear_setup(problem), damping, self.progress)
 
-def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
-    """The degree with the largest step; where no degree has a region, the highest degree."""
-    return max(
-        choices, key=lambda c: (c.step_amplitude, -c.degree) if c.step_amplitude > 0.0 else (0.0, c.degree)
-    )
+    def law_of(
+        self, problem: DesignProblem, solution: HJISolution, found: WholeLoopSearch | None = None
+    ) -> Law:
+        """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
 
+        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are
+        stated are the same everywhere.
+        """
+        laws = [self.law_at(problem, solution.degree, pose, found) for pose in self.s.via]
+        return Schedule([solution, *laws]) if laws else solution
 
-def _law_of(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    solution: HJISolution,
-    start: np.ndarray,
-    found: WholeLoopSearch | None,
-    progress: Progress,
-) -> Law:
-    """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
-
-    Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
-    are the same everywhere.
-    """
-    laws = [_law_at(robot, s, problem, solution.degree, start, pose, found, progress) for pose in s.via]
-    return Schedule([solution, *laws]) if laws else solution
-
-
-def _law_at(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    degree: int,
-    start: np.ndarray,
-    pose: Any,
-    found: WholeLoopSearch | None,
-    progress: Progress,
-) -> HJISolution:
-    """The same design at another pose; of the preset robust, with the same factors on the weights."""
-    progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
-    place = robot.operating_point(pose)[0][: len(start)]
-    bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-    damping = s.damping
-    if problem.target is not None:
-        damping = min(required_damping(s, problem.target), problem.target.damping)
-    same = replace(s, bandwidth=bandwidth, damping=damping)
-    there = choose(robot, place, start, same)
-    if found is not None:
-        damped = choose(robot, place, start, replace(same, preset="damped"))
-        return solve_hji(*at_pose(there, damped, found), degree)
-    return solve_hji(there.problem, there.gamma, degree)
+    def law_at(
+        self, problem: DesignProblem, degree: int, pose: Any, found: WholeLoopSearch | None = None
+    ) -> HJISolution:
+        """The same design at another pose; of the preset robust, with the same factors on the weights."""
+        self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
+        place = self.robot.operating_point(pose)[0][: len(self.start)]
+        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
+        damping = self.s.damping
+        if problem.target is not None:
+            damping = min(required_damping(self.s, problem.target), problem.target.damping)
+        same = replace(self.s, bandwidth=bandwidth, damping=damping)
+        there = choose(self.robot, place, self.start, same)
+        if found is not None:
+            damped = choose(self.robot, place, self.start, replace(same, preset="damped"))
+            return solve_hji(*at_pose(there, damped, found), degree)
+        return solve_hji(there.problem, there.gamma, degree)
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
+    """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
+    if not np.any(goal != start):
+        raise InvalidInput(
+            "There is nothing to move: the step starts at its goal.",
+            f"expected another start than {goal.tolist()}",
+            "another `start` or `pose`",
+        )
     robot.plant(s.measured, extras=s.extras)
     model = robot.plant(s.measured)
     estimator_for(
@@ -307,9 +317,26 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
     )  # fmt: skip
     sensor_steps(robot, s)
+    _check_dead_zone(robot, s, np.abs(goal - start))
     limits = joint_limits(robot, s)
     for pose in (goal, start, *s.via):
         check_holding(robot, pose, limits.effort, partial(_stated, limits))
+
+
+def _check_dead_zone(robot: Robot, s: Specification, step: np.ndarray) -> None:
+    """Refuse a dead zone in which a joint's whole step (n,) is never integrated."""
+    zone = integral_dead_zone(robot, s, None)
+    if zone is None:
+        return
+    beyond = (step > 0.0) & (zone >= step)
+    if beyond.any():
+        joint = int(np.argmax(beyond))
+        unit = "m" if robot.links.slides[joint] else "rad"
+        raise SpecificationError(
+            "integral_dead_zone",
+            f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
+            f"expected less than {step[joint]:.3g} {unit}, got {zone[joint]:.3g} {unit}",
+        )
 
 
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:

@@ -130,7 +130,7 @@ def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() ->
         "at −3 dB",
         "our default",
     )
-    assert second[3:] == ("yes", "the step", "of the step", "--overshoot")
+    assert second[3:] == ("yes", "the step", "of the step", "`--overshoot`")
     gone = dataclasses.replace(kept, found=np.inf)
     assert (limit_text(gone), found_text(gone)) == ("≤ 5 %", "diverges")
 

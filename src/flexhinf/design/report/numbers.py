@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, Margins
+from flexhinf.design.carrying import Carried
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
@@ -61,7 +62,10 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "corners": None if e.corners is None else [row._asdict() for row in corner_rows(e)],
         "attained": attained and _picked(attained, "gain", "energy", "largest_value"),
         "budget": budget_rows(design),
-        "degrees": [_picked(c, "degree", "level", "limit", step="step_amplitude") for c in design.choices],
+        "degrees": [
+            _picked(c, "degree", "level", "limit", "acting", "cost", "missed", step="step_amplitude")
+            for c in design.choices
+        ],
         "starts_inside": design.inside,
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
@@ -221,6 +225,7 @@ def _runs(design: Design) -> dict[str, Any]:
         },
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
+        "payload": [_carried(one) for one in design.carried],
         "rest": _rest(design),
         "along_move": along_rows(design.synthesis.along),
         "rigid": [
@@ -231,6 +236,18 @@ def _runs(design: Design) -> dict[str, Any]:
             }
             for loop in (design.rigid.loops if design.rigid else ())
         ],
+    }
+
+
+def _carried(one: Carried) -> dict[str, Any]:
+    """With masses in the true robot that the model does not know."""
+    return {
+        "masses_kg": dict(one.masses),
+        "step": _run(one.step, one.step.metrics),
+        "gripped": None if one.gripped is None else _run(one.gripped.response, one.gripped.metrics),
+        "margins": _margins(one.margins),
+        "weighed_kg": None if one.weighed is None else one.weighed.masses,
+        "hidden_by_friction_kg": None if one.weighed is None else one.weighed.hidden,
     }
 
 

@@ -15,9 +15,8 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,13 @@ from flexhinf.design.weights.design_problem import (
     command_of,
     nominal_problem,
 )
-from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, worst_members
+from flexhinf.design.weights.linear_family import (
+    Families,
+    LinearDesign,
+    LinearFamily,
+    LinearProblem,
+    worst_members,
+)
 from flexhinf.design.weights.robust import RobustProblem, find_scalings
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
@@ -43,8 +48,8 @@ __all__ = [
     "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
 ]  # fmt: skip
 
-#: Corners among which the worst for the first weights are looked for, to be members of the second search.
-MANY = 400
+#: Most turns in which a default damping yields to what weights reach.
+YIELDS = 4
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
@@ -96,8 +101,7 @@ def choose(
 ) -> DesignProblem:
     """The problem of a specification.
 
-    A default damping that no weights reach, as where samples show too little of a fast vibration, yields to what they
-    reach; the running loop is judged by `required_damping` all the same.
+    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
 
     Parameters
     ----------
@@ -114,12 +118,15 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
-        try:
-            return _searched(robot, goal, start, s, preset, None if near is None else near.search)
-        except DampingOutOfReach as refused:
-            if s.damping is not None or not refused.reached:
-                raise
-            return _searched(robot, goal, start, replace(s, damping=refused.reached), preset, None)
+        families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
+        begun, tried = None if near is None else near.search, s
+        for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
+            try:
+                return replace(_searched(families, start, tried, preset, begun), families=families)
+            except DampingOutOfReach as refused:
+                if s.damping is not None or not refused.reached or turn == YIELDS:
+                    raise
+                begun, tried = None, replace(s, damping=refused.reached)
     penalty, source, priced = _stated(robot, goal, s)
     problem = nominal_problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
@@ -153,15 +160,16 @@ def _number(values: np.ndarray) -> Any:
 
 
 def _searched(
-    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
+    families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    plant, equilibrium = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal, period=s.period), JointScales.of(plant, equilibrium)
+    robot, goal, family = families.robot, families.goal, families.few
+    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
         names = nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
-        torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
+        every = robot.plant().disturbances
+        torques = np.eye(len(every))[:, [every.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
@@ -173,12 +181,8 @@ def _searched(
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
 
-    @cache
-    def many() -> LinearFamily:
-        return LinearFamily.of(robot, goal, MANY, seed=1)
-
-    found, family = _widened(many, target, family, synthesis, scales.held, near)
-    source = f"found for {_words(target)}"
+    found, family = _widened(families, target, family, synthesis, scales.held, near)
+    source = f"found for {target.words}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
         problem = nominal_problem(robot, goal, s, penalty)
@@ -204,8 +208,8 @@ def _searched(
         def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
             return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.channels_at(1.0))
 
-        found, _ = _widened(many, target, family, robust_synthesis, scales.held)
-        source = f"found for {_words(target)}, beside the channels of the tolerances"
+        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
+        source = f"found for {target.words}, beside the channels of the tolerances"
         return larger.problem(found.chosen.target_frequency, found.chosen.damping_weights, 1.0).checked(
             target, found, source
         )
@@ -240,7 +244,7 @@ def _failing(made: DesignProblem) -> int:
 
 
 def _widened(
-    many: Callable[[], LinearFamily],
+    families: Families,
     target: TargetBehaviour,
     family: LinearFamily,
     synthesis: Any,
@@ -252,7 +256,7 @@ def _widened(
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family
     found = search(target, family, synthesis, held, each=False) if near is None else near
-    wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
+    wider = family.with_members(families.many, worst_members(families.many, found.chosen.design.gain))
     return search(target, wider, synthesis, held, near=start), wider
 
 
@@ -270,9 +274,3 @@ def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarra
             "one bandwidth for all joints",
         )
     return np.broadcast_to(values, (joints,)).copy()
-
-
-def _words(target: TargetBehaviour) -> str:
-    low, high = target.bandwidth.min(), target.bandwidth.max()
-    band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    return f"{band} rad/s and a damping ratio of {target.damping:.3g}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearCorners
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.linear_family import LinearFamily, LinearProblem
+from flexhinf.design.weights.linear_family import Families, LinearFamily, LinearProblem
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import SearchResult, TargetBehaviour
@@ -90,6 +90,8 @@ class DesignProblem:
     target, search : TargetBehaviour, SearchResult or None
         What weights were searched for, and how; of a preset that searches.
     robustness : Robustness or None
+    families : Families or None
+        Of the robot within its tolerances, for which weights were searched.
     covering : Covering or None
         What the channels of the tolerances are made of; of the preset robust.
     """
@@ -105,6 +107,7 @@ class DesignProblem:
     target: TargetBehaviour | None = None
     search: SearchResult | None = None
     robustness: Robustness | None = None
+    families: Families | None = None
     covering: Covering | None = None
 
 
@@ -221,7 +224,7 @@ class ChannelledProblem:
         )
         return DesignProblem(
             "robust", self.penalty, source, "ours", self.problem, self.nominal, self.gamma_star, self.gamma, target,
-            found, robustness, covering,
+            found, robustness, covering=covering,
         )  # fmt: skip
 
     @cached_property

@@ -56,8 +56,9 @@ from flexhinf.design.weights.noise_candidates import (
 )
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.robot.payload import payload_ends
 
-__all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise", "with_levels"]
+__all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise"]
 
 #: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
 #: least so much of the joint's own.
@@ -112,7 +113,10 @@ def is_free(setup: LoopSetup) -> bool:
 
 
 def search_noise(
-    setup: LoopSetup, damping: float | None = None, progress: Callable[[str], None] = lambda text: None
+    setup: LoopSetup,
+    damping: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+    levels: EstimatorNoise | None = None,
 ) -> NoiseSearch | None:
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
@@ -123,6 +127,8 @@ def search_noise(
     damping : float, optional
         Required of every oscillation of the running loop.
     progress : callable
+    levels : EstimatorNoise, optional
+        That were found elsewhere; they are taken, and the search shows what is beside them.
 
     Returns
     -------
@@ -132,21 +138,15 @@ def search_noise(
     if not is_free(setup):
         return None
     try:
-        found = _Search(setup, damping).run()
+        search = _Search(setup, damping)
+        found, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
+    if found is not None and own is not None:
+        found = replace(found, chosen=search.with_corners(own))
     if found is not None:
         progress(f"noise levels of the estimator: {found.count} tried")
     return found
-
-
-def with_levels(
-    found: NoiseSearch, setup: LoopSetup, damping: float | None, levels: EstimatorNoise
-) -> NoiseSearch:
-    """The same search with levels that were found elsewhere, judged by the same figures."""
-    search = _Search(setup, damping)
-    candidate = search.candidate(levels)
-    return found if candidate is None else replace(found, chosen=search.with_corners(candidate))
 
 
 class _Search:
@@ -166,6 +166,7 @@ class _Search:
         self.bandwidth = float(followed.max())
         self.top = COMPLIANT_BAND * self.bandwidth
         self.filtered = FilteredLoop(self.loop, self.bandwidth)
+        self.carrying = [FilteredLoop(loop, self.bandwidth) for loop in self.loaded()]
         self.stiff = law.compliance(self.top)
         self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
@@ -201,9 +202,8 @@ class _Search:
     def leave_out(self) -> None:
         """What every candidate so far misses, or the law, is counted only in part; see the head of this file."""
         for limit in LIMITS:
-            least = max(
-                min(one.missed.get(limit, 0.0) for one in self.tried), self.unavoidable.get(limit, 0.0)
-            )
+            best = min(one.missed.get(limit, 0.0) for one in self.tried)
+            least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
                 far = limit == "damping" and least > FAR
                 ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
@@ -211,9 +211,8 @@ class _Search:
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with what it misses beyond what is not counted."""
-        left = {
-            limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
-        }
+        missed = candidate.missed.items()
+        left = {limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in missed}
         kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
         return replace(candidate, avoidable=kept)
 
@@ -272,8 +271,9 @@ class _Search:
         assert self.setup.noise is not None
         compliance, noises = found.compliance(self.top) / self.stiff, found.input_noise(self.setup.noise)
         noise = float((noises / self.authority).max()) / MOST_NOISE
+        damping = min(found.damping, self.damping_carrying(levels))
         missed = self.excess(
-            found.peak_sensitivity, found.gain_margin, found.damping, compliance / COMPLIANCE, noise
+            found.peak_sensitivity, found.gain_margin, damping, compliance / COMPLIANCE, noise
         )
         candidate = NoiseCandidate(
             levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, noises, missed,
@@ -282,6 +282,19 @@ class _Search:
         candidate = self.counted(candidate)
         self.tried.append(candidate)
         return candidate
+
+    def loaded(self) -> Iterator[EquilibriumLoop]:
+        """The running loop with the payloads at the ends of their ranges, where a damping is required."""
+        robot = self.setup.robot
+        for masses in payload_ends(robot.uncertain) if self.damping else ():
+            yield self.setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses}))
+
+    def damping_carrying(self, levels: EstimatorNoise) -> float:
+        """The smallest damping ratio with these payloads, times what is required over `RINGS`: it must not ring."""
+        process, required = levels.covariance(self.setup.model.states), self.damping or 0.0
+        found = [loop.margins(process) for loop in self.carrying]
+        least = min((one.damping if one.stable else 0.0 for one in found), default=np.inf)
+        return least * max(1.0, required / RINGS)
 
     def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with figures of a dense sweep: those that the evaluation of the design has."""
@@ -313,16 +326,11 @@ class _Search:
         """What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
         within the law's bandwidth, ask of the strongest motor."""
         setup, scales, rate = self.setup, self.scales, self.bandwidth
-        held = np.max(
-            [np.abs(setup.robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0
-        )
+        poses = setup.start, setup.goal
+        held = np.max([np.abs(setup.robot.operating_point(at)[1]) for at in poses], axis=0)
         inertia = scales.link_inertia + scales.motor_inertia
-        moved = (
-            rate
-            * np.hypot(inertia * rate, scales.damping)
-            / scales.per_input
-            * np.abs(setup.goal - setup.start)
-        )
+        per_way = rate * np.hypot(inertia * rate, scales.damping) / scales.per_input
+        moved = per_way * np.abs(setup.goal - setup.start)
         limits = setup.limits.effort
         return np.minimum(float((held + moved).max()), limits)
 

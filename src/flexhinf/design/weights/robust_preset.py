@@ -63,6 +63,7 @@ def search_whole_loop(
     damped: DesignProblem,
     covered: DesignProblem,
     levels: EstimatorNoise | None,
+    degree: int,
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
     """The problem of the preset robust, its noise levels, and how they were found.
@@ -76,9 +77,11 @@ def search_whole_loop(
         Whose channels cover the tolerances with the true state fed back.
     levels : EstimatorNoise or None
         Of `damped`; None where they are not free.
+    degree : int
+        Of V of the law that steps at the corners.
     progress : callable
     """
-    found = Search(robot, goal, start, s, damped, covered, levels)
+    found = Search(robot, goal, start, s, damped, covered, levels, degree)
     best, judged, point = found.run()
     progress(f"weights and noise levels for the tolerances: {found.count} loops tried")
     assert damped.target is not None

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design.degrees import tried_degrees
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
@@ -118,6 +117,7 @@ class Search:
         damped: DesignProblem,
         covered: DesignProblem,
         levels: EstimatorNoise | None,
+        degree: int,
     ) -> None:
         self.robot, self.goal, self.start, self.s, self.damped = robot, goal, start, s, damped
         assert damped.search is not None
@@ -128,7 +128,7 @@ class Search:
         self.target, self.first = damped.target, damped.search.chosen
         self.covered, self.levels = covered.search.chosen, levels
         states = len(damped.problem.state_names)
-        self.degree = max(tried_degrees(states, s))
+        self.degree = degree
         self.most, self.stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = run_length(SLOWEST * float(np.min(self.target.bandwidth)))
         self.count = 0
