@@ -128,7 +128,7 @@ def search_noise(
         Required of every oscillation of the running loop.
     progress : callable
     levels : EstimatorNoise, optional
-        That were found elsewhere; they are taken, and the search shows what is beside them.
+        Found elsewhere: they are taken, and shown beside those of the search.
 
     Returns
     -------
@@ -234,9 +234,8 @@ class _Search:
     def place(self, levels: EstimatorNoise) -> np.ndarray:
         """x (2 joints,) of levels on the velocities."""
         n = len(self.unit)
-        both = np.concatenate(
-            [np.broadcast_to(each, n) for each in (levels.link_velocities, levels.motor_velocities)]
-        )
+        sides = levels.link_velocities, levels.motor_velocities
+        both = np.concatenate([np.broadcast_to(each, n) for each in sides])
         return 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
 
     def families(self) -> Iterator[np.ndarray]:
