@@ -13,6 +13,7 @@ from .errors import NumericalFailure as NumericalFailure
 from .estimation import ExtendedKalmanFilter as ExtendedKalmanFilter
 from .estimation import OutputInjectionObserver as OutputInjectionObserver
 from .estimation import UnscentedKalmanFilter as UnscentedKalmanFilter
+from .export import export_c as export_c
 from .hinf import HJISolution as HJISolution
 from .hinf import linear_law as linear_law
 from .hinf import load_solution as load_solution

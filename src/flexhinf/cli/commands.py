@@ -16,6 +16,7 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.design import compare, design
+from flexhinf.cli.export import app as export
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
 from flexhinf.cli.paper import paper
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -88,6 +89,9 @@ def root(
 
 for command, examples in COMMANDS.items():
     app.command(epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
+
+
+app.add_typer(export, name="export")
 
 
 def _check_text(words: Sequence[str]) -> None:
