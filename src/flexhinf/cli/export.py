@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.messages import Progress, note
+from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller
+    from flexhinf.plant import Plant
 
-__all__ = ["app"]
+__all__ = ["app", "compile_design"]
 
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
 
@@ -60,18 +62,83 @@ def export_c(
     numbers are those of the simulation. README.md there has signals, units,
     memory and cost.
     """
-    from flexhinf.export import check_room, checked_folder, controller_files, identifier_of, write_files
-    from flexhinf.export.names import checked_identifier
+    from flexhinf import export
 
     if name:
-        checked_identifier(name)
-    folder = checked_folder(out, force)
+        export.checked_identifier(name)
+    folder = export.checked_folder(out, force)
     controller, title = controller_of(source)
-    name = name or identifier_of(title)
-    check_room(controller, real, period=period, flash=flash, ram=ram)
-    write_files(folder, controller_files(controller, name, real))
+    name = name or export.identifier_of(title)
+    export.check_room(controller, real, period=period, flash=flash, ram=ram)
+    export.write_files(folder, export.controller_files(controller, name, real))
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}")
     typer.echo(f"test:  make -C {out} test")
+
+
+@app.command("fmu")
+def export_fmu(
+    source: Source,
+    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("flexhinf.fmu"),
+    name: Annotated[str, typer.Option(help="A C identifier: the model's name.", show_default=False)] = "",
+    plant: Annotated[
+        bool,
+        typer.Option(
+            "--plant", help="The elastic robot instead of the controller, with the design's extras."
+        ),
+    ] = False,
+) -> None:
+    """A co-simulation FMU (FMI 2.0) for Simulink, OpenModelica and others.
+
+    Of the controller: one communication step is one sample. With --plant, of
+    the robot: motor inputs and disturbances in, measurements and states out,
+    its parameters to be set. Needs a C compiler.
+    """
+    from flexhinf import export
+
+    if plant:
+        model, title, period, rest = plant_of(source)
+        written = export.export_plant_fmu(model, out, name or export.identifier_of(title), period, *rest)
+    else:
+        controller, title = controller_of(source)
+        written = export.export_fmu(controller, out, name or export.identifier_of(title))
+    typer.echo(f"FMU: {written}")
+
+
+def compile_design(
+    source: Source,
+    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("flexhinf-controller.so"),
+) -> None:
+    """The controller as a shared library that starts in milliseconds.
+
+    fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
+    output is the simulation's. For this machine; needs a C compiler.
+    """
+    from flexhinf import export
+
+    written = export.compile_controller(controller_of(source)[0], out)
+    typer.echo(f"library: {written}")
+
+
+def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
+    """The true plant of a design file, a name for it, the period, and the equilibrium from which its step starts."""
+    from flexhinf.design import load_design
+    from flexhinf.design.design_file import is_design_file
+
+    path = Path(source) / "design.toml" if Path(source).is_dir() else Path(source)
+    if not is_design_file(path):
+        raise InvalidInput(
+            "A plant is that of a design file.",
+            f"expected design.toml or a report's folder, got {source!r}",
+            "flexhinf design ROBOT --out DIR, then flexhinf export fmu DIR --plant",
+        )
+    robot, s = load_design(path)
+    pose = s.start if s.start is not None else s.pose
+    return (
+        robot.plant(s.measured, extras=s.extras),
+        robot.name,
+        s.period,
+        robot.operating_point(pose, s.extras),
+    )
 
 
 def controller_of(source: str) -> tuple[Controller, str]:

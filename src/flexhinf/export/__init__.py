@@ -1,8 +1,7 @@
-"""A controller as dependency-free C, ready for firmware."""
+"""A controller as dependency-free C, as an FMU, as a shared library; a plant as an FMU."""
 
 from __future__ import annotations
 
-from flexhinf.export.names import identifier_of
-from flexhinf.export.package import check_room, checked_folder, controller_files, export_c, write_files
+import lazy_loader
 
-__all__ = ["check_room", "checked_folder", "controller_files", "export_c", "identifier_of", "write_files"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

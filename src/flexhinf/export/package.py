@@ -130,7 +130,7 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
             "a design with --period of that length",
         )
-    code = _code(controller, "controller", real)
+    code = code_of(controller, "controller", real)
     for what, room, needed in (("constants", flash, code.constant_bytes), ("state", ram, code.state_bytes)):
         if room and needed > _quantity(room, BYTES):
             option, advice = ("--flash", "--degrees 2 at the design, --real float")
@@ -166,7 +166,7 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
     return value
 
 
-def _code(controller: Controller, name: str, real: str) -> ControllerCode:
+def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
     """The code of a controller in a type, checked."""
     if real not in ("double", "float"):
         raise InvalidInput(
@@ -187,7 +187,7 @@ def controller_files(
     controller: Controller, name: str = "controller", real: str = "double"
 ) -> dict[str, str]:
     """The files of `export_c`: relative path to text; raises as it does."""
-    code = _code(controller, name, real)
+    code = code_of(controller, name, real)
     return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,

@@ -14,6 +14,7 @@ from flexhinf.codegen.c.trigonometry import row_function
 from flexhinf.codegen.memory import Columns, Slice, whole
 from flexhinf.codegen.program import Program, Unsupported
 from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, When
+from flexhinf.scalars import drop_empty
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -189,6 +190,10 @@ class Translator:
         return [f"for (int t = 0; t < {step.times}; ++t) {{", *(INDENT + line for line in lines), "}"]
 
     # Functions ----------------------------------------------------------------------------------------
+    def function(self, function: casadi.Function) -> str:
+        """Add a traced function without a program; the name of the C function, whose empty arguments are left out."""
+        return self._function(drop_empty(function))
+
     def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
         """Name of the C function, which is written when first asked for."""
         key = (function.serialize(), lanes, moving)
