@@ -9,6 +9,8 @@ a time limit (``make slow``); another seed looks elsewhere: ``python -m fuzz --s
 
 FUZZERS: tuple[str, ...] = (
     "robot_files",
+    "mjcf_options",
+    "requests",
     "names",
     "command_line",
     "solution_files",

@@ -39,11 +39,14 @@ VALUES = (
     "bandwidth", "peak", "coulomb_friction", "inductance", "2,4", "13", "[red]", "[/]", "$x$", "\x1b[31m",
     "\u202e", "😀", "肘", "../..", "/", "~", "/dev/null", "/proc/self/mem", "a" * 5000, "a\nb", "--", "-",
     "--help", "%s", "'", '"', "`id`", "$(id)", "\udcff",
+    "30mm", "1deg,2mm", "0.1Nm", "87,87,12", "0.01deg,0.1Nm", "inf,1", "0..3kg", "2kg@elbow", "3..0kg@@", "1e29",
+    "0.2,0,0.1", "400mm,0,1e9", "elbow:0,0,0.1", ":1,2", "way.csv", "short.csv", "bytes.toml", "fifo.toml", "folder",
+    "jerk-limited", "jump",
 )  # fmt: skip
 
 ROBOTS = (
     "paper", "planar-two-link", "quanser-rotflex", "seven-link", "arm.toml", "design.toml", "paper", "papr",
-    "empty.toml", "bytes.toml", "folder", "nowhere.toml", "arm.urdf", "fifo.toml", "deep.toml", "large.toml",
+    "arm.xml", "empty.toml", "bytes.toml", "folder", "nowhere.toml", "arm.urdf", "fifo.toml", "deep.toml", "large.toml",
     *VALUES,
 )  # fmt: skip
 
@@ -109,6 +112,8 @@ def _fill(folder: Path) -> None:
     """Files of all kinds."""
     texts = {
         "arm.toml": ARM, "design.toml": "[design]\nrobot = 'arm.toml'\nbandwidth = 4.0\n", "empty.toml": "",
+        "way.csv": "time,elbow [deg]\n0,0\n1,5\n", "short.csv": "time [ms],elbow\n0,0\n1e-9,1\n",
+        "arm.xml": "<mujoco><worldbody><body><joint name='elbow'/></body></worldbody></mujoco>",
         "arm.urdf": "<robot name='a'><link name='base'/></robot>", "deep.toml": "x = " + "[" * 10_000,
         "large.toml": "x = [" + "1," * 3_000_000 + "]",
     }  # fmt: skip
@@ -139,6 +144,9 @@ def _options(rng: np.random.Generator, count: int) -> list[str]:
             "--elastic",
             "--laws",
             "--tune",
+            "--payload",
+            "--goal-xyz",
+            "--tool",
             "--gamma-ratio",
             "--unknown",
             "--peak-voltage",

@@ -11,6 +11,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -50,7 +51,10 @@ WATCHED = (
 )
 
 #: More lines than any of the works goes through, and seconds that a child may take.
-LINES, PATIENCE_S = 3000, 60.0
+LINES, PATIENCE_S = 3000, 300.0
+
+#: A frame of a command that has begun. Before that, while Python imports it, an interruption is Python's own.
+BEGUN = re.compile(r"flexhinf/cli/[^\n]*, in (?!<module>)")
 
 LEFT_OVERS = (".part", "flexhinf-new", "flexhinf-old", "flexhinf-lock")
 
@@ -278,11 +282,16 @@ def _command(folder: Path, number: signal.Signals, delay: float) -> str:
         _, errors = process.communicate(timeout=delay)
     except subprocess.TimeoutExpired:
         process.send_signal(number)
-        _, errors = process.communicate(timeout=PATIENCE_S)
+        try:
+            _, errors = process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return f"the process did not end in {PATIENCE_S:g} s"
     code = process.returncode
     if code not in (0, 1, -number, 128 + number, -signal.SIGINT):
         return f"exit code {code}"
-    if "Traceback" in errors and "flexhinf/cli" in errors:
+    if "Traceback" in errors and BEGUN.search(errors):
         return f"a traceback: {errors[-200:]!r}"
     written = (folder / "out").exists()
     if code in (0, 1) and not written:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis.batch import Rows, one_period
+from flexhinf.analysis.batch import Rows, near_rest, one_period, solved
 from flexhinf.robot import load_robot, paper_arm
 
 
@@ -59,3 +59,27 @@ def test_a_period_and_its_derivatives(name: str) -> None:
             e = 1e-4 * np.eye(n + m + k)[i]
             difference = (end(start + e) - end(start - e)) / 2e-4
             assert np.allclose(slope[row, :, i], difference, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["paper", "coil", "planar-two-link"])
+def test_a_period_near_a_rest_is_that_of_the_loop_there(name: str) -> None:
+    robot = load_robot("planar-two-link") if name == "planar-two-link" else paper_arm()
+    plant, steps = robot.plant(inductance=name == "coil"), 12
+    x, u = (np.array([value]) for value in robot.operating_point(0.4 * np.ones(len(robot.joint_names))))
+    x = np.hstack([x, np.zeros((1, plant.n - x.shape[1]))])
+    if name == "coil":
+        x[0, 4] = -plant.derivative(x[0], u[0])[4] / plant.linearise(x[0], u[0])[0][4, 4]
+    p = plant.parameters.vector()[None, :]
+    later, slope = near_rest(plant, 1e-3, steps, x, u, p)
+    exact, by = one_period(plant, 1e-3, steps, x, u, p)
+    assert np.allclose(later, x, atol=1e-12)
+    assert np.allclose(exact, x, atol=1e-12)
+    assert np.allclose(slope, by[:, :, : slope.shape[2]], rtol=1e-11, atol=1e-13)
+
+
+def test_a_singular_system_has_no_solution_and_the_others_have() -> None:
+    matrices = np.array([np.eye(2), np.zeros((2, 2)), 2.0 * np.eye(2)])
+    found = solved(matrices, np.ones((3, 2)))
+    assert np.allclose(found[[0, 2]], [[1.0, 1.0], [0.5, 0.5]])
+    assert np.isnan(found[1]).all()

@@ -11,6 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
+from flexhinf.analysis.frequency_search import crossings, highest_peak
 from flexhinf.analysis.margins import _gain_margins
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
@@ -58,7 +59,48 @@ def test_a_gain_margin_beyond_a_million_is_infinite(size: float, upper: float) -
     """Old code showed the rounding of a loop that is hardly there as a factor with 60 digits."""
     one = np.ones((1, 1))
     opened = DiscreteSystem(0.5 * one, -size * one, one, 0.0 * one, PERIOD)
-    assert _gain_margins(opened) == (0.0, pytest.approx(upper))
+    grid = opened.frequencies()
+
+    def factors(frequency: np.ndarray) -> np.ndarray:
+        return 1.0 / opened.response(frequency)[:, :, 0]
+
+    found = _gain_margins(factors, grid, factors(grid), math.pi / PERIOD, 1e-12)
+    assert found[0].tolist() == [0.0, pytest.approx(upper)]
+
+
+@pytest.mark.oracle
+def test_the_gain_of_an_unstable_plant_must_not_fall(made: SimpleNamespace) -> None:
+    """ẋ = x + u with u = −3 x is unstable below a third of the gain, at ω = 0: old code knew no such factor."""
+    plant = Plant(
+        lambda x, u, d, p: np.array([x[0] + u[0]]), lambda x, u, p: x, states=("level",), inputs=("flow",)
+    )
+    law = made.Gains(plant, [[3.0]], np.zeros(1), np.zeros(1))
+    found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
+    growth = math.exp(0.01)
+    assert found.gain_margins[0] == pytest.approx([1.0 / 3.0, (growth + 1.0) / (growth - 1.0) / 3.0])
+    assert found.gain_margin == pytest.approx(3.0)
+
+
+@pytest.mark.oracle
+def test_a_peak_and_a_zero_are_refined_to_the_last_digits() -> None:
+    """A resonance of 0.1 % damping between points 8 % apart: 1/(2 ζ √(1 − ζ²)) at √(1 − 2 ζ²)."""
+    zeta, grid = 1e-3, np.geomspace(0.01, 100.0, 120)
+    counted: list[int] = []
+
+    def size(w: np.ndarray) -> np.ndarray:
+        counted.append(len(w))
+        return 1.0 / np.abs(1.0 - w**2 + 2j * zeta * w)
+
+    peak, at = highest_peak(size, grid)
+    assert peak == pytest.approx(1.0 / (2.0 * zeta * math.sqrt(1.0 - zeta**2)), rel=1e-12)
+    assert at == pytest.approx(math.sqrt(1.0 - 2.0 * zeta**2), rel=1e-7)
+    assert sum(counted[1:]) < 30
+    found = crossings(lambda w: np.stack([np.sin(w), np.exp(w) - 2.0], axis=1), np.linspace(0.05, 10.0, 40))
+    zeros = [(0, math.pi), (0, 2.0 * math.pi), (0, 3.0 * math.pi), (1, math.log(2.0))]
+    assert [branch for branch, _ in sorted(found)] == [branch for branch, _ in zeros]
+    assert [w for _, w in sorted(found)] == pytest.approx([w for _, w in zeros], rel=1e-11)
+    ((_, jump),) = crossings(lambda w: np.where(w < 0.37, -1.0, 1.0)[:, None], np.linspace(0.0, 2.0, 8))
+    assert jump == pytest.approx(0.37, rel=1e-11)
 
 
 @pytest.mark.oracle

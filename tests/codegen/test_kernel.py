@@ -94,20 +94,25 @@ def test_two_kernels_of_one_program_live_side_by_side():
 def test_a_run_lets_other_threads_work():
     x, u = np.zeros(1), np.ones(1)
     bound = compile_program(PROGRAM).bind({"x": x, "u": u}, {"n": 30_000_000})
-    times = []
 
-    def run():
-        times.append(time.perf_counter())
-        bound()
-        times.append(time.perf_counter())
+    def moments_of_this_thread() -> int:
+        """How often this thread looked at the clock in the middle half of a run in another one."""
+        ends, moments = [], []
 
-    thread = threading.Thread(target=run)
-    last, longest_wait = time.perf_counter(), 0.0
-    thread.start()
-    while thread.is_alive():
-        now = time.perf_counter()
-        last, longest_wait = now, max(longest_wait, now - last)
-    assert longest_wait < 0.5 * (times[1] - times[0])
+        def run():
+            ends.append(time.perf_counter())
+            bound()
+            ends.append(time.perf_counter())
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        while thread.is_alive():
+            moments.append(time.perf_counter())
+        quarter = 0.25 * (ends[1] - ends[0])
+        return sum(ends[0] + quarter < moment < ends[1] - quarter for moment in moments)
+
+    # a busy machine may not let this thread run at all during a run; one that held the interpreter never would
+    assert any(moments_of_this_thread() > 10 for _ in range(5))
 
 
 def test_threads_run_one_kernel_on_arrays_of_their_own():

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import margins
 from flexhinf.design import Specification
-from flexhinf.design.along_move import AlongMove, Least, acting, margins_along, scheduled
+from flexhinf.design.along_move import AlongMove, Least, margins_along, scheduled
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.move_evaluation import margins_requirements
 from flexhinf.loop import Schedule, Waypoints
@@ -100,5 +100,5 @@ def test_the_law_that_acts_is_chosen_by_the_joints_that_are_tracked(setup: LoopS
         return fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
 
     laws = [law((0.0, 0.0)), law((0.0, 1.0))]
-    assert acting(Schedule(laws), np.array([1.0, 0.1])) == (0, laws[0])
-    assert acting(Schedule(laws), np.array([0.1, 0.9])) == (1, laws[1])
+    assert Schedule(laws).acting(np.array([1.0, 0.1])) == 0
+    assert Schedule(laws).acting(np.array([0.1, 0.9])) == 1

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomlkit
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_schema, load_design, read_request
 from flexhinf.design.design_file import is_design_file
-from flexhinf.design.design_file_text import request_text
+from flexhinf.design.design_file_text import request_document
 from flexhinf.design.specification import FIELDS
 from flexhinf.plant import Penalty
 
@@ -71,7 +72,8 @@ def names() -> list[str]:
 def written(folder: Path, specification: Specification, **places: Any) -> Path:
     file = folder / "design.toml"
     file.write_text(
-        request_text(specification, **{"robot": "paper", **places}, folder=folder), encoding="utf-8"
+        tomlkit.dumps(request_document(specification, **{"robot": "paper", **places}, folder=folder)),
+        encoding="utf-8",
     )
     return file
 
@@ -158,13 +160,13 @@ def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tm
     _, read = load_design(tmp_path / "mine.toml")
     assert read.move.columns() == {"time": [0.0, 0.5], "joint": [0.0, pytest.approx(np.pi / 2)]}
     with pytest.raises(fh.InvalidInput, match="move that is a signal"):
-        request_text(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
+        request_document(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
 
 
 @pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, [1.0, 2.0])])
 def test_what_a_file_cannot_hold_is_refused(penalty: Any, tmp_path: Path) -> None:
     with pytest.raises(fh.InvalidInput, match="design file"):
-        request_text(Specification(penalty=penalty), "paper")
+        request_document(Specification(penalty=penalty), "paper")
 
 
 def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,7 +287,10 @@ def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
 
 def test_a_payload_of_the_command_line_stands_in_the_file_and_wins_over_it(tmp_path: Path) -> None:
     file = tmp_path / "design.toml"
-    file.write_text(request_text(Specification(), "paper", None, tmp_path, "0..0.2kg"), encoding="utf-8")
+    file.write_text(
+        tomlkit.dumps(request_document(Specification(), "paper", None, tmp_path, "0..0.2kg")),
+        encoding="utf-8",
+    )
     asked = read_request(file)
     assert asked.payload == "0..0.2kg"
     assert asked.robot["payload_mass"].interval == (0.0, 0.2)

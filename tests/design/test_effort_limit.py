@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import Specification, design
+from flexhinf.design import Specification, design, effort_limit
 from flexhinf.design.effort_limit import WIDTH, problem_within_effort
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.weights.choose import choose
@@ -61,6 +61,23 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
 
 
+def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[np.ndarray] = []
+    whole = effort_limit.sampled_runs
+
+    def counted(*given: Any) -> Any:
+        looked.append(whole(*given).inputs.max())
+        return whole(*given)
+
+    monkeypatch.setattr(effort_limit, "sampled_runs", counted)
+    found = choose_within_effort(robot_of("paper"), asked(peak_effort=15.0, draws=12, duration=1.0))
+    assert found.target is not None
+    assert len(looked) == 2
+    assert looked[0] > 15.0 >= looked[1]
+
+
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:
     robot = robot_of("paper")
     with pytest.raises(InvalidInput) as refused:
@@ -95,6 +112,26 @@ def test_a_pose_that_the_motor_cannot_hold_is_refused_before_any_work(
     with pytest.raises(InvalidInput, match="cannot hold this pose") as refused:
         design(robot_of("paper"), asked(**{option: 10.0}, **poses), told.append)
     assert re.search(r"at most 10 V, got 10\.[89]", str(refused.value))
+    assert len(told) == 1
+
+
+def test_a_step_to_where_it_starts_is_refused_before_any_work(robot_of: Named) -> None:
+    told: list[str] = []
+    with pytest.raises(InvalidInput, match="nothing to move"):
+        design(robot_of("paper"), asked(pose=(0.3,), start=(0.3,)), told.append)
+    assert len(told) == 1
+
+
+def test_a_dead_zone_as_large_as_the_step_is_refused_before_any_work(robot_of: Named) -> None:
+    told: list[str] = []
+    with pytest.raises(
+        InvalidInput, match=r"dead zone of joint 'elbow' is as large(.|\n)*less than 0.2 rad, got 10"
+    ):
+        design(
+            robot_of("planar-two-link"),
+            asked(pose=(0.3, 0.2), start=(0.3, 0.4), integral_dead_zone=(10.0, 10.0)),
+            told.append,
+        )
     assert len(told) == 1
 
 

@@ -60,6 +60,12 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     )
     (note,) = rest.remarks(cast(Design, design))
     assert "errors up to 1 mrad in shoulder are not integrated" in note
+    # A zone of a hundredth of the step that is too narrow: old code said nothing of it.
+    first = run.without
+    design.rest = replace(first, tried=replace(first, dead_zone=run.dead_zone))
+    (note,) = rest.remarks(cast(Design, design))
+    assert "Errors up to 1 mrad in shoulder left unintegrated do not end it: shoulder by ±" in note
+    assert "no dead zone above 1 % of the joint's step" in note
     kept, stated = brought_to_rest(with_options(setup, integral_dead_zone=0.0))
     assert stated is not None
     assert stated.hunts

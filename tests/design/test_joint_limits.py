@@ -21,6 +21,7 @@ from flexhinf.design.joint_limits import ROBOT, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import plan_move
 from flexhinf.design.specification import FIELDS, SpecificationError
+from flexhinf.design.synthesis import _refuse_early
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]
@@ -55,7 +56,10 @@ def test_a_pose_that_a_joint_cannot_hold_within_its_own_limit_is_refused_before_
     with pytest.raises(InvalidInput, match="joint 'elbow' cannot hold this pose") as refused:
         design(own, Specification(pose=(1.2, 0.2)), told.append)
     assert ROBOT in refused.value.found
-    assert "a larger --peak-effort" in error_text(refused.value)
+    assert "is it a placeholder?" in refused.value.found
+    assert "a larger --peak-effort and --saturation (inf: no limit)" in error_text(refused.value)
+    free = Specification(peak_effort=np.inf, saturation=np.inf)
+    _refuse_early(own, free, np.array([1.2, 0.2]), np.zeros(2))
     assert "a larger --peak-voltage" in error_text(refused.value, ["--peak-voltage", "3"])
     assert len(told) == 1
     asked = Specification(pose=(1.2, 0.2), peak_effort=(100.0, 100.0), saturation=(100.0, 0.9 * held[1]))
@@ -133,6 +137,27 @@ def test_only_the_joints_beyond_a_limit_become_slower(robot_of: Named) -> None:
     assert search.slower(np.ones(2), search.tried(np.ones(2))[1])[0] is None
 
 
+def test_a_bandwidth_that_sampled_robots_do_not_confirm_is_lowered(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = joint_limits(robot_of("planar-two-link"), Specification(peak_effort=(10.0, 1.0)))
+    search = _Model(limits, np.array([5.0, 1.0]))
+    asked: list[np.ndarray] = []
+
+    def peaks(best: Any) -> _Peaks:
+        asked.append(best)
+        return _Peaks(1.1 * search.size * best**2, np.zeros(2), limits)
+
+    monkeypatch.setattr(search, "peaks", peaks)
+    best, fractions = search.confirmed(np.ones(2), np.ones(2), np.ones(2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(fractions, (1.0 - WIDTH) ** 2 * np.ones(2))
+    np.testing.assert_array_equal(best, fractions)  # type: ignore[arg-type]
+    assert len(asked) == 3
+    search = _Model(limits, np.array([5.0, 1.0 / (0.9 * LEAST) ** 2]))
+    monkeypatch.setattr(search, "peaks", peaks)
+    assert search.confirmed(np.ones(2), np.ones(2), np.ones(2))[0] is None  # type: ignore[arg-type]
+
+
 # Sensors --------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("quantisation", "steps"),
@@ -174,6 +199,19 @@ def test_a_unit_that_no_sensor_has_is_refused_per_signal_too() -> None:
     with pytest.raises(SpecificationError, match="in its own unit"):
         Specification(measured=("motor_position",), quantisation="0.1Nm,0.1Nm")  # type: ignore[arg-type]
     Specification(measured=("motor_position",), quantisation="1rad,1rad")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [(1e29, "at most 6.28319 rad"), ((1e-3, 1e7), "'joint_torque_elbow' leaves nothing")],
+)
+def test_a_step_beyond_the_whole_range_is_refused_before_any_work(
+    robot_of: Named, steps: Any, message: str
+) -> None:
+    s = Specification(measured=("motor_position_elbow", "joint_torque_elbow"), quantisation=steps)
+    with pytest.raises(SpecificationError) as refused:
+        design(robot_of("planar-two-link"), s)
+    assert message in str(refused.value)
 
 
 def test_the_loop_quantises_each_signal_by_its_own_step(setup_of: Callable[..., LoopSetup]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.move_evaluation import move_requirements, tracking_limits
 from flexhinf.design.plans import stated_move, step_command
 from flexhinf.errors import InvalidInput
 
@@ -69,6 +71,13 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
     assert error.limit == pytest.approx(0.05 * dict(zip(setup.joints, move.ways))[error.joint])
 
 
+def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Callable[[str], Any]) -> None:
+    """Its way along the move is rounding: 5 % of 5e-16 rad were required."""
+    robot, s = robot_of("cart"), Specification()
+    move: Any = SimpleNamespace(ways=np.array([0.04, 5e-16]))
+    np.testing.assert_allclose(tracking_limits(s, joint_limits(robot, s), move), [2e-3, 5e-4])
+
+
 def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:
     setup = setup_of(
         "planar-two-link", (0.4, -0.3), estimator="none", move=WAY, tracking_error=("1e-9", "10deg")
@@ -99,6 +108,13 @@ def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) ->
         ),
         ({"move": WAY, "saturation": 3.0}, "more of joint", "times as far apart in time"),
         ({"move": {**WAY, "time": [0.0, 1e5, 2e6]}}, "takes too long", "ms"),
+        ({"move": {**WAY, "time": [0.0, 1e-4, 1e-3]}}, "is too short", "seconds"),
+        ({"move": {**WAY, "time": [0.0, 1e-300, 1.0]}}, "too near to each other in time", "seconds"),
+        (
+            {"move": {**WAY, "time": [0, 0.1, 2]}, "shaping": "jerk-limited"},
+            "smoothing of a motion",
+            "shaping='jump'",
+        ),
         ({"move": {"time": [0, 1], "elbow": [0, 1]}}, "one column for each", "shoulder"),
     ],
 )

@@ -71,7 +71,16 @@ def test_what_is_no_motion_is_refused(text: str, message: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "value", [3, [1.0, 2.0], "", {"time": [0.0, 1.0], "a": [0.0]}, {1: [0.0, 1.0], "time": [0.0, 1.0]}]
+    "value",
+    [
+        3,
+        [1.0, 2.0],
+        "",
+        {"time": [0.0, 1.0], "a": [0.0]},
+        {1: [0.0, 1.0], "time": [0.0, 1.0]},
+        {"time": [0, 1], "a": [0, True]},
+        {"time": np.array([False, True]), "a": (0.0, 1.0)},
+    ],
 )
 def test_what_is_no_table_is_refused(value: Any) -> None:
     with pytest.raises(ValueError, match=r"move|waypoints"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,18 @@ def shipped(request: pytest.FixtureRequest) -> Robot:
     from flexhinf.robot import load_robot
 
     return load_robot(request.param)
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., Path]:
+    """A file of a robot with this text: TOML, or MJCF, which begins with <."""
+
+    def file(text: str, name: str = "") -> Path:
+        path = tmp_path / (name or ("arm.xml" if text.lstrip().startswith("<") else "arm.toml"))
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return file
 
 
 @pytest.fixture

@@ -77,16 +77,6 @@ JOINTS = "name = 'own'\nlocked = { finger = 0.03, other = 0.0 }\n" + "".join(
 )
 
 
-@pytest.fixture
-def write(tmp_path):
-    def file(text, name="arm.xml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return file
-
-
 def rigid(path, locked=None):
     return read_mjcf(read_xml(path), path.name, None, locked)
 
@@ -193,6 +183,13 @@ def test_a_limit_that_is_switched_off_is_none(write):
 
 def test_wrong_names_and_missing_elastic_data_are_refused(write):
     path = write(ARM)
+    for joints, locked, words in (
+        (["elbow"], {"elbow": 0.1}, "both chosen and locked"),
+        (["elbw"], {}, r"no joint 'elbw' that could move(.|\n)*try:   'elbow'"),
+        (None, {"elbow": 2.0}, r"'elbow' is locked outside its limits(.|\n)*-1.5708 to 0.785398, got 2"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            read_mjcf(read_xml(write(ARM)), "arm.xml", joints, locked)
     with pytest.raises(InvalidInput, match="no joint 'elbw' that could move"):
         read_mjcf(read_xml(path), path.name, ["elbw"])
     with pytest.raises(InvalidInput, match="says nothing about elastic joints"):

@@ -50,16 +50,6 @@ box = [0.1, 0.2, 0.3]
 """
 
 
-@pytest.fixture
-def write(tmp_path):
-    def file(text, name="arm.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return file
-
-
 def test_a_payload_is_part_of_its_link_at_any_mass(write):
     alone, loaded = load_robot(write(ARM)), load_robot(write(BOX + ARM))
     own, centre = alone.plant_parameters(), np.array([0.0, 0.3, 0.1])

@@ -78,6 +78,22 @@ def test_what_is_probably_in_another_unit_is_asked_or_refused(tmp_path, changes,
     assert time.process_time() - begun < 1.0
 
 
+@pytest.mark.parametrize("mass", ["1e29kg", "0..1e29kg", "600"])
+def test_a_payload_of_many_times_the_robots_mass_is_refused(mass):
+    """The spring was blamed, and a range taken whatever its upper end."""
+    with pytest.raises(
+        InvalidInput, match=r"the payload is \S+ times as heavy as the robot(.|\n)*were grams meant"
+    ):
+        load_robot("planar-two-link", payload=mass)
+
+
+def test_a_heavy_payload_is_asked_about_and_named_where_a_spring_twists():
+    with pytest.warns(RobotFileWarning, match=r"20 times as heavy(.|\n)*0.1kg for 100 g"):
+        load_robot("planar-two-link", payload="0..100kg")
+    with pytest.warns(RobotFileWarning), pytest.raises(InvalidInput, match="own weight and its payload's"):
+        load_robot("planar-two-link", payload="100kg")
+
+
 def test_usual_numbers_are_not_asked_about(tmp_path):
     assert loaded(tmp_path).nominal["stiffness"] == 400.0
     assert loaded(tmp_path, gravity=0.0, down=[0, 0, -1]).nominal["gravity"] == 0.0

@@ -54,16 +54,6 @@ friction = 0.3
 """
 
 
-@pytest.fixture
-def write(tmp_path):
-    def file(text, name="arm.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return file
-
-
 def test_the_catalogue_holds_these_robots_and_loads_them_by_name():
     assert set(catalogue()) == {
         "paper", "quanser-rotflex", "vertical-rig", "planar-two-link", "spatial-three-link", "seven-link",

@@ -19,13 +19,7 @@ from flexhinf.analysis.dissipation_budget import (
 from flexhinf.analysis.dissipation_corners import DissipationCorners, LinearCorners, dissipation_corners
 from flexhinf.analysis.disturbance_runs import Attained
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.filtered_loop import (
-    FilteredLoop,
-    LoopFigures,
-    bandwidth_of,
-    compliance_of,
-    gain_margins_of,
-)
+from flexhinf.analysis.filtered_loop import FilteredLoop
 from flexhinf.analysis.frequency_response import FrequencyResponse, frequency_response
 from flexhinf.analysis.law_batch import LawRows
 from flexhinf.analysis.linear_loop import LinearLoop, Modes
@@ -53,9 +47,9 @@ from flexhinf.analysis.worst_disturbance import DisturbanceSearch, worst_disturb
 __all__ = [
     "ALL_STATES", "FORMS", "LINK_VELOCITIES", "MOTOR_VELOCITIES", "VELOCITIES", "Attained", "BudgetTerm",
     "DiscreteSystem", "DissipationBudget", "DissipationCorners", "DisturbanceSearch", "EquilibriumLoop",
-    "FilteredLoop", "FrequencyResponse", "GrowthRates", "LawRows", "LinearCorners", "LinearLoop", "LoopFigures",
-    "Margins", "Modes", "Population", "ProcessNoise", "ToleranceCorners", "bandwidth_of", "budget_terms",
-    "compliance_of", "corner_plants", "corner_population", "corners", "destabilising_scale",
-    "dissipation_budget", "dissipation_corners", "frequency_response", "gain_margins_of", "growth_rates",
+    "FilteredLoop", "FrequencyResponse", "GrowthRates", "LawRows", "LinearCorners", "LinearLoop",
+    "Margins", "Modes", "Population", "ProcessNoise", "ToleranceCorners", "budget_terms",
+    "corner_plants", "corner_population", "corners", "destabilising_scale",
+    "dissipation_budget", "dissipation_corners", "frequency_response", "growth_rates",
     "margins", "standard_noises", "tolerance_corners", "worst_disturbance",
 ]  # fmt: skip

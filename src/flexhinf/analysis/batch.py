@@ -22,7 +22,7 @@ from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import Plant
 from flexhinf.scalars import drop_empty
 
-__all__ = ["Dual", "Rows", "one_period", "stacked", "variables"]
+__all__ = ["Dual", "Rows", "near_rest", "one_period", "solved", "stacked", "variables"]
 
 
 class Rows:
@@ -140,6 +140,50 @@ def one_period(
     return later[:, :n], slope[:, :n]
 
 
+def near_rest(
+    plant: Plant, period: float, sub_steps: int, x: np.ndarray, u: np.ndarray, p: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The plant linearised where it is, one period later: that of `one_period` where it rests, at a tenth of the work.
+
+    All stages of a Runge–Kutta step from a rest are at that rest, so the derivative of N sub-steps h by (x, u) is
+
+        R(hM)^N,   R(z) = 1 + z + z²/2 + z³/6 + z⁴/24,   M = [A B; 0 0],
+
+    with A = ∂f/∂x and B = ∂f/∂u there. Elsewhere the plant moves by R with f as another input: Newton's method with
+    these values and slopes has the same zeros, and converges to them at the same order.
+
+    Parameters
+    ----------
+    plant : Plant
+        Without `arrest`, which no linearisation has.
+    x, u, p
+        As for `one_period`; no disturbance.
+
+    Returns
+    -------
+    later, slope : (N, n) and (N, n, n + m) arrays
+    """
+    (count, n), m = x.shape, u.shape[1]
+    rows = Rows(("flow", plant.code_key), lambda: _flow(plant))
+    value, slope = rows(np.hstack([x, u]), p)
+    h, unit = period / sub_steps, np.eye(n + m + 1)
+    moving = np.zeros((count, n + m + 1, n + m + 1))
+    moving[:, :n, : n + m], moving[:, :n, n + m] = h * slope, h * value
+    after = unit + moving / 4.0
+    for k in (3.0, 2.0, 1.0):
+        after = unit + moving @ after / k
+    after = np.linalg.matrix_power(after, sub_steps)
+    return x + after[:, :n, n + m], after[:, :n, : n + m]
+
+
+def _flow(plant: Plant) -> ca.Function:
+    """((x, u), p) → f without disturbances."""
+    n, m = plant.n, len(plant.inputs)
+    moving, held = ca.SX.sym("moving", n + m), ca.SX.sym("held", plant.parameters.size)
+    flow = plant.traced_flow(moving[:n], moving[n:], ca.SX.zeros(len(plant.disturbances)), held)
+    return ca.Function("flow", [moving, held], [ca.densify(flow)])
+
+
 def _sub_step(plant: Plant) -> ca.Function:
     """((x, u, d), (step, p)) → the same one sub-step later: u and d stay."""
     n, m, k = plant.n, len(plant.inputs), len(plant.disturbances)
@@ -147,6 +191,16 @@ def _sub_step(plant: Plant) -> ca.Function:
     d = moving[n + m :]
     after = rk4_function(plant)(moving[:n], moving[n : n + m], ca.vertcat(d, d, d), held)
     return ca.Function("sub_step", [moving, held], [ca.densify(ca.vertcat(after, moving[n:]))])
+
+
+def solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Solutions (N, k) of many systems (N, k, k); NaN where a matrix is singular."""
+    try:
+        return np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(vectors.shape, np.nan)
+        return np.vstack([solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])
 
 
 @dataclass(frozen=True)
@@ -191,13 +245,13 @@ class Dual:
         return Dual(value, slope @ self.by)
 
 
-def variables(*values: np.ndarray) -> tuple[Dual, ...]:
-    """The variables themselves: arrays (N, k) that follow each other."""
-    width = sum(value.shape[1] for value in values)
-    unit, start, found = np.eye(width), 0, []
+def variables(*values: np.ndarray, width: int | None = None) -> tuple[Dual, ...]:
+    """The variables themselves: arrays (N, k) that follow each other; derivatives by the first `width` numbers only."""
+    unit = np.eye(sum(value.shape[1] for value in values))[:, :width]
+    start, found = 0, []
     for value in values:
         stop = start + value.shape[1]
-        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), stop - start, width))))
+        found.append(Dual(value, np.broadcast_to(unit[start:stop], (len(value), *unit[start:stop].shape))))
         start = stop
     return tuple(found)
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from flexhinf.analysis.delayed_poles import OneDelayedLoop
 from flexhinf.analysis.discrete_system import TRIANGULAR, SampledSystem
+from flexhinf.analysis.frequency_search import highest_peak
 from flexhinf.errors import NumericalFailure
 
 __all__ = ["DelayedSystem"]
@@ -27,9 +28,8 @@ PER_TURN, SEEN = 12, 1e-3
 #: Gauss points of a panel, halvings of panels, and the relative accuracy of a variance.
 GAUSS, HALVINGS, VARIANCE = 10, 30, 1e-11
 
-#: Peaks that are refined: those above this fraction of the largest; points, refinements, and rounds of finer grids
-#: until the largest grows by less than `ACCURACY`.
-NEAR, POINTS, REFINEMENTS, ROUNDS, ACCURACY = 0.9, 9, 12, 6, 1e-9
+#: Rounds of finer grids until the largest value grows by less than `ACCURACY`.
+ROUNDS, ACCURACY = 6, 1e-9
 
 #: Complex numbers that are held at once.
 NUMBERS = 2_000_000
@@ -246,7 +246,7 @@ class DelayedSystem(SampledSystem):
             return np.inf, np.nan
         grid = np.concatenate([[0.0], self.frequencies()])
         sizes = self._sizes(grid)
-        best, at = self._refined(grid, sizes)
+        best, at = highest_peak(self._sizes, grid, sizes)
         for _ in range(ROUNDS):
             between = 0.5 * (grid[1:] + grid[:-1])
             kept = np.maximum(sizes[1:], sizes[:-1]) >= 0.5 * best
@@ -254,7 +254,7 @@ class DelayedSystem(SampledSystem):
             grid = np.concatenate([grid, between[kept]])[order]
             sizes = np.concatenate([sizes, self._sizes(between[kept])])[order]
             before = best
-            best, at = max((best, at), self._refined(grid, sizes))
+            best, at = max((best, at), highest_peak(self._sizes, grid, sizes))
             if best <= before * (1.0 + ACCURACY):
                 break
         return best, at
@@ -262,18 +262,3 @@ class DelayedSystem(SampledSystem):
     def _sizes(self, frequency: np.ndarray) -> np.ndarray:
         """Largest singular value, (F,)."""
         return np.linalg.norm(self.response(frequency), 2, axis=(1, 2))
-
-    def _refined(self, grid: np.ndarray, sizes: np.ndarray) -> tuple[float, float]:
-        """Largest of all high peaks of a sweep, each refined between its neighbours, and where."""
-        around = np.concatenate([[-np.inf], sizes, [-np.inf]])
-        high = (sizes >= around[:-2]) & (sizes >= around[2:]) & (sizes >= NEAR * sizes.max())
-        peaks = np.flatnonzero(high)
-        low, up = grid[np.maximum(peaks - 1, 0)], grid[np.minimum(peaks + 1, len(grid) - 1)]
-        shares = np.linspace(0.0, 1.0, POINTS)
-        for _ in range(REFINEMENTS):
-            at = low[:, None] + (up - low)[:, None] * shares
-            values = self._sizes(at.ravel()).reshape(at.shape)
-            k, rows = values.argmax(axis=1), np.arange(len(at))
-            low, up = at[rows, np.maximum(k - 1, 0)], at[rows, np.minimum(k + 1, POINTS - 1)]
-        which = int(values.max(axis=1).argmax())
-        return float(values[which].max()), float(at[which, k[which]])

@@ -54,12 +54,15 @@ class SampledSystem(ABC):
 
     def frequencies(self, count: int = 300) -> np.ndarray:
         """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
-        top = np.pi / self.period
+        return np.union1d(np.geomspace(1e-4, np.pi / self.period, count), self.near_poles())
+
+    def near_poles(self) -> np.ndarray:
+        """Frequencies closely around each eigenvalue, rad/s, ascending."""
         exponents = self.poles[np.imag(self.poles) >= 0.0]
         offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
         near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
-        every = np.concatenate([np.geomspace(1e-4, top, count), near.ravel(), np.abs(exponents)])
-        return np.unique(every[(every > 0.0) & (every <= top)])
+        every = np.concatenate([near.ravel(), np.abs(exponents)])
+        return np.unique(every[(every > 0.0) & (every <= np.pi / self.period)])
 
     @property
     def damping(self) -> tuple[float, float]:
@@ -97,6 +100,8 @@ class DiscreteSystem(SampledSystem):
     @cached_property
     def multipliers(self) -> np.ndarray:
         """Eigenvalues of a, (n,): what one period makes of each mode."""
+        if "_schur" in vars(self):
+            return np.diagonal(self._schur[0])
         return np.linalg.eigvals(self.a).astype(complex)
 
     @property
@@ -118,12 +123,14 @@ class DiscreteSystem(SampledSystem):
             self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.period
         )
         vars(part)["multipliers"] = self.multipliers  # of the same a: not computed again
+        if len(self.a) > TRIANGULAR:
+            vars(part)["_schur"] = self._schur
         return part
 
     def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
         """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs."""
         z = np.exp(1j * np.atleast_1d(frequency) * self.period)
-        if len(self.a) > TRIANGULAR and len(z) > 2:
+        if len(self.a) > TRIANGULAR and ("_schur" in vars(self) or len(z) > 2):
             return self._triangular_response(z, inputs)
         shifted = z[:, None, None] * np.eye(len(self.a)) - self.a
         return self.c @ np.linalg.solve(shifted, self.b[:, inputs].astype(complex)) + self.d[:, inputs]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.batch import Rows, one_period
+from flexhinf.analysis.batch import Rows, near_rest, solved
 from flexhinf.analysis.delayed_poles import DelayedPoles
 from flexhinf.analysis.law_batch import equilibrium_integrals
 from flexhinf.analysis.linear_loop import LinearLoop, Modes
@@ -31,6 +31,9 @@ __all__ = ["EquilibriumLoop"]
 
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
+
+#: So many entries of the loops' matrices are computed at once: they fit the memory near the processor.
+AT_ONCE = 300_000
 
 
 class EquilibriumLoop:
@@ -188,21 +191,22 @@ class EquilibriumLoop:
         return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
     def stepped(
-        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
+        self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, outside: bool = True
     ) -> tuple[Stepped, np.ndarray]:
-        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m)."""
+        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives
+        by command and centre where what comes from `outside` counts."""
         n, place = self.plant.n, self.step.places["u"]
         x, memory = z[:, :n], z[:, n:]
         y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)
         command = np.broadcast_to(self.command, (len(z), self.step.k))
-        return self.step.step(memory, y, command, self.centre, fixed), by_y
+        return self.step.step(memory, y, command, self.centre, fixed, outside=outside), by_y
 
     def _period(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s)."""
+        """z (N, n + s) one period later, and the Jacobian (N, n + s, n + s): where it rests, exactly."""
         n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
-        stepped, by_y = self.stepped(z, vectors, fixed)
+        stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
 
         def by_z(by: np.ndarray) -> np.ndarray:
             through = by[:, :, s : s + p] @ by_y
@@ -210,8 +214,8 @@ class EquilibriumLoop:
             whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
             return whole
 
-        x, slope = one_period(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
-        moved = slope[:, :, n : n + self.step.m] @ by_z(stepped.u.by)
+        x, slope = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        moved = slope[:, :, n:] @ by_z(stepped.u.by)
         moved[:, :, :n] += slope[:, :, :n]
         after = np.hstack([x, stepped.memory.value])
         return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
@@ -219,8 +223,8 @@ class EquilibriumLoop:
     def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> DelayedPoles:
         """One period with `delay` inputs waiting, by (true plant, input that acted last, memory), N times."""
         n, m, s, p, count = self.plant.n, self.step.m, self.step.size, self.step.p, len(z)
-        stepped, by_y = self.stepped(z, vectors, fixed)
-        _, moved = one_period(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
+        _, moved = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
 
         def by_state(by: np.ndarray) -> np.ndarray:
             return np.concatenate([by[:, :, s : s + p] @ by_y, by[:, :, :s]], axis=2)
@@ -228,7 +232,7 @@ class EquilibriumLoop:
         size = n + m + s
         a, e = np.zeros((count, size, size)), np.zeros((count, size, m))
         a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_state(stepped.memory.by)
-        e[:, :n], e[:, n : n + m] = moved[:, :, n : n + m], np.eye(m)
+        e[:, :n], e[:, n : n + m] = moved[:, :, n:], np.eye(m)
         return DelayedPoles(a, e, by_state(stepped.u.by), self.delay)
 
     # Rest ----------------------------------------------------------------------------------------------
@@ -301,9 +305,21 @@ class EquilibriumLoop:
             is NaN, and by default, the nominal plant's.
         """
         vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
-        z, slope, found = self._equilibrium(vectors, process_noise, near)
+        fixed = self._fixed(process_noise)
+        if self.delay:  # poles of a delayed loop are found from its neighbours'
+            return self._modes(vectors, fixed, near)
+        own, parts = fixed is not None and fixed.ndim == 2, []
+        each = max(1, AT_ONCE // self.states**2)
+        for k in range(0, max(1, len(vectors)), each):
+            at = slice(k, k + each)
+            gains = fixed[at] if own and fixed is not None else fixed
+            parts.append(self._modes(vectors[at], gains, None if near is None else near[at]))
+        return Modes.joined(parts)
+
+    def _modes(self, vectors: np.ndarray, fixed: np.ndarray | None, near: np.ndarray | None) -> Modes:
+        z, slope, found = self._equilibrium(vectors, fixed, near)
         if self.delay and found.any():
-            some = self._delayed(z, vectors, self._fixed(process_noise)).part(np.flatnonzero(found)).largest()
+            some = self._delayed(z, vectors, fixed).part(np.flatnonzero(found)).largest()
         else:
             some = np.linalg.eigvals(slope[found])
         multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
@@ -329,15 +345,15 @@ class EquilibriumLoop:
         return self._linear_at({}, None)
 
     def _linear_at(self, values: Mapping[str, Any], process_noise: np.ndarray | None) -> LinearLoop:
-        vectors = self.vectors([values])
-        z, _, found = self._equilibrium(vectors, process_noise)
+        vectors, fixed = self.vectors([values]), self._fixed(process_noise)
+        z, _, found = self._equilibrium(vectors, fixed)
         if not found[0]:
             raise NumericalFailure(
                 "The loop has no equilibrium with this plant.",
                 f"none was found near the goal {np.array2string(self.command, precision=6)}",
                 "another law or goal",
             )
-        stepped, by_y = self.stepped(z, vectors, self._fixed(process_noise))
+        stepped, by_y = self.stepped(z, vectors, fixed)
         return LinearLoop.of(self, z[0], vectors[0], stepped, by_y[0])
 
     def vectors(self, values: Sequence[Mapping[str, Any]]) -> np.ndarray:
@@ -356,7 +372,7 @@ class EquilibriumLoop:
         return np.repeat(gains, np.diff([*first, len(process_noise)]), axis=0)
 
     def _equilibrium(
-        self, vectors: np.ndarray, process_noise: np.ndarray | None, near: np.ndarray | None = None
+        self, vectors: np.ndarray, fixed: np.ndarray | None, near: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(equilibrium, Jacobian there, whether it was found), all plants at once."""
         count, k = len(vectors), self.plant.n + self.step.size
@@ -366,28 +382,18 @@ class EquilibriumLoop:
             return np.full((count, k), np.nan), np.zeros((count, k, k)), np.zeros(count, bool)
         if near is not None:
             z = np.where(np.isfinite(near).all(axis=1, keepdims=True), near, z)
-        fixed = self._fixed(process_noise)
         slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
         for _ in range(ITERATIONS):
-            later, slope = self._period(z, vectors, fixed)
+            with np.errstate(over="ignore", invalid="ignore"):  # far from any rest: not fine, below
+                later, slope = self._period(z, vectors, fixed)
             flat, gap = slope.reshape(count, -1), later - z
             fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
             size[~fine] = np.inf
             if not fine.any() or np.all(size[fine] <= LAST_STEP):
                 break
-            move = _solved((np.eye(k) - slope)[fine], gap[fine])
-            solved = np.isfinite(move.sum(axis=1))
-            z[fine] += np.where(solved[:, None], move, 0.0)
+            move = solved((np.eye(k) - slope)[fine], gap[fine])
+            finite = np.isfinite(move.sum(axis=1))
+            z[fine] += np.where(finite[:, None], move, 0.0)
             scale = np.maximum(1.0, np.abs(z[fine]).max(axis=1))
-            size[fine] = np.where(solved, np.abs(move).max(axis=1) / scale, np.inf)
+            size[fine] = np.where(finite, np.abs(move).max(axis=1) / scale, np.inf)
         return z, slope, size <= LAST_STEP
-
-
-def _solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Solutions (N, k); NaN where a matrix is singular: that loop has no equilibrium of its own."""
-    try:
-        return np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full(vectors.shape, np.nan)
-        return np.vstack([_solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])

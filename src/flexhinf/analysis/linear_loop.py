@@ -9,6 +9,7 @@ u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -226,6 +227,14 @@ class Modes:
     period: float
     equilibrium: np.ndarray
     multipliers: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence[Modes]) -> Modes:
+        """Of the plants of several, whose loops have as many multipliers."""
+        equilibria, multipliers = (
+            [getattr(part, name) for part in parts] for name in ("equilibrium", "multipliers")
+        )
+        return Modes(parts[0].period, np.concatenate(equilibria), np.concatenate(multipliers))
 
     @property
     def radius(self) -> np.ndarray:

@@ -10,12 +10,9 @@ S = (1 + L)⁻¹ from w to u + w is the sensitivity, its largest singular value 
 distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is what
 sensors cost the motors. All figures are those of the running loop: sampled, with its estimator and its own delay.
 
-The delay margin is the largest extra delay of all inputs, delays between samples included. Broken at the plant's
-input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact (`LinearLoop.held`). It is on the edge where an
-eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the frequencies with |λ(L_φ)| = 1 are found, their phase
-gives j as a real number, and Newton's method brings ω and the delay together. The smallest delay is checked by the
-multipliers of the closed loop before it, which are counted; should any have left the unit circle there, it is bisected
-down to where they do.
+With the other inputs closed, S_ii = 1/(1 + L_i) and T_ii = L_i/(1 + L_i), so the loop at input i is on the edge of
+stability with its gain times k = −1/L_i = −S_ii/T_ii wherever that is real and positive. One sweep of the running loop
+therefore shows the peak of S and the gain margins of all inputs.
 """
 
 from __future__ import annotations
@@ -27,128 +24,118 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.delay_margin import delay_margin
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
+from flexhinf.analysis.frequency_search import ACCURACY, highest_peak, refined_crossings, sign_changes
 from flexhinf.analysis.linear_loop import LinearLoop
 
-__all__ = ["Margins", "crossings", "delay_margin", "margins"]
-
-#: Halvings of the bracket of a crossing: to the last digits.
-BISECTIONS = 50
-
-#: Fractions of a period at which crossings of the delayed loop are looked for.
-FRACTIONS = (0.0, 0.25, 0.5, 0.75)
-
-#: Newton steps, their finite differences (relative), and the size of |λ − 1| at the end.
-ITERATIONS, DIFFERENCE, CLOSE = 30, 1e-6, 1e-9
-
-#: The closed loop is checked at this fraction of the extra delay found, and bisected so many times if it fails.
-BEFORE, HALVINGS = 0.999, 30
+__all__ = ["Margins", "margins"]
 
 #: A factor of the gain beyond which a loop counts as stable with any: the open loop is then rounding there.
 LARGEST_FACTOR = 1e6
 
-#: Refinements of a peak between its neighbours on the grid, and points of each.
-REFINEMENTS, POINTS = 5, 33
+#: Factors at which an input's loop is unstable, read off between two points of the sweep, are refined up to so many
+#: times the smallest one.
+REFINED_UP_TO = 1.2
+
+#: Relative accuracy of what is refined on a grid that is given.
+ROUGH = 1e-5
+
+#: |Im k|/|k| below which a factor is real, in multiples of the accuracy; more is a jump of k between two frequencies.
+REAL = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class Margins:
     """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
 
-    Delay and disk margins and the other peaks, two thirds of the time, are computed when they are first read: a search
-    over many loops that asks for none of them does not pay for them.
+    Each is computed when it is first read: a search over many loops that asks for few of them pays for those.
 
     Attributes
     ----------
     linear : LinearLoop
         The loop.
-    stable : bool
-    gain_margins : (m, 2) array
-        The loop is stable with the gain of one input times all factors between these, the others as they are. Beyond a
-        millionth and a million they are 0 and infinite.
-    peak_sensitivity, sensitivity_frequency : float
-        max over ω of σ_max(S(e^{jωT})), and where, rad/s.
-    noise_to_input : (m, p) array
-        RMS of each input per RMS of white noise on one measurement; independent noises add in squares.
-    bandwidth : (q,) array
-        Frequency at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the command does
-        not act, infinite if beyond half the sampling frequency.
-    positions : tuple of str
-        Of the bandwidths.
-    damping, damping_frequency : float
-        Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), and its |s|, rad/s;
-        see `DiscreteSystem.damping`. Negative for an unstable loop.
+    grid : (F,) array, optional
+        Frequencies, rad/s, at which the loop is swept; the peaks of S and of the compliance and the gain margins that
+        are seen there are refined between them, to `ROUGH`. By default a dense sweep with points at every pole of the
+        running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
     """
 
     linear: LinearLoop = field(repr=False)
-    stable: bool
-    gain_margins: np.ndarray
-    peak_sensitivity: float
-    sensitivity_frequency: float
-    noise_to_input: np.ndarray
-    bandwidth: np.ndarray
-    positions: tuple[str, ...]
-    damping: float
-    damping_frequency: float
+    grid: np.ndarray | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        figures = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
+        return f"Margins(stable={self.stable}, {figures}, damping={self.damping:.3g})"
 
     @cached_property
-    def _delay(self) -> tuple[float, float]:
-        return delay_margin(self.linear)
+    def stable(self) -> bool:
+        """Whether the running loop is."""
+        return self.linear.running.stable
+
+    @property
+    def _accuracy(self) -> float:
+        return ACCURACY if self.grid is None else ROUGH
+
+    # Sensitivity and gain margins -------------------------------------------------------------------------
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        if self.grid is not None:
+            return self.grid
+        linear = self.linear
+        opened = [linear.opened_at(i).near_poles() for i in range(linear.b.shape[1])]
+        return np.unique(np.concatenate([linear.running.frequencies(), *opened]))
 
     @cached_property
-    def _disk(self) -> tuple[float, float]:
-        return _disk_margin(self.linear) if self.stable else (0.0, np.nan)
+    def _sweep(self) -> np.ndarray:
+        """(F, 2 m + q, m + l): (u + w, u, q) by w and the torques at the links, at these frequencies."""
+        return self.linear.running.response(self._frequencies, self._inputs)
 
     @cached_property
-    def _complementary(self) -> tuple[float, float]:
-        return self.linear.part("w", "u").norm() if self.stable else (np.inf, np.nan)
+    def _inputs(self) -> np.ndarray:
+        """Places of w and of the torques at the links among the inputs of `LinearLoop.system`."""
+        linear, m = self.linear, self.linear.b.shape[1]
+        before = m + len(linear.c) + len(linear.positions)
+        links = [k for k, name in enumerate(linear.disturbances) if name.startswith("link_torque")]
+        return np.array([*range(m), *(before + k for k in links)])
+
+    def _peak(self, outputs: slice, inputs: slice, top: float = np.inf) -> tuple[float, float]:
+        """Largest σ_max of a part of the sweep up to a frequency, and where."""
+        kept, chosen, running = self._frequencies <= top, self._inputs[inputs], self.linear.running
+        sizes = lambda response: np.linalg.norm(response[:, outputs], 2, axis=(1, 2))  # noqa: E731
+        swept = sizes(self._sweep[kept][:, :, inputs])
+        return highest_peak(
+            lambda w: sizes(running.response(w, chosen)), self._frequencies[kept], swept, self._accuracy
+        )
 
     @cached_property
-    def _noise(self) -> tuple[float, float]:
-        return self.linear.part("v", "u").norm() if self.stable else (np.inf, np.nan)
+    def _sensitivity(self) -> tuple[float, float]:
+        if not self.stable:
+            return np.inf, np.nan
+        every = slice(0, self.linear.b.shape[1])
+        return self.linear.part("w", "u+w").norm() if self.grid is None else self._peak(every, every)
 
     @property
-    def delay_margin_s(self) -> float:
-        """Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
-        delay makes the loop unstable."""
-        return self._delay[0]
+    def peak_sensitivity(self) -> float:
+        """max over ω of σ_max(S(e^{jωT}))."""
+        return self._sensitivity[0]
 
     @property
-    def delay_frequency(self) -> float:
-        """Where the loop then oscillates, rad/s."""
-        return self._delay[1]
-
-    @property
-    def disk_margin(self) -> float:
-        """α, symmetric: the loop is stable with every input multiplied by its own complex factor
-        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
-        lower bound of it."""
-        return self._disk[0]
-
-    @property
-    def disk_frequency(self) -> float:
+    def sensitivity_frequency(self) -> float:
         """Where it is reached, rad/s."""
-        return self._disk[1]
+        return self._sensitivity[1]
 
-    @property
-    def peak_complementary(self) -> float:
-        """max over ω of σ_max(T), T = 1 − S."""
-        return self._complementary[0]
-
-    @property
-    def complementary_frequency(self) -> float:
-        """Where it is reached, rad/s."""
-        return self._complementary[1]
-
-    @property
-    def peak_noise_to_input(self) -> float:
-        """H∞ norm from measurement noise to the inputs."""
-        return self._noise[0]
-
-    @property
-    def noise_frequency(self) -> float:
-        """Where it is reached, rad/s."""
-        return self._noise[1]
+    @cached_property
+    def gain_margins(self) -> np.ndarray:
+        """The loop is stable with the gain of one input times all factors between these (m, 2), the others as they
+        are. Beyond a millionth and a million they are 0 and infinite."""
+        m = self.linear.b.shape[1]
+        if not self.stable:
+            return np.full((m, 2), np.nan)
+        system = self.linear.running.block(slice(0, 2 * m), slice(0, m))
+        swept = _critical_factors(self._sweep[:, : 2 * m, :m])
+        factors = lambda w: _critical_factors(system.response(w))  # noqa: E731
+        return _gain_margins(factors, self._frequencies, swept, np.pi / system.period, self._accuracy)
 
     @property
     def gain_margin(self) -> float:
@@ -166,6 +153,37 @@ class Margins:
         with np.errstate(divide="ignore"):
             return np.minimum(self.gain_margins[:, 1], 1.0 / self.gain_margins[:, 0])
 
+    @cached_property
+    def _complementary(self) -> tuple[float, float]:
+        return self.linear.part("w", "u").norm() if self.stable else (np.inf, np.nan)
+
+    @property
+    def peak_complementary(self) -> float:
+        """max over ω of σ_max(T), T = 1 − S."""
+        return self._complementary[0]
+
+    @property
+    def complementary_frequency(self) -> float:
+        """Where it is reached, rad/s."""
+        return self._complementary[1]
+
+    # Disk and delay margin --------------------------------------------------------------------------------
+    @cached_property
+    def _disk(self) -> tuple[float, float]:
+        return _disk_margin(self.linear) if self.stable else (0.0, np.nan)
+
+    @property
+    def disk_margin(self) -> float:
+        """α, symmetric: the loop is stable with every input multiplied by its own complex factor
+        (1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one input; with several, a
+        lower bound of it."""
+        return self._disk[0]
+
+    @property
+    def disk_frequency(self) -> float:
+        """Where it is reached, rad/s."""
+        return self._disk[1]
+
     @property
     def disk_gain_margins(self) -> tuple[float, float]:
         """All inputs' gains may change at once, each by its own real factor between these: (2 ∓ α)/(2 ± α)."""
@@ -180,10 +198,74 @@ class Margins:
         """All inputs' phases may change at once, each by up to 2 atan(α/2), rad."""
         return 2.0 * float(np.arctan(0.5 * self.disk_margin))
 
+    @cached_property
+    def _delay(self) -> tuple[float, float]:
+        return delay_margin(self.linear)
+
+    @property
+    def delay_margin_s(self) -> float:
+        """Largest extra delay of all inputs together, beyond the loop's own, s, between samples too; infinite if no
+        delay makes the loop unstable."""
+        return self._delay[0]
+
+    @property
+    def delay_frequency(self) -> float:
+        """Where the loop then oscillates, rad/s."""
+        return self._delay[1]
+
+    # Noise ------------------------------------------------------------------------------------------------
+    @cached_property
+    def noise_to_input(self) -> np.ndarray:
+        """RMS of each input (m,) per RMS of white noise on one measurement (p,), (m, p); independent noises add in
+        squares."""
+        noise = self.linear.part("v", "u")
+        return noise.rms() if self.stable else np.full(noise.d.shape, np.inf)
+
+    def input_noise(self, deviations: np.ndarray) -> np.ndarray:
+        """RMS of each input (m,) for measurement noises of these standard deviations (p,)."""
+        if not self.stable:
+            return np.full(self.linear.b.shape[1], np.inf)
+        return self.linear.part("v", "u").spread(deviations)
+
+    @cached_property
+    def peak_noise_to_input(self) -> float:
+        """H∞ norm from measurement noise to the inputs."""
+        return self.linear.part("v", "u").norm()[0]
+
+    # What the loop does -----------------------------------------------------------------------------------
+    @property
+    def positions(self) -> tuple[str, ...]:
+        """Of the bandwidths (q)."""
+        return self.linear.names
+
+    @cached_property
+    def bandwidth(self) -> np.ndarray:
+        """Frequency (q,) at which a commanded position is followed 3 dB less than at ω = 0, rad/s; NaN where the
+        command does not act, infinite if beyond half the sampling frequency."""
+        return _bandwidths(self.linear) if self.stable else np.full(len(self.positions), np.nan)
+
     @property
     def slowest_bandwidth(self) -> float:
         """Of the slowest commanded position, rad/s; NaN if a command does not act, or the loop is unstable."""
         return float(self.bandwidth.min()) if len(self.bandwidth) else np.nan
+
+    def compliance(self, top: float) -> float:
+        """Peak of σ_max of |load torque → link position| up to a frequency (rad/s), rad/N·m or m/N."""
+        if not self.stable:
+            return np.inf
+        m = self.linear.b.shape[1]
+        return self._peak(slice(2 * m, None), slice(m, None), top)[0]
+
+    @property
+    def damping(self) -> float:
+        """Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), see
+        `DiscreteSystem.damping`; negative for an unstable loop."""
+        return self.linear.running.damping[0]
+
+    @property
+    def damping_frequency(self) -> float:
+        """|s| of that oscillation, rad/s."""
+        return self.linear.running.damping[1]
 
 
 def margins(
@@ -205,19 +287,7 @@ def margins(
     NumericalFailure
         If the loop has no equilibrium with this plant.
     """
-    linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
-    m, p, q = linear.b.shape[1], len(linear.c), len(linear.positions)
-    damping = linear.running.damping
-    if not linear.running.stable:
-        return Margins(
-            linear, False, np.full((m, 2), np.nan), np.inf, np.nan, np.full((m, p), np.inf),
-            np.full(q, np.nan), linear.names, *damping,
-        )  # fmt: skip
-    return Margins(
-        linear, True, np.array([_gain_margins(linear.opened_at(i)) for i in range(m)]),
-        *linear.part("w", "u+w").norm(), linear.part("v", "u").rms(),
-        _bandwidths(linear), linear.names, *damping,
-    )  # fmt: skip
+    return Margins(loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise))
 
 
 def _bandwidths(linear: LinearLoop) -> np.ndarray:
@@ -228,27 +298,71 @@ def _bandwidths(linear: LinearLoop) -> np.ndarray:
     grid = system.frequencies()
     followed = lambda w: np.abs(np.diagonal(system.response(w), axis1=1, axis2=2))  # noqa: E731
     level = followed(np.zeros(1))[0] / np.sqrt(2.0)
+    swept = followed(grid) - level
+    rows, joints = sign_changes(swept)
+    joints, first = np.unique(joints, return_index=True)  # rows are ascending
     found = np.where(level > 0.0, np.inf, np.nan)
-    for joint, frequency in crossings(lambda w: followed(w) - level, grid):
-        if level[joint] > 0.0:
-            found[joint] = min(found[joint], frequency)
+    at = np.array(refined_crossings(lambda w: followed(w) - level, grid, swept, rows[first], joints))
+    acts = level[joints] > 0.0
+    found[joints[acts]] = at[acts]
     return found
 
 
-def _gain_margins(opened: Any) -> tuple[float, float]:
-    """Largest factor below one and smallest above at which the opened loop is one, at any frequency."""
-    top = np.pi / opened.period
-    at = [
-        frequency
-        for _, frequency in crossings(lambda w: np.imag(opened.response(w)[:, 0]), opened.frequencies())
-    ]
+def _critical_factors(response: np.ndarray) -> np.ndarray:
+    """k = −S_ii/T_ii (F, m), from (u + w, u) by w, (F, 2 m, m); u/w = S − 1 loses no digits of a small T."""
+    m = response.shape[2]
     with np.errstate(all="ignore"):
-        values = opened.response(np.array([*at, top]))[:, 0, 0]
-        factors = 1.0 / np.real(values)
-    real = np.isfinite(factors) & (factors > 0.0) & (np.abs(np.imag(values)) <= 1e-6 * np.abs(values))
-    real &= (factors >= 1.0 / LARGEST_FACTOR) & (factors <= LARGEST_FACTOR)
-    below, above = factors[real & (factors < 1.0)], factors[real & (factors > 1.0)]
-    return float(below.max(initial=0.0)), float(above.min(initial=np.inf))
+        return np.diagonal(response[:, :m], axis1=1, axis2=2) / np.diagonal(response[:, m:], axis1=1, axis2=2)
+
+
+def _gain_margins(
+    factors: Callable[[np.ndarray], np.ndarray],
+    grid: np.ndarray,
+    swept: np.ndarray,
+    top: float,
+    accuracy: float,
+) -> np.ndarray:
+    """Largest real factor below one and smallest above, (m, 2).
+
+    Parameters
+    ----------
+    factors : callable
+        Frequencies (F,) → k (F, m), complex.
+    grid, swept : (F,) and (F, m) arrays
+        Of a sweep.
+    top : float
+        Half the sampling frequency, rad/s, where k is real as it is at ω = 0.
+    accuracy : float
+        Relative, of the frequencies where k is real.
+    """
+    rows, inputs = sign_changes(np.imag(swept))
+    left, right = swept[rows, inputs], swept[rows + 1, inputs]
+    with np.errstate(all="ignore"):
+        part = np.imag(left) / (np.imag(left) - np.imag(right))
+        about = np.log(np.real(left) + part * np.real(right - left))
+    chosen = _closest(about, inputs, swept.shape[1])
+    rows, inputs = rows[chosen], inputs[chosen]
+    at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
+    values = factors(np.array([*at, 0.0, top]))
+    found = np.full((swept.shape[1], 2), [0.0, np.inf])
+    for i, own in enumerate(found):
+        k = np.concatenate([values[:-2][inputs == i, i], values[-2:, i]])
+        with np.errstate(invalid="ignore"):
+            real = np.real(k)[np.abs(np.imag(k)) <= max(1e-6, REAL * accuracy) * np.abs(k)]
+        real = real[(real >= 1.0 / LARGEST_FACTOR) & (real <= LARGEST_FACTOR)]
+        own[:] = real[real < 1.0].max(initial=0.0), real[real > 1.0].min(initial=np.inf)
+    return found
+
+
+def _closest(about: np.ndarray, inputs: np.ndarray, count: int) -> np.ndarray:
+    """Which of the factors that were read off, ln k (K,) of one input each, may be the closest to one on their side."""
+    kept = np.zeros(len(about), dtype=bool)
+    for i in range(count):
+        for side in (-1.0, 1.0):
+            own = (inputs == i) & (side * about > 0.0) & (np.abs(about) <= np.log(LARGEST_FACTOR))
+            if own.any():
+                kept |= own & (np.abs(about) <= np.abs(about[own]).min() + np.log(REFINED_UP_TO))
+    return kept
 
 
 def _disk_margin(linear: LinearLoop) -> tuple[float, float]:
@@ -262,7 +376,7 @@ def _disk_margin(linear: LinearLoop) -> tuple[float, float]:
     if m == 1:
         peak, at = middle.norm()
     else:
-        peak, at = _peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
+        peak, at = highest_peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
     return 1.0 / peak, at
 
 
@@ -277,118 +391,3 @@ def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
     scale = np.sqrt(left / right)
     scaled = scale[:, :, None] * matrices / scale[:, None, :]
     return np.minimum(*(np.linalg.norm(each, 2, axis=(1, 2)) for each in (matrices, scaled)))
-
-
-def _peak(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> tuple[float, float]:
-    """(largest value, where) of a function of frequency, refined between the neighbours of the grid's largest."""
-    for _ in range(REFINEMENTS):
-        values = function(grid)
-        k = int(values.argmax())
-        low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
-        best, at = float(values[k]), float(grid[k])
-        grid = np.linspace(low, high, POINTS)
-    return best, at
-
-
-def crossings(function: Callable[[np.ndarray], np.ndarray], grid: np.ndarray) -> list[tuple[int, float]]:
-    """Zeros between neighbouring points of a grid at which a branch changes its sign.
-
-    Parameters
-    ----------
-    function : callable
-        Frequencies (F,) → real values (F, k), one column per branch, each continuous.
-    grid : (F,) array
-        Ascending.
-
-    Returns
-    -------
-    list of (branch, frequency)
-    """
-    signs = np.sign(function(grid))
-    rows, branches = np.nonzero((signs[1:] != signs[:-1]) & (signs[1:] * signs[:-1] <= 0.0))
-    if not len(rows):
-        return []
-    low, high, before = grid[rows], grid[rows + 1], signs[rows, branches]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        same = np.sign(function(middle))[np.arange(len(rows)), branches] == before
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return list(zip(branches.tolist(), (0.5 * (low + high)).tolist(), strict=True))
-
-
-# The delay margin ------------------------------------------------------------------------------------
-def delay_margin(loop: LinearLoop) -> tuple[float, float]:
-    """(extra delay in s, frequency in rad/s where the loop then oscillates).
-
-    Zero if the loop is unstable as it is, its own delay included; infinite (and NaN) if no delay makes it unstable.
-    """
-    own = loop.delay
-    if not loop.running.stable:
-        return 0.0, np.nan
-    found = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
-    found = [(delay, frequency) for delay, frequency in found if delay >= own]
-    if not found:
-        return np.inf, np.nan
-    delay, frequency = min(found)
-    if loop.system(own + BEFORE * (delay - own)).stable:
-        return delay - own, frequency
-    low, high = own, delay
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if loop.system(middle).stable else (low, middle)
-    return low - own, _edge(loop, low)
-
-
-def _edge(loop: LinearLoop, delay: float) -> float:
-    """Frequency of the largest multiplier, rad/s."""
-    multipliers = loop.system(delay).multipliers
-    return float(abs(np.angle(multipliers[np.abs(multipliers).argmax()])) / loop.period)
-
-
-def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
-    """(ω, delay) near each crossing; the smallest delay for each that is not below the loop's own."""
-    guesses = []
-    for fraction in FRACTIONS:
-        opened = loop.opened(fraction * loop.period)
-
-        def sizes(frequency: np.ndarray, opened=opened) -> np.ndarray:
-            return np.sort(np.abs(np.linalg.eigvals(opened.response(frequency))), axis=1) - 1.0
-
-        for _, frequency in crossings(sizes, opened.frequencies()):
-            values = np.linalg.eigvals(opened.response(frequency)[0])
-            value = values[np.argmin(np.abs(np.abs(values) - 1.0))]
-            turn = 2.0 * np.pi / frequency
-            delay = np.angle(value) % (2.0 * np.pi) / frequency + fraction * loop.period
-            delay += turn * max(0.0, np.ceil((loop.delay - delay) / turn))
-            guesses.append((frequency, float(delay)))
-    return guesses
-
-
-def _nearest(loop: LinearLoop, frequency: float, delay: float) -> complex:
-    """log of the eigenvalue of the opened loop nearest to one."""
-    samples = delay / loop.period
-    j = np.floor(samples)
-    response = loop.opened((samples - j) * loop.period).response(frequency)[0]
-    values = np.linalg.eigvals(response * np.exp(-1j * frequency * loop.period * j))
-    return complex(np.log(values[np.argmin(np.abs(values - 1.0))]))
-
-
-def _refined(loop: LinearLoop, frequency: float, delay: float) -> tuple[float, float] | None:
-    """(delay, ω) with λ = 1, or None if Newton's method leaves the positive numbers."""
-    top = np.pi / loop.period
-    for _ in range(ITERATIONS):
-        value = _nearest(loop, frequency, delay)
-        if abs(value) <= CLOSE:
-            return delay, frequency
-        steps = DIFFERENCE * frequency, DIFFERENCE / frequency
-        by_frequency = (_nearest(loop, frequency + steps[0], delay) - value) / steps[0]
-        by_delay = (_nearest(loop, frequency, delay + steps[1]) - value) / steps[1]
-        slope = np.array([[by_frequency.real, by_delay.real], [by_frequency.imag, by_delay.imag]])
-        if abs(np.linalg.det(slope)) == 0.0:
-            return None
-        move = np.linalg.solve(slope, [-value.real, -value.imag])
-        move *= min(1.0, 0.2 * frequency / max(abs(move[0]), 1e-300))
-        frequency, delay = frequency + move[0], delay + move[1]
-        if not 0.0 < frequency <= top or not delay >= 0.0:
-            return None
-    return None

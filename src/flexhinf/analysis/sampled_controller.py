@@ -129,6 +129,7 @@ class SampledController:
         centre: np.ndarray | None = None,
         fixed: np.ndarray | None = None,
         started: Any = 1.0,
+        outside: bool = True,
     ) -> Stepped:
         """One step for N rows.
 
@@ -143,10 +144,13 @@ class SampledController:
             What stands still of the belief (the gain), instead of the estimator's own; for all rows, or for each.
         started : float or (N,) array
             0 at the first sample of a run, which has no interval behind it.
+        outside : bool
+            Whether derivatives by command and centre are wanted too.
         """
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
-        past, seen, wanted, about = variables(memory, y, command, point)
+        width = None if outside else self.size + self.p
+        past, seen, wanted, about = variables(memory, y, command, point, width=width)
         estimate = belief = seen
         if self.estimator is not None:
             held = self._held(fixed)

@@ -55,11 +55,6 @@ class TradeOffCurve:
     parameter: str
     points: tuple[TradeOffPoint, ...]
 
-    def best_at(self, cost: str, benefit: str, most: float) -> TradeOffPoint | None:
-        """The point with the smallest `benefit` among those whose `cost` is at most `most`; None if there is none."""
-        allowed = [p for p in self.points if p.figures[cost] <= most and math.isfinite(p.figures[benefit])]
-        return min(allowed, key=lambda p: p.figures[benefit], default=None)
-
     def at_cost(self, cost: str, benefit: str, value: float) -> float | None:
         """`benefit` where the curve has this `cost`, interpolated in logarithms; None outside the curve.
 

@@ -19,7 +19,7 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Schedule
 from flexhinf.plant import Law
 
-__all__ = ["MOST_LAWS", "AlongMove", "Least", "acting", "margins_along", "scheduled"]
+__all__ = ["MOST_LAWS", "AlongMove", "Least", "margins_along", "scheduled"]
 
 #: Poses at which the loop is linearised, for up to so many states of the linear loop.
 POSES = ((30, 13), (60, 7), (10_000, 5))
@@ -117,10 +117,10 @@ def margins_along(setup: LoopSetup, plan: Plan, least: Least) -> AlongMove:
     size = setup.equilibrium_loop().states
     times = _apart(plan, next(count for most, count in POSES if size <= most))
     poses = np.reshape(plan(times), (len(times), -1))
-    laws = [acting(setup.law, pose) for pose in poses]
-    found = tuple(margins(_loop_at(setup, pose, law)) for pose, (_, law) in zip(poses, laws))
-    count = len(setup.law.laws) if isinstance(setup.law, Schedule) else 1
-    return AlongMove(times, poses, tuple(k for k, _ in laws), found, least, count)
+    laws = setup.law.laws if isinstance(setup.law, Schedule) else (setup.law,)
+    places = tuple(setup.law.acting(pose) if isinstance(setup.law, Schedule) else 0 for pose in poses)
+    found = tuple(margins(_loop_at(setup, pose, laws[k])) for pose, k in zip(poses, places))
+    return AlongMove(times, poses, places, found, least, len(laws))
 
 
 def scheduled(
@@ -170,15 +170,6 @@ def _apart(plan: Plan, count: int) -> np.ndarray:
     covered = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     covered += 1e-9 * max(float(covered[-1]), 1e-9) * np.arange(INSTANTS)
     return np.interp(np.linspace(0.0, covered[-1], count), covered, times)
-
-
-def acting(law: Law, pose: np.ndarray) -> tuple[int, Law]:
-    """The law of a schedule that acts at a pose (n,), as `Schedule` chooses without hysteresis, and its place."""
-    if not isinstance(law, Schedule):
-        return 0, law
-    places = [law.state_names.index(name) for name in law.tracked]
-    apart = [np.linalg.norm(np.asarray(one.operating_point)[places] - pose[places]) for one in law.laws]
-    return int(np.argmin(apart)), law.laws[int(np.argmin(apart))]
 
 
 def _loop_at(setup: LoopSetup, pose: np.ndarray, law: Law) -> EquilibriumLoop:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.design.design_file import DesignRequest
-from flexhinf.design.units import lengths
-from flexhinf.design.waypoint_table import SLIDING, WaypointError, WaypointTable
+from flexhinf.design.units import SLIDING, lengths
+from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import Reached, pose_at

@@ -17,6 +17,7 @@ import numpy as np
 import tomlkit
 
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.waypoint_table import WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
@@ -119,6 +120,7 @@ def read_request(
         plain = None if elastic is None else str(elastic)
         specification = Specification(**_without_none(given))
         robot = load_robot(source, plain, payload=payload)
+        check_stated_units(robot, specification)
         specification = _without_own_limits(specification, robot)
         return DesignRequest(robot, specification, str(source), plain, payload=payload)
     return _merged(read_design(source), elastic, given, payload)
@@ -142,6 +144,7 @@ def _merged(
     beside = file.elastic if elastic is None else str(elastic)
     carried = file.payload if payload is None else payload
     robot = load_robot(file.robot, beside, payload=carried)
+    check_stated_units(robot, specification)
     specification = _without_own_limits(specification, robot)
     return DesignRequest(robot, specification, file.robot, beside, tuple(notes), carried)
 

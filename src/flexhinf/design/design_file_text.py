@@ -22,7 +22,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import catalogue
 
-__all__ = ["design_text", "request_text", "result_table"]
+__all__ = ["design_text", "request_document", "result_table"]
 
 HEAD = f"""\
 A design, by flexhinf {__version__}. The same design is made by: flexhinf design design.toml
@@ -56,32 +56,22 @@ def design_text(
     InvalidInput
         If the penalty is code.
     """
-    document = _document(design.specification, robot, elastic, folder, payload)
+    document = request_document(design.specification, robot, elastic, folder, payload)
     document.add(tomlkit.nl())
     document.add(tomlkit.comment(RESULT))
     document.add("result", _table(result_table(design)))
     return tomlkit.dumps(document)
 
 
-def request_text(
+def request_document(
     specification: Specification,
     robot: str | Path,
     elastic: str | Path | None = None,
     folder: str | Path = ".",
     payload: str | None = None,
-) -> str:
-    """The same without a result: a design file that can be run."""
-    return tomlkit.dumps(_document(specification, robot, elastic, folder, payload))
-
-
-def _document(
-    specification: Specification,
-    robot: str | Path,
-    elastic: str | Path | None,
-    folder: str | Path,
-    payload: str | None,
 ) -> tomlkit.TOMLDocument:
-    """The table [design]: what differs from the defaults; the defaults stand below it as comments."""
+    """A design file without a result: its table [design], with what differs from the defaults; these stand below it as
+    comments."""
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         values["effort"] = _one_effort(specification.penalty)

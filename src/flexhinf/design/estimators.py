@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.stated_units import per_signal
 from flexhinf.errors import NotDetectable
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -24,7 +25,7 @@ from flexhinf.estimation import (
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import Layout
-from flexhinf.robot.signals import SENSORS, UNITS, expanded
+from flexhinf.robot.signals import SENSORS, UNITS, expanded, units_of
 
 __all__ = [
     "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "Levels", "estimator_for", "initial_covariance",
@@ -43,6 +44,9 @@ KINDS: dict[str, Any] = {
     "ekf": ExtendedKalmanFilter,
     "observer": OutputInjectionObserver,
 }
+
+#: Largest step of a sensor, by the unit of its signal: one turn, and more than any robot has of the others.
+COARSEST = {"rad": 2.0 * np.pi, "m": 10.0, "rad/s": 1e3, "m/s": 1e3, "N·m": 1e6, "N": 1e6}
 
 #: A singular value smaller than this, relative to the largest, counts as zero.
 RANK = 1e-9
@@ -151,17 +155,17 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     Raises
     ------
     SpecificationError
-        Unless there is one for all, one for each name of `Specification.measured`, or one for each signal.
+        Unless there is one for all, one for each name of `Specification.measured`, or one for each signal; for one
+        that is far beyond what the signal is.
     """
-    steps = np.asarray(s.quantisation, dtype=float)
+    _check_coarse(robot, s)
+    steps, signals = np.asarray(s.quantisation, dtype=float), ()
     if steps.shape == () or (s.estimator == "none" and steps.size == 1):
         return steps.reshape(())
-    signals = () if s.estimator == "none" else expanded(s.measured, SENSORS, robot.joint_names, robot.rigid)
-    if len(steps) == len(signals):
-        return steps
-    if signals and len(steps) == len(s.measured):
-        groups = [expanded(name, SENSORS, robot.joint_names, robot.rigid) for name in s.measured]
-        return np.concatenate([np.full(len(group), step) for group, step in zip(groups, steps)])
+    if s.estimator != "none":
+        each, signals = per_signal(robot, s.measured, s.quantisation)
+        if len(each) == len(signals):
+            return np.array(each)
     allowed = f"one number, or one for each of {list(s.measured)}" if signals else "one number"
     raise SpecificationError(
         "quantisation",
@@ -171,11 +175,27 @@ def sensor_steps(robot: Robot, s: Specification) -> np.ndarray:
     )
 
 
+def _check_coarse(robot: Robot, s: Specification) -> None:
+    """Refuse a step of more than the robot's whole range."""
+    each, signals = per_signal(robot, s.measured, s.quantisation)
+    units = units_of(robot.joint_names, robot.links.slides)
+    for name, step in zip(signals, each * len(signals) if len(each) == 1 else each):
+        if step > COARSEST[units[name]]:
+            raise SpecificationError(
+                "quantisation",
+                f"The quantisation of {name!r} leaves nothing to be measured.",
+                f"expected a step of at most {COARSEST[units[name]]:g} {units[name]}, got {step:g}",
+            )
+
+
 def other_sensors(robot: Robot, s: Specification, sensors: tuple[str, ...]) -> Specification:
     """The same specification with other sensors. A quantisation per signal is kept for signals that stay; another
     one has the step of a signal in the same unit, of the same joint if there is one, and no step without any."""
     if isinstance(s.quantisation, float) or s.estimator == "none":
-        return replace(s, measured=sensors)
+        plain = np.asarray(
+            s.quantisation, dtype=float
+        ).tolist()  # without units, which the other sensors may not have
+        return replace(s, measured=sensors, quantisation=plain)
     joints = robot.joint_names
     known = dict(zip(expanded(s.measured, SENSORS, joints, robot.rigid), sensor_steps(robot, s).tolist()))
 

@@ -26,6 +26,7 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.analysis.law_batch import LawRows
+from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
@@ -116,6 +117,13 @@ class LawEvaluation:
     def load_response(self) -> LoadResponse:
         """At the goal, with constant torques on all links."""
         return self.setup.load_response(self._runs.load, self._runs.load_duration, self._runs.sub_steps)
+
+    @cached_property
+    def ring_down(self) -> ImpulseRuns:
+        """At the goal, with a blow on one joint after the other."""
+        runs = self._runs
+        sizes = impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
+        return impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
@@ -320,7 +328,7 @@ class LawEvaluation:
         """RMS of each input (m,) that the measurement noise causes, V or N·m; None with the true state fed back."""
         if self.setup.noise is None:
             return None
-        return np.linalg.norm(self.margins.noise_to_input * self.setup.noise, axis=1)
+        return self.margins.input_noise(self.setup.noise)
 
     @property
     def input_noise(self) -> float:

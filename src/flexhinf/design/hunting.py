@@ -20,7 +20,7 @@ from flexhinf.loop.simulation.metrics import LimitCycle, limit_cycle, steady_sta
 from flexhinf.plant import sub_steps
 from flexhinf.robot.extras import stated_friction
 
-__all__ = ["LENGTH", "RestRun", "brought_to_rest", "rest_run"]
+__all__ = ["LENGTH", "WIDEST", "RestRun", "brought_to_rest", "rest_run"]
 
 #: Length of the run, s, and in samples at most. A joint is held for as long as the integral needs to grow by twice the
 #: friction, which may be tens of seconds.
@@ -58,6 +58,8 @@ class RestRun:
         Of the integrals in this run, rad or m.
     without : RestRun or None
         The run without the dead zone, where that was chosen against hunting.
+    tried : RestRun or None
+        The run with the widest dead zone that was tried and did not end the hunting.
     """
 
     response: Response
@@ -66,6 +68,7 @@ class RestRun:
     sharp: bool = True
     dead_zone: np.ndarray | None = None
     without: RestRun | None = None
+    tried: RestRun | None = None
 
     @cached_property
     def cycles(self) -> tuple[LimitCycle, ...]:
@@ -126,7 +129,7 @@ def brought_to_rest(setup: LoopSetup) -> tuple[LoopSetup, RestRun | None]:
             break
         if not run.hunts:
             return changed, replace(run, without=first)
-    return setup, first
+    return setup, replace(first, tried=run)
 
 
 def rest_run(setup: LoopSetup) -> RestRun | None:

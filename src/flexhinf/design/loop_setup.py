@@ -146,7 +146,9 @@ class LoopSetup(LoopPlants):
         """State and input with which the true robot is held at a pose (n,), with these parameters."""
         return self.robot.operating_point(at, self.specification.extras, values)
 
-    def equilibrium_loop(self, estimated: bool = True) -> EquilibriumLoop:
+    def equilibrium_loop(
+        self, estimated: bool = True, values: Mapping[str, Any] | None = None
+    ) -> EquilibriumLoop:
         """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
 
         A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
@@ -155,12 +157,16 @@ class LoopSetup(LoopPlants):
         ----------
         estimated : bool
             With the estimator; otherwise the true state is fed back.
+        values : mapping, optional
+            Parameters of the true plant, which the estimator does not know.
         """
-        s, law = self.specification, self.linear_law
+        s, law, plant = self.specification, self.linear_law, self.smooth_plant
+        if values is not None:
+            plant = plant.with_parameters(**plant.parameters.known(values))
         return EquilibriumLoop(
             law,
             self.estimator(self.goal) if estimated else None,
-            self.smooth_plant,
+            plant,
             s.period,
             equilibrium=self.goal_equilibrium,
             moving=not has_integrals(law),
@@ -260,6 +266,21 @@ class LoopSetup(LoopPlants):
         response = self._run(controller, self.goal, duration, None, 0, None, sub_steps, disturbance=torques)
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
+
+    def impulse_responses(
+        self, impulses: np.ndarray, duration: float, sub_steps: int | None = None
+    ) -> Iterator[Response]:
+        """In equilibrium at the goal, then an impulse (n,), N·m·s or N·s, on one link after the other: a jump of the
+        velocities, of which law and estimator do not know. Without measurement noise where `quiet`."""
+        x, u = self.equilibrium(self.goal)
+        enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
+        loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
+        given = {"duration": duration, "initial_input": u, "seed": self.specification.seed}
+        noise = None if self.quiet else self.noise
+        runs = run_many(
+            loop.prepared(noise=noise, initial_state=start, **given) for start in x + (enter * impulses).T
+        )
+        return (Response(run, self.goal, self.goal, self.joints) for run in runs)
 
     def move(
         self,

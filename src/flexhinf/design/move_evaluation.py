@@ -19,6 +19,9 @@ TRACKING_FRACTION = 0.05
 #: A joint that hardly moves has at least this fraction of the largest way of the joints of its kind.
 LEAST_WAY = 0.1
 
+#: A way of less than this is none, but rounding, or what a search for poses leaves, rad or m.
+ROUNDING = 1e-9
+
 STATED, PLANNED = "the stated move, nominal robot", "the planned move"
 
 
@@ -104,7 +107,7 @@ def _ways(limits: JointLimits, move: Move) -> np.ndarray:
     """Way (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
     ways, units = move.ways, np.array(limits.position_units)
     largest = np.array([ways[units == unit].max() for unit in units])
-    return np.maximum(ways, LEAST_WAY * np.where(largest > 0.0, largest, 0.1))
+    return np.maximum(ways, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
 
 
 def _nearest(

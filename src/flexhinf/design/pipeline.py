@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
+from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, tried_degrees
 from flexhinf.design.evaluation import LawEvaluation
@@ -23,9 +24,11 @@ from flexhinf.design.report import write_comparison, write_design
 from flexhinf.design.requirements import (
     Requirement,
     behaviour_requirements,
+    carrying_requirements,
     corner_requirement,
     hunting_requirement,
     margin_requirements,
+    ring_down_requirement,
     sample_requirements,
     step_requirements,
 )
@@ -106,11 +109,13 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
         mujoco = _on_mujoco(setup, scenario, progress) if s.mujoco else None
         progress("load, move and sampled robots")
         rigid = rigid.result()
-    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest))
+    progress("what the robot carries")
+    loads = carried_payloads(evaluation)
+    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, loads))
     inside = _starts_inside(setup, synthesis)
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        mujoco=mujoco, rigid=rigid, rest=rest, law_modes=modes, requirements=lines,
+        mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
         status=status_of(lines, evaluation, synthesis, worth, inside), writer=write_design,
     )  # fmt: skip
 
@@ -118,6 +123,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
 def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
     """The runs that a design shows beside its step, and the rigid design on the same robot, where it is asked for."""
     evaluation.load_response  # noqa: B018
+    evaluation.ring_down  # noqa: B018
     evaluation.move  # noqa: B018
     evaluation.step_samples  # noqa: B018
     return _rigid(evaluation, synthesis) if evaluation.setup.specification.compare_rigid else None
@@ -207,15 +213,21 @@ def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison |
 
 
 def _requirements(
-    evaluation: LawEvaluation, synthesis: Synthesis, mujoco: Response | None, rest: RestRun | None
+    evaluation: LawEvaluation,
+    synthesis: Synthesis,
+    mujoco: Response | None,
+    rest: RestRun | None,
+    loads: tuple[Carried, ...],
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
     lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
-    if target is not None:
-        damping, joints = required_damping(s, target), evaluation.setup.joints
+    damping = None if target is None else required_damping(s, target)
+    if target is not None and damping is not None:
+        joints = evaluation.setup.joints
         damped = evaluation.least_damped_joint
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
+        lines.append(ring_down_requirement(s, damping, evaluation.ring_down))
     limits = evaluation.setup.limits
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
@@ -224,6 +236,8 @@ def _requirements(
     lines += move_requirements(s, limits, evaluation.move, synthesis.along)
     if rest is not None:
         lines.append(hunting_requirement(rest, limits.position_units))
+    for load in loads:
+        lines += carrying_requirements(s, limits, load, damping)
     if evaluation.corners is not None:
         lines.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
@@ -286,7 +300,6 @@ def compare(
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
     setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
-    _check_way(setup)
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario = _comparison_scenario(linear, synthesis)
@@ -343,15 +356,6 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
     if found.jump_samples is not None:
         lines += sample_requirements(s, limits, found.jump_samples)
     return tuple(lines)
-
-
-def _check_way(setup: LoopSetup) -> None:
-    if not (setup.goal != setup.start).any():
-        raise InvalidInput(
-            "There is nothing to move: the step starts at its goal.",
-            f"expected another start than {setup.goal.tolist()}",
-            "another `start` or `pose`",
-        )
 
 
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:

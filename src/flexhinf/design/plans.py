@@ -28,6 +28,9 @@ QUINTIC_TIME = 4.7
 #: A spline through waypoints may go beyond two neighbouring ones by this fraction of the joint's way.
 BEYOND = 0.02
 
+#: A move takes so many sampling periods at least: a loop does not follow a shorter one.
+MOVE_SAMPLES = 10
+
 #: Most instants at which a stated move is checked.
 INSTANTS = 20_000
 
@@ -143,13 +146,23 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     """
     if s.move is None:
         return None
-    plan = _through(robot, s, 1.0)
+    try:
+        plan = _through(robot, s, 1.0)
+    except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
+        advice = error.advice.replace("profile='spline'", "shaping='jump'")
+        raise WaypointError(error.what, error.found, advice) from None
     samples = 1.5 * plan.duration / s.period
     if samples > RUN_SAMPLES:
         raise WaypointError(
             "The move takes too long.",
             f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
             "times in seconds; 'time [ms]' in the header where they are not",
+        )
+    if plan.duration < MOVE_SAMPLES * s.period:
+        raise WaypointError(
+            "The move is too short.",
+            f"expected at least {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, got {plan.duration:g} s",
+            "times in seconds, further apart",
         )
     limits = joint_limits(robot, s)
     try:

@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.analysis import Margins, ToleranceCorners
+from flexhinf.design.carrying import Carried
 from flexhinf.design.hunting import RestRun
+from flexhinf.design.impulse import ImpulseRuns
 from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
@@ -24,11 +26,13 @@ __all__ = [
     "Requirement",
     "all_met",
     "behaviour_requirements",
+    "carrying_requirements",
     "corner_requirement",
     "hunting_requirement",
     "limit_requirements",
     "margin_requirements",
     "peak_option",
+    "ring_down_requirement",
     "sample_requirements",
     "stating_option",
     "step_requirements",
@@ -36,6 +40,9 @@ __all__ = [
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
+
+#: A link that remains within this fraction of its step has come back.
+SETTLED = 0.02
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
@@ -171,6 +178,17 @@ def behaviour_requirements(
     ]  # fmt: skip
 
 
+def ring_down_requirement(s: Specification, damping: float, runs: ImpulseRuns) -> Requirement:
+    """That the running loop comes to rest after a blow as damped as every oscillation must be."""
+    joints = runs.responses[0].joints
+    return Requirement(
+        "damping in the ring-down", damping, runs.damping, "", False,
+        "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
+        stating_option(s, "damping"), joints[runs.worst] if len(joints) > 1 else "",
+    )  # fmt: skip
+
+
 def step_requirements(
     s: Specification,
     limits: JointLimits,
@@ -283,6 +301,37 @@ def hunting_requirement(run: RestRun, units: Sequence[str]) -> Requirement:
         "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
         "position, or one step of its sensor", joint=joints[worst] if len(joints) > 1 else "",
     )  # fmt: skip
+
+
+def carrying_requirements(
+    s: Specification, limits: JointLimits, carried: Carried, damping: float | None
+) -> list[Requirement]:
+    """With a payload that the model does not know: the step, gripping it at the goal, and whether the loop rings.
+
+    `damping` is what is required of every oscillation with the model's payload; with others the loop must not ring.
+    """
+    what = f"with {carried.mass:.3g} kg of payload"
+    lines = step_requirements(s, limits, carried.step, f"the step {what}")
+    if damping is not None:
+        lines.append(
+            Requirement(
+                "damping of oscillations", min(RINGS, damping), carried.margins.damping, "", False,
+                f"running loop at the goal {what}", "smallest damping ratio; below 0.1 a loop rings",
+            )
+        )  # fmt: skip
+    if carried.gripped is None:
+        return lines
+    where, remaining = f"gripping {carried.mass:.3g} kg at the goal", carried.remaining
+    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
+    lines.append(
+        Requirement(
+            "remaining sag", SETTLED * float(carried.gripped.reference_step[joint]), remaining.value,
+            limits.position_units[joint], True, where,
+            "largest deviation of a link in the last tenth; the limit is 2 % of its step",
+            joint=_named(limits, remaining.joint),
+        )
+    )  # fmt: skip
+    return lines + limit_requirements(limits, carried.gripped.response, where, always=False)
 
 
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:

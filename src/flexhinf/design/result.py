@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.carrying import Carried
 from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
@@ -60,6 +61,8 @@ class Design(Summarised):
         The rigid design on the same robot, fed the true state.
     rest : RestRun or None
         The long run at rest with dry friction; None for a robot that states none.
+    carried : tuple of Carried
+        The runs with payloads at the ends of their ranges; none for a robot without such a range.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
     requirements : tuple of Requirement
@@ -77,6 +80,7 @@ class Design(Summarised):
     mujoco: Response | None
     rigid: RigidComparison | None
     rest: RestRun | None
+    carried: tuple[Carried, ...] = ()
     law_modes: tuple[Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status

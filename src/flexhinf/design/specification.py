@@ -37,11 +37,11 @@ from flexhinf.design.units import (
     Ratio,
     Seconds,
     Seed,
+    Stated,
     Tolerances,
     Weights,
     angle_unit_of,
     choice,
-    reading_kind,
 )
 from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
@@ -85,8 +85,9 @@ MOST = {
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }
 
-#: A step of a sensor by what it measures, for advice.
+#: A step of a sensor by what it measures, for advice, and the SI units that it may be stated in.
 EXAMPLES = {"position": "0.01deg", "velocity": "0.1deg/s", "torque": "0.1Nm"}
+SENSOR_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N·m", "N")}
 
 #: What 0 stands for at the command line where a limit is stated: infinity, also over a limit of the robot.
 NO_LIMIT = "no limit"
@@ -308,7 +309,7 @@ def _checked(make: Any) -> Any:
             )
         try:
             make(self, **fields)
-            _check_sensor_units(self, fields.get("quantisation"))
+            _check_sensor_units(self)
         except ValidationError as error:
             raise _specification_error(error, fields) from None
         except UnicodeEncodeError as error:
@@ -321,19 +322,18 @@ def _checked(make: Any) -> Any:
     return init
 
 
-def _check_sensor_units(s: Specification, stated: Any) -> None:
-    """Refuse a step in a unit that its sensor does not have; a number without a unit fits every sensor."""
-    parts = (
-        stated.split(",") if isinstance(stated, str) else stated if isinstance(stated, (list, tuple)) else []
-    )
+def _check_sensor_units(s: Specification) -> None:
+    """Refuse a step in a unit that its kind of sensor does not have; a number without a unit fits every sensor."""
+    parts = s.quantisation if isinstance(s.quantisation, tuple) else (s.quantisation,)
     single = len(parts) == len(s.measured)  # otherwise one for all sensors, or one per signal
     for k, part in enumerate(parts):
-        kind, sensors = reading_kind(part), s.measured[k : k + 1] if single else s.measured
+        sensors = s.measured[k : k + 1] if single else s.measured
+        kinds = [_kind_of(name) for name in sensors]
         fitting = all if len(parts) == 1 else any
-        if kind and not fitting(kind in name for name in sensors):
+        if isinstance(part, Stated) and not fitting(part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds):
             raise _refusal(
                 "quantisation",
-                f"expected a step for each of {list(s.measured)} in its own unit, got {value_text(part)} for "
+                f"expected a step for each of {list(s.measured)} in its own unit, got '{part.number}{part.unit}' for "
                 f"{' and '.join(map(repr, sensors))}",
                 ",".join(EXAMPLES.get(k, "1e-4") for k in map(_kind_of, s.measured)),
             )

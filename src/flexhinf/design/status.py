@@ -73,7 +73,7 @@ def status_of(
     setup = evaluation.setup
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     missing = [line.shown(degrees) for line in lines if not line.met]
-    names = [line.what for line in missing]
+    names = [line.what for line in lines]
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
     scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
     risks = tuple(_risks(lines, evaluation))
@@ -81,7 +81,7 @@ def status_of(
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """What was found and required; also where, if it is missed in several places."""
+    """What was found and required; also where, if it is judged in several places."""
     sign = "≤" if line.at_most else "≥"
     unit = line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
@@ -131,10 +131,13 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
             f"{margins.delay_margin_s / period:.2g} periods"
         )
-    held = [row for row in evaluation.load_response.metrics if row["recovery_time_s"] is None]
+    loaded = evaluation.load_response.metrics
+    held = [row for row in loaded if row["recovery_time_s"] is None]
+    if not loaded:
+        found.append("under a constant load on the links the loop diverges")
     if held:
         worst_row = max(held, key=lambda row: row["remaining_error"])
-        joint = f" {worst_row['joint']}" if len(evaluation.load_response.metrics) > 1 else ""
+        joint = f" {worst_row['joint']}" if len(loaded) > 1 else ""
         found.append(f"under a constant load the link{joint} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
     if margins.stable and noise > NOISE_FRACTION * peak:

@@ -14,16 +14,17 @@ from flexhinf.design.along_move import AlongMove, Least, scheduled
 from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
-from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
+from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
@@ -103,6 +104,7 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
         With what to change.
     """
     n = len(robot.joint_names)
+    check_stated_units(robot, s)
     move = stated_move(robot, s)
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
@@ -110,152 +112,182 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
-    problem, noise = _robust_problem(robot, goal, start, s, progress)
-    levels = None if noise is None else noise.chosen.levels
-    slower = problem_within_effort(robot, goal, start, s, problem, levels, progress)
-    if slower is not problem:
-        problem, noise = slower, _noise_search(robot, goal, start, s, slower, progress)
-    states = len(problem.problem.state_names)
-    degrees, rays = tried_degrees(states, s), rays_of(states, s)
-    ratios = s.gamma_ratio, s.checked_gamma_ratio
-    choices = tuple(
-        try_degrees(
-            problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, progress,
-            problem.gamma_star,
-        )
-    )  # fmt: skip
-    chosen = _best(choices)
-    law = _law_of(robot, s, problem, chosen.solution, start, progress)
-    made = Synthesis(goal, start, problem, noise, choices, chosen, rays, law)
-    return made if move is None else _along(robot, s, made, move, progress)
+    steps = _Steps(robot, s, goal, start, progress)
+    made = steps.synthesis()
+    return made if move is None else steps.along(made, move)
 
 
-def _along(robot: Robot, s: Specification, made: Synthesis, move: Plan, progress: Progress) -> Synthesis:
-    """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
-    progress("margins along the move")
-    target, solution = made.design_problem.target, made.solution
-    damping = None if target is None else required_damping(s, target)
-    most = 1.0 + TOLERANCE
-    least = Least(most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most)
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The steps of one synthesis, and what all of them are about.
 
-    def another(pose: np.ndarray) -> Law:
-        return _law_at(robot, s, made.design_problem, solution.degree, made.start, pose, progress)
-
-    law, along = scheduled(made.setup(robot, s), move, least, None if s.via else another)
-    return replace(made, law=law, along=along)
-
-
-def _robust_problem(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, progress: Progress
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
-
-    A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is looked
-    at here, and the damping that weights are searched for grows until it is. Without success, the best is returned.
+    Attributes
+    ----------
+    robot : Robot
+    s : Specification
+    goal, start : (n,)
+        Link positions of the step, rad or m.
+    progress : callable
+        Called with what comes next.
     """
-    problem = choose(robot, goal, start, s)
-    best = _affordable(robot, goal, start, s, problem, progress)
-    problem = best[0]
-    if problem.robustness is None or s.estimator == "none":
+
+    robot: Robot
+    s: Specification
+    goal: np.ndarray
+    start: np.ndarray
+    progress: Progress
+
+    def synthesis(self) -> Synthesis:
+        """The law about the goal, or a schedule with the poses that are stated."""
+        s = self.s
+        problem, noise = self.robust_problem()
+        levels = None if noise is None else noise.chosen.levels
+        slower = problem_within_effort(self.robot, self.goal, self.start, s, problem, levels, self.progress)
+        if slower is not problem:
+            problem, noise = slower, self.noise_search(slower)
+        states = len(problem.problem.state_names)
+        degrees, rays = tried_degrees(states, s), rays_of(states, s)
+        ratios = s.gamma_ratio, s.checked_gamma_ratio
+        choices = tuple(
+            try_degrees(
+                problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, self.progress,
+                problem.gamma_star,
+            )
+        )  # fmt: skip
+        chosen = _best(choices)
+        law = self.law_of(problem, chosen.solution)
+        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law)
+
+    def along(self, made: Synthesis, move: Plan) -> Synthesis:
+        """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
+        self.progress("margins along the move")
+        target, solution = made.design_problem.target, made.solution
+        damping = None if target is None else required_damping(self.s, target)
+        most = 1.0 + TOLERANCE
+        least = Least(
+            most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
+        )
+
+        def another(pose: np.ndarray) -> Law:
+            return self.law_at(made.design_problem, solution.degree, pose)
+
+        law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
+        return replace(made, law=law, along=along)
+
+    def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+
+        A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is
+        looked at here, and the damping that weights are searched for grows until it is. Without success, the best is
+        returned.
+        """
+        problem = choose(self.robot, self.goal, self.start, self.s)
+        best = self.affordable(problem)
+        problem = best[0]
+        if problem.robustness is None or self.s.estimator == "none":
+            return best
+        fewest = self.unstable(*best)
+        damping = required_damping(self.s)
+        for _ in range(TURNS):
+            if not fewest:
+                break
+            damping = min(LARGEST_DAMPING, GROWTH * damping)
+            self.progress(
+                f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}"
+            )
+            try:
+                problem = choose(self.robot, self.goal, self.start, replace(self.s, damping=damping))
+            except FlexhinfError:
+                break
+            noise = self.noise_search(problem)
+            unstable = self.unstable(problem, noise)
+            if unstable < fewest:
+                fewest, best = unstable, (problem, noise)
         return best
-    fewest = _unstable(robot, goal, start, s, *best)
-    damping = required_damping(s)
-    for _ in range(TURNS):
-        if not fewest:
-            break
-        damping = min(LARGEST_DAMPING, GROWTH * damping)
-        progress(f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}")
-        try:
-            problem = choose(robot, goal, start, replace(s, damping=damping))
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        unstable = _unstable(robot, goal, start, s, problem, noise)
-        if unstable < fewest:
-            fewest, best = unstable, (problem, noise)
-    return best
 
+    def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
 
-def _affordable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> tuple[DesignProblem, NoiseSearch | None]:
-    """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
+        The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
+        `RINGS`. What the specification states is not lowered.
+        """
+        noise = self.noise_search(problem)
+        best = problem, noise
+        for _ in range(LOWERINGS):
+            if noise is None or problem.target is None or self.s.preset == "robust":
+                break
+            target, missed = problem.target, noise.chosen.missed
+            short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+            loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+            slower = (
+                1.0
+                if self.s.bandwidth is not None
+                else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
+            )
+            damping = target.damping
+            if self.s.damping is None:
+                damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
+            if slower == 1.0 and damping >= target.damping:
+                break
+            lower = replace(self.s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
+            self.progress(
+                f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
+                f"damping {damping:.2g}"
+            )
+            try:
+                problem = choose(self.robot, self.goal, self.start, lower, near=problem)
+            except FlexhinfError:
+                break
+            noise = self.noise_search(problem)
+            before = best[1]
+            if (
+                noise is not None
+                and before is not None
+                and noise.chosen.whole_score < before.chosen.whole_score
+            ):
+                best = problem, noise
+        return best
 
-    The margins of the running loop ask for a lower bandwidth, the noise at the motors for less damping, at least
-    `RINGS`. What the specification states is not lowered.
-    """
-    noise = _noise_search(robot, goal, start, s, problem, progress)
-    best = problem, noise
-    for _ in range(LOWERINGS):
-        if noise is None or problem.target is None or s.preset == "robust":
-            break
-        target, missed = problem.target, noise.chosen.missed
-        short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
-        loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
-        slower = (
-            1.0 if s.bandwidth is not None else float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
-        )
-        damping = target.damping
-        if s.damping is None:
-            damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
-        if slower == 1.0 and damping >= target.damping:
-            break
-        lower = replace(s, bandwidth=(slower * target.bandwidth).tolist(), damping=damping)
-        progress(
-            f"limits of the running loop missed: weights for {float(slower * target.bandwidth.min()):.3g} rad/s, "
-            f"damping {damping:.2g}"
-        )
-        try:
-            problem = choose(robot, goal, start, lower, near=problem)
-        except FlexhinfError:
-            break
-        noise = _noise_search(robot, goal, start, s, problem, progress)
-        before = best[1]
-        if noise is not None and before is not None and noise.chosen.whole_score < before.chosen.whole_score:
-            best = problem, noise
-    return best
+    def linear_setup(self, problem: DesignProblem) -> LoopSetup:
+        """The loop of the problem's linear law."""
+        law = solve_hji(problem.problem, problem.gamma, 2)
+        return LoopSetup(self.robot, self.s, law, self.goal, self.start)
 
+    def noise_search(self, problem: DesignProblem) -> NoiseSearch | None:
+        """Noise levels of the estimator for the problem's linear law; None where they are stated."""
+        damping = None if problem.target is None else required_damping(self.s, problem.target)
+        return search_noise(self.linear_setup(problem), damping, self.progress)
 
-def _linear_setup(
-    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, problem: DesignProblem
-) -> LoopSetup:
-    """The loop of the problem's linear law."""
-    law = solve_hji(problem.problem, problem.gamma, 2)
-    return LoopSetup(robot, s, law, goal, start)
+    def unstable(self, problem: DesignProblem, noise: NoiseSearch | None) -> int:
+        """Unstable corners with the noise levels that were found or stated."""
+        if noise is not None and noise.chosen.unstable is not None:
+            return noise.chosen.unstable
+        setup = self.linear_setup(problem)
+        if noise is not None:
+            setup = replace(setup, estimator_noise=noise.chosen.levels)
+        return tolerance_corners(
+            setup.equilibrium_loop(), self.robot.corner, self.robot.uncertain, ()
+        ).unstable
 
+    def law_of(self, problem: DesignProblem, solution: HJISolution) -> Law:
+        """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
 
-def _noise_search(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    progress: Progress,
-) -> NoiseSearch | None:
-    damping = None if problem.target is None else required_damping(s, problem.target)
-    return search_noise(_linear_setup(robot, goal, start, s, problem), damping, progress)
+        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are
+        stated are the same everywhere.
+        """
+        laws = [self.law_at(problem, solution.degree, pose) for pose in self.s.via]
+        return Schedule([solution, *laws]) if laws else solution
 
-
-def _unstable(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    problem: DesignProblem,
-    noise: NoiseSearch | None,
-) -> int:
-    """Unstable corners with the noise levels that were found or stated."""
-    if noise is not None and noise.chosen.unstable is not None:
-        return noise.chosen.unstable
-    setup = _linear_setup(robot, goal, start, s, problem)
-    if noise is not None:
-        setup = replace(setup, estimator_noise=noise.chosen.levels)
-    return tolerance_corners(setup.equilibrium_loop(), robot.corner, robot.uncertain, ()).unstable
+    def law_at(self, problem: DesignProblem, degree: int, pose: Any) -> HJISolution:
+        """The same design at another pose."""
+        self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
+        place = self.robot.operating_point(pose)[0][: len(self.start)]
+        bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
+        damping = self.s.damping
+        if problem.target is not None:
+            damping = min(required_damping(self.s, problem.target), problem.target.damping)
+        there = choose(self.robot, place, self.start, replace(self.s, bandwidth=bandwidth, damping=damping))
+        return solve_hji(there.problem, there.gamma, degree)
 
 
 def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
@@ -265,43 +297,14 @@ def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
     )
 
 
-def _law_of(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    solution: HJISolution,
-    start: np.ndarray,
-    progress: Progress,
-) -> Law:
-    """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
-
-    Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are stated
-    are the same everywhere.
-    """
-    laws = [_law_at(robot, s, problem, solution.degree, start, pose, progress) for pose in s.via]
-    return Schedule([solution, *laws]) if laws else solution
-
-
-def _law_at(
-    robot: Robot,
-    s: Specification,
-    problem: DesignProblem,
-    degree: int,
-    start: np.ndarray,
-    pose: Any,
-    progress: Progress,
-) -> HJISolution:
-    """The same design at another pose."""
-    progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
-    place = robot.operating_point(pose)[0][: len(start)]
-    bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
-    damping = s.damping if problem.target is None else required_damping(s, problem.target)
-    there = choose(robot, place, start, replace(s, bandwidth=bandwidth, damping=damping))
-    return solve_hji(there.problem, there.gamma, degree)
-
-
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: extras, sensors and estimator, poses that cannot be held."""
+    """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
+    if not np.any(goal != start):
+        raise InvalidInput(
+            "There is nothing to move: the step starts at its goal.",
+            f"expected another start than {goal.tolist()}",
+            "another `start` or `pose`",
+        )
     robot.plant(s.measured, extras=s.extras)
     model = robot.plant(s.measured)
     estimator_for(
@@ -309,13 +312,35 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         EstimatorNoise.stated(s).covariance(model.states), noise_variances(model, s.measurement_noise),
     )  # fmt: skip
     sensor_steps(robot, s)
+    _check_dead_zone(robot, s, np.abs(goal - start))
     limits = joint_limits(robot, s)
     for pose in (goal, start, *s.via):
         check_holding(robot, pose, limits.effort, partial(_stated, limits))
 
 
+def _check_dead_zone(robot: Robot, s: Specification, step: np.ndarray) -> None:
+    """Refuse a dead zone in which a joint's whole step (n,) is never integrated."""
+    zone = integral_dead_zone(robot, s, None)
+    if zone is None:
+        return
+    beyond = (step > 0.0) & (zone >= step)
+    if beyond.any():
+        joint = int(np.argmax(beyond))
+        unit = "m" if robot.links.slides[joint] else "rad"
+        raise SpecificationError(
+            "integral_dead_zone",
+            f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
+            f"expected less than {step[joint]:.3g} {unit}, got {zone[joint]:.3g} {unit}",
+        )
+
+
 def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
-    """Who states the smaller limit of a joint's input, and the field of the specification that raises it."""
+    """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
+
+    Files are often written with an effort of 1 or 10 where nobody knew the motor.
+    """
+    if limits.peak_source == ROBOT == limits.saturation_source:
+        return f"; {ROBOT} states it: is it a placeholder?", "`peak_effort` and `saturation` (inf: no limit)"
     name, source = "saturation", limits.saturation_source
     if limits.peak[joint] <= limits.saturation[joint]:
         name, source = "peak_effort", limits.peak_source

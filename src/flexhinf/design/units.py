@@ -1,7 +1,8 @@
 """Values as people write them: numbers, text with a unit (``90deg``, ``5ms``, ``0.6Hz``), lists, weights.
 
-Every function takes what Python, a TOML file or the command line gives and returns plain numbers in SI units; each
-raises ValueError for what it cannot read.
+Every function takes what Python, a TOML file or the command line gives and returns numbers in SI units; each raises
+ValueError for what it cannot read. A number that was text with a unit remembers that unit (`Stated`): which units fit
+is known when the robot is, see `flexhinf.design.stated_units`.
 """
 
 from __future__ import annotations
@@ -9,34 +10,39 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
 from flexhinf.untrusted import real_number, value_text
 
 __all__ = [
+    "SECONDS", "SLIDING", "TURNING",
     "AboveOne", "Allowed", "Count", "Degrees", "Distances", "Duration", "Flag", "Frequencies", "Names",
     "NotNegative", "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio",
-    "Seconds", "Seed", "Tolerances", "Weights", "angle_unit_of", "angles", "choice", "distances", "flag",
-    "frequencies", "integer", "integers", "lengths", "names", "number", "numbers", "poses", "quanta",
-    "reading_kind", "seconds", "speeds", "weights",
+    "Seconds", "Seed", "Stated", "Tolerances", "Weights", "angle_unit_of", "angles", "choice", "distances", "flag",
+    "frequencies", "integer", "integers", "lengths", "names", "number", "numbers", "poses", "quanta", "seconds",
+    "speeds", "weights",
 ]  # fmt: skip
 
-_ANGLES = {"": 1.0, "rad": 1.0, "m": 1.0, "mm": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
-_LENGTHS = {"": 1.0, "m": 1.0, "mm": 1e-3}
-_FREQUENCIES = {"": 1.0, "rad/s": 1.0, "hz": 2.0 * math.pi}
-_SPEEDS = {
-    "": 1.0, "rad/s": 1.0, "m/s": 1.0, "mm/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0,
-    "rpm": math.pi / 30.0,
-}  # fmt: skip
-_TORQUES = {"nm": 1.0, "n·m": 1.0, "n*m": 1.0, "n": 1.0}
-_READINGS = {**_SPEEDS, **_ANGLES, **_TORQUES}
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+#: Units of each kind of number, in lower case, and what one is in the SI unit that stands first.
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+SLIDING = {"m": 1.0, "mm": 1e-3}
+_TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
+_SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
+_FREQUENCIES = {"rad/s": 1.0, "hz": 2.0 * math.pi}
+_TORQUES = {"n·m": 1.0, "nm": 1.0, "n*m": 1.0}
+_FORCES = {"n": 1.0}
+_POSITIONS = (TURNING, SLIDING)
+_SPEEDS = (_TURN_RATES, _SLIDE_RATES)
+_READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
+#: SI units as the rest of the code writes them.
+_WRITTEN = {"n·m": "N·m", "n": "N"}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
 
@@ -44,9 +50,31 @@ _LONGEST = 10_000
 _QUANTITY = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+(\S*+)\s*+\Z")
 
 
+class Stated(float):
+    """A number in SI units that was stated in a unit; everything computed with it is a plain float.
+
+    Attributes
+    ----------
+    number, unit : str
+        As they were written: "30" and "mm".
+    si : str
+        The SI unit that it has: rad, m, rad/s, m/s, N·m, N or s.
+    """
+
+    number: str
+    unit: str
+    si: str
+
+    def __new__(cls, value: float, number: str = "", unit: str = "", si: str = "") -> Stated:
+        """The number, and how it was written."""
+        found = super().__new__(cls, value)
+        found.number, found.unit, found.si = number, unit, si
+        return found
+
+
 def number(value: Any) -> float:
     """A number; true and false are none."""
-    return _quantity(value, {"": 1.0})
+    return _quantity(value)
 
 
 def seconds(value: Any) -> float:
@@ -57,23 +85,23 @@ def seconds(value: Any) -> float:
     >>> seconds("5ms")
     0.005
     """
-    return _quantity(value, _SECONDS)
+    return _quantity(value, SECONDS)
 
 
 def angles(value: Any) -> tuple[float, ...]:
-    """Positions in rad or m, one or several; as text between commas, with deg or ° in degrees.
+    """Positions in rad or m, one or several; as text between commas, with rad, deg, °, m or mm.
 
     Examples
     --------
     >>> angles("0.5, 180deg")
     (0.5, 3.141592653589793)
     """
-    return tuple(_quantity(one, _ANGLES, math.radians) for one in _several(value))
+    return tuple(_quantity(one, *_POSITIONS) for one in _several(value))
 
 
 def lengths(value: Any) -> tuple[float, ...]:
     """Lengths in m, one or several; as text between commas, with m or mm."""
-    return tuple(_quantity(one, _LENGTHS) for one in _several(value))
+    return tuple(_quantity(one, SLIDING) for one in _several(value))
 
 
 def poses(value: Any) -> tuple[tuple[float, ...], ...]:
@@ -103,7 +131,7 @@ def frequencies(value: Any) -> float | tuple[float, ...]:
 
 def numbers(value: Any) -> float | tuple[float, ...]:
     """One number, or one per joint."""
-    return _one_or_several(value, {"": 1.0})
+    return _one_or_several(value)
 
 
 def speeds(value: Any) -> float | tuple[float, ...]:
@@ -114,7 +142,7 @@ def speeds(value: Any) -> float | tuple[float, ...]:
     >>> speeds("2.5, 0.5m/s")
     (2.5, 0.5)
     """
-    return _one_or_several(value, _SPEEDS)
+    return _one_or_several(value, *_SPEEDS)
 
 
 def quanta(value: Any) -> float | tuple[float, ...]:
@@ -126,7 +154,7 @@ def quanta(value: Any) -> float | tuple[float, ...]:
     >>> quanta("0.2mm, 0.05Nm")
     (0.0002, 0.05)
     """
-    return _one_or_several(value, _READINGS)
+    return _one_or_several(value, *_READINGS)
 
 
 def distances(value: Any) -> float | tuple[float, ...]:
@@ -137,25 +165,11 @@ def distances(value: Any) -> float | tuple[float, ...]:
     >>> distances("1e-3, 2mm")
     (0.001, 0.002)
     """
-    return _one_or_several(value, _ANGLES)
+    return _one_or_several(value, *_POSITIONS)
 
 
-def reading_kind(value: Any) -> str:
-    """What a reading's unit measures: position, velocity or torque; empty without a unit, or for no text.
-
-    Examples
-    --------
-    >>> reading_kind("0.1Nm")
-    'torque'
-    """
-    match = _QUANTITY.match(value) if isinstance(value, str) else None
-    unit = match[2].lower() if match else ""
-    kinds = {"position": _ANGLES, "velocity": _SPEEDS, "torque": _TORQUES}
-    return next((kind for kind, units in kinds.items() if unit and unit in units), "")
-
-
-def _one_or_several(value: Any, units: Mapping[str, float]) -> float | tuple[float, ...]:
-    read = tuple(_quantity(one, units) for one in _several(value))
+def _one_or_several(value: Any, *units: Mapping[str, float]) -> float | tuple[float, ...]:
+    read = tuple(_quantity(one, *units) for one in _several(value))
     return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
 
 
@@ -220,18 +234,23 @@ def _row(values: Any) -> tuple[float, ...]:
     return row
 
 
-def _quantity(
-    value: Any, units: Mapping[str, float], in_degrees: Callable[[float], float] | None = None
-) -> float:
-    """A number, or text of a number and one of the units."""
+def _quantity(value: Any, *units: Mapping[str, float]) -> float:
+    """A number, or text of a number without a unit or with one of the units, which it then remembers."""
+    if isinstance(value, Stated):
+        return value
     if isinstance(value, str):
         match = _QUANTITY.match(value)
-        if match is None or match[2].lower() not in units:
+        unit = match[2].lower() if match else ""
+        known = next((one for one in units if unit in one), None)
+        if match is None or (unit and known is None):
             raise ValueError(value_text(value))
-        found, unit = float(match[1]), match[2].lower()
+        found = float(match[1])
         if math.isinf(found) and "inf" not in match[1]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
-        return in_degrees(found) if in_degrees and unit in ("deg", "°") else found * units[unit]
+        if known is None:
+            return found
+        si = next(iter(known))
+        return Stated(found * known[unit], match[1], match[2], _WRITTEN.get(si, si))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
     found = real_number(value)
@@ -280,8 +299,18 @@ class Allowed:
     words: str
 
 
+def _as_stated(value: Any, check: ValidatorFunctionWrapHandler) -> float:
+    """The checked number, with the unit in which it was stated: pydantic makes plain floats."""
+    found = check(value)
+    return value if isinstance(value, Stated) else found
+
+
 _finite = functools.partial(Field, allow_inf_nan=False)
 _POSITIVE, _NOT_NEGATIVE = _finite(gt=0.0), _finite(ge=0.0)
+_KEPT = WrapValidator(_as_stated)
+_Finite = Annotated[float, _finite(), _KEPT]
+_Above = Annotated[float, _POSITIVE, _KEPT]
+_AtLeast = Annotated[float, _NOT_NEGATIVE, _KEPT]
 Number = Annotated[float, _finite(), BeforeValidator(number), Allowed("a number")]
 Positive = Annotated[float, _POSITIVE, BeforeValidator(number), Allowed("a number > 0")]
 NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(number), Allowed("a number >= 0")]
@@ -298,21 +327,19 @@ Count = Annotated[int, Field(ge=0), BeforeValidator(integer), Allowed("an intege
 Seed = Annotated[int, Field(ge=0, lt=2**63), BeforeValidator(integer), Allowed("an integer >= 0, below 2^63")]
 Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
 Pose = Annotated[
-    tuple[Annotated[float, _finite()], ...], BeforeValidator(angles),
+    tuple[_Finite, ...], BeforeValidator(angles),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
 ]  # fmt: skip
 Tolerances = Annotated[
-    Annotated[tuple[Annotated[float, _POSITIVE], ...], Field(min_length=1)], BeforeValidator(angles),
+    Annotated[tuple[_Above, ...], Field(min_length=1)], BeforeValidator(angles),
     Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
-Poses = Annotated[
-    tuple[tuple[Annotated[float, _finite()], ...], ...], BeforeValidator(poses), Allowed("a list of poses")
-]
+Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(poses), Allowed("a list of poses")]
 Frequencies = Annotated[
-    Annotated[float, _POSITIVE] | tuple[Annotated[float, _POSITIVE], ...], BeforeValidator(frequencies),
+    _Above | tuple[_Above, ...], BeforeValidator(frequencies),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
 ]  # fmt: skip
-_Limit = Annotated[float, Field(gt=0.0)]
+_Limit = Annotated[float, Field(gt=0.0), _KEPT]
 PerJoint = Annotated[
     _Limit | tuple[_Limit, ...], BeforeValidator(numbers), Allowed("a number > 0, or one per joint; inf for none"),
 ]  # fmt: skip
@@ -321,11 +348,11 @@ PerJointSpeed = Annotated[
     Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
 ]  # fmt: skip
 Quanta = Annotated[
-    Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(quanta),
+    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(quanta),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
 ]  # fmt: skip
 Distances = Annotated[
-    Annotated[float, _NOT_NEGATIVE] | tuple[Annotated[float, _NOT_NEGATIVE], ...], BeforeValidator(distances),
+    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(distances),
     Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[

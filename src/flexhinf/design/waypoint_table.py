@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import csv
 import difflib
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, WithJsonSchema
 
-from flexhinf.design.units import Allowed
+from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, read_text, real_array, value_text
 
@@ -30,10 +29,6 @@ __all__ = ["Move", "WaypointError", "WaypointTable", "waypoints"]
 
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000
-
-SECONDS = {"s": 1.0, "ms": 1e-3}
-TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
-SLIDING = {"m": 1.0, "mm": 1e-3}
 
 
 class WaypointError(InvalidInput):
@@ -206,7 +201,7 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
                 f"expected one of {list(units)} for {value_text(name, 60)}, got {value_text(unit, 60)}",
                 f"'{name} [{next(iter(units))}]'",
             )
-        values[name] = units.get(unit, 1.0) * real_array(column)
+        values[name] = units.get(unit, 1.0) * _numbers(column)
     times = values.pop("time")
     positions = list(values.values())
     if times.ndim != 1 or any(column.shape != times.shape for column in positions) or len(times) < 2:
@@ -219,6 +214,14 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
     rows = tuple(map(tuple, np.column_stack(positions).tolist()))
     units = tuple(unit for name, unit in named if name != "time")
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
+
+
+def _numbers(column: Any) -> np.ndarray:
+    """Numbers of a column; NaN where something else stands, true and false included."""
+    entries = column.tolist() if isinstance(column, np.ndarray) and column.ndim == 1 else column
+    if isinstance(entries, (list, tuple)):
+        entries = [np.nan if isinstance(entry, (bool, np.bool_)) else entry for entry in entries]
+    return real_array(entries)
 
 
 def _heading(text: str) -> tuple[str, str]:

@@ -41,10 +41,6 @@ class Scaling:
         d = self.state
         return a * (d / d[:, None]), b * (self.value / d)[:, None], c * (d / self.value)
 
-    def unscale_hessian(self, p: np.ndarray) -> np.ndarray:
-        """P of V = ½ xᵀPx from the scaled one."""
-        return p * (self.value**2 / np.outer(self.state, self.state))
-
 
 def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
     """Scaling that balances the Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]].

@@ -6,6 +6,7 @@ from flexhinf.report.figure import (
     INK,
     MUTED,
     SERIES,
+    WIDTH,
     figure_to_svg,
     house_style,
     label,
@@ -23,7 +24,7 @@ from flexhinf.report.table import Column, Table
 from flexhinf.report.text import number, to_json
 
 __all__ = [
-    "INK", "MUTED", "SERIES", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure", "FigureRow",
+    "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure", "FigureRow",
     "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
     "Status", "Table", "by_verdict", "check", "figure_to_svg", "house_style", "is_report", "label", "legend",
     "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary", "time_response",

@@ -16,7 +16,7 @@ from flexhinf.report.text import escape, prose
 __all__ = ["Block", "Bullets", "Figure", "FigureRow", "Listing", "Note", "Paragraph", "check_id", "inline"]
 
 _ROOT = re.compile(r"<svg\b[^>]*>")
-_VIEW = re.compile(r'\bviewBox="[^"]*"')
+_VIEW = re.compile(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"')
 _ACTIVE = re.compile(
     r"<script|<foreignObject|\son[a-z]+\s*=|(?:href|src)\s*=\s*[\"'](?!#)|url\((?!#)|@import|<!\[CDATA|<!ENTITY",
     re.IGNORECASE,
@@ -211,4 +211,5 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
 
     body = _MARKUP.sub(own, body)
     described = f' aria-labelledby="{described_by}"' if described_by else ""
-    return f'<svg {view.group()} role="img"{described}>{body}'
+    wide = f' style="--units: {view.group(1)}"'
+    return f'<svg {view.group()}{wide} role="img"{described}>{body}'

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
 
 __all__ = [
-    "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "figure_to_svg", "house_style", "label", "legend",
+    "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "WIDTH", "figure_to_svg", "house_style", "label", "legend",
     "new_figure", "quantile_band", "reference_line", "settling_band", "time_response",
 ]  # fmt: skip
 
@@ -59,6 +59,9 @@ INK: str = LIGHT["ink"]
 MUTED: str = LIGHT["muted"]
 GRID: str = LIGHT["grid"]
 SERIES: tuple[str, ...] = tuple(colour for role, colour in LIGHT.items() if role.startswith("series-"))
+
+#: Width of a drawing, inches: one that fits a narrow screen (360 px) keeps text of 8 px, on a wide one it has 15 px.
+WIDTH = 6.0
 
 _STYLE: dict[str, object] = {
     "font.family": ["DejaVu Sans"],
@@ -131,7 +134,7 @@ def _settings() -> dict[Any, Any]:
 
 @house_style()
 def new_figure(
-    rows: int = 1, *, width: float = 7.2, height: float | None = None
+    rows: int = 1, *, width: float = WIDTH, height: float | None = None
 ) -> tuple[Figure, list[Axes]]:
     """A figure of stacked panels over one axis of time.
 

@@ -17,3 +17,5 @@ from .payload import Payload as Payload
 from .robot import Robot as Robot
 from .robot_file import catalogue as catalogue
 from .robot_file import load_robot as load_robot
+from .weighing import Weighing as Weighing
+from .weighing import weigh_payload as weigh_payload

@@ -24,7 +24,15 @@ from flexhinf.robot.mjcf_elements import (
     place_of,
 )
 from flexhinf.robot.mjcf_file import MjcfFile, real_text
-from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, merged, moved
+from flexhinf.robot.urdf import (
+    MOST_JOINTS,
+    RigidArm,
+    check_lock,
+    check_selection,
+    locked_joints,
+    merged,
+    moved,
+)
 from flexhinf.untrusted import value_text
 
 __all__ = ["read_mjcf"]
@@ -79,15 +87,7 @@ def read_mjcf(
             )
     found = MjcfFile(file, root)
     movable = tuple(found.joint_names())
-    for name in (*(joints or ()), *(locked or {})):
-        if name not in movable:
-            raise InvalidInput(
-                f"{file}: there is no joint {name!r} that could move.",
-                f"expected one of {list(movable)}",
-                "one of these",
-            )
-    still = {name: 0.0 for name in movable if joints is not None and name not in joints} | dict(locked or {})
-    walk = _Walk(found, still)
+    walk = _Walk(found, locked_joints(file, movable, joints, locked))
     for world in root.findall("worldbody"):
         walk.children(world, _Place(None, Placement(), found.childclass(world, None)))
     if not walk.joints or len(walk.joints) > MOST_JOINTS:
@@ -222,11 +222,12 @@ class _Walk:
         there = at.placement.then(Placement(translation=tuple(shift.tolist())))  # type: ignore[arg-type]
         own = self.relative(there, body.placement)
         back = moved(KINDS[kind], direction, 0.0 if zero is None else -angle(float(zero[0])))
+        limits = self.limits(where, values, angle)
         if name in self.locked:
+            check_lock(file, name, limits, float(self.locked[name]))
             place = there.then(back).then(moved(KINDS[kind], direction, float(self.locked[name])))
             return _Place(at.carrier, place.then(own), body.childclass)
         above = "world" if at.carrier is None else self.joints[at.carrier].name
-        limits = self.limits(where, values, angle)
         unlimited = "continuous" if turns else "prismatic"
         shown = KINDS[kind] if limits is not None else unlimited
         self.joints.append(Joint(name, shown, direction, there.then(back), limits, above))

@@ -10,7 +10,25 @@ from typing import Any
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text
 
-__all__ = ["Parameter", "checked_signs"]
+__all__ = ["Parameter", "PlantValues", "checked_signs"]
+
+
+class PlantValues(dict[str, Any]):
+    """Parameters of a plant by name, and the numbers of the robot that they come from.
+
+    A plant knows of a payload only that a link is heavier; the robot knows it by its own name.
+
+    Parameters
+    ----------
+    values : mapping
+        Numbers and arrays.
+    numbers : mapping of str to float
+        Every parameter of the robot by name.
+    """
+
+    def __init__(self, values: Mapping[str, Any], numbers: Mapping[str, float]) -> None:
+        super().__init__(values)
+        self.numbers = dict(numbers)
 
 
 @dataclass(frozen=True)
@@ -91,7 +109,8 @@ class Parameter:
         """The value at −1 (lower end), 0 (nominal), 1 (upper end), or linearly between two of these."""
         if self.range is None:
             return self.value + sign * abs(self.value) * self.tolerance / 100.0
-        return self.value + abs(sign) * (self.range[sign > 0.0] - self.value)
+        share = abs(sign)
+        return (1.0 - share) * self.value + share * self.range[sign > 0.0]  # the ends to the last bit
 
     @property
     def interval(self) -> tuple[float, float]:

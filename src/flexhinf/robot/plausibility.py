@@ -56,6 +56,9 @@ FASTEST = 10.0
 #: A joint with this phase per sample behaves as a rigid one in the loop, at a few hundred sub-steps a sample.
 AS_RIGID = 3.0
 
+#: Largest mass that is carried over that of the links that move: industrial robots carry less than their own.
+CARRIED = (10.0, 100.0)
+
 #: Units in which inertias are tabulated, and what they are in kg·m².
 INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²": 1e-9}
 
@@ -181,6 +184,7 @@ def _questions(robot: Robot) -> Iterator[Question]:
     yield from _ranges(robot)
     yield from _lengths_and_inertias(robot, p)
     yield from _gravity(robot)
+    yield from _payloads(robot)
     yield from _springs_and_motors(robot, p)
     yield from _friction(robot)
 
@@ -248,6 +252,20 @@ def _gravity(robot: Robot) -> Iterator[Question]:
         )
 
 
+def _payloads(robot: Robot) -> Iterator[Question]:
+    masses = {p.name: p for p in robot.parameters}
+    own = sum(p.value for name, p in masses.items() if name.startswith("mass"))
+    for name, payload in masses.items():
+        upper = payload.interval[1]
+        if name.startswith("payload_mass") and own > 0.0 and upper > CARRIED[0] * own:
+            yield Question(
+                f"the payload is {upper / own:.3g} times as heavy as the robot.",
+                f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
+                f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
+                upper > CARRIED[1] * own,
+            )
+
+
 def _weights(robot: Robot, p: Parameters) -> np.ndarray:
     """Largest |G| of each joint (n,) over home and random poses, N·m or N."""
     rng, n = np.random.default_rng(0), len(robot.joint_names)
@@ -262,11 +280,13 @@ def _springs_and_motors(robot: Robot, p: Parameters) -> Iterator[Question]:
     moved, weights = np.diag(_mass_matrix(robot, p)), _weights(robot, p)
     motors = np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(len(tree), np.inf), np.atleast_1d(p.stiffness))
+    carried = any(robot.nominal[name] for name in robot.nominal if name.startswith("payload_mass"))
+    load = "own weight and its payload's" if carried else "own weight"
     for i, joint in enumerate(tree.joints):
         twist, ratio = weights[i] / stiffness[i], motors[i] / moved[i]
         if not joint.slides and twist > TWIST[0]:
             yield Question(
-                f"the spring of joint {joint.name!r} twists by {twist * DEGREES:.3g}° under the robot's own weight.",
+                f"the spring of joint {joint.name!r} twists by {twist * DEGREES:.3g}° under the robot's {load}.",
                 f"expected N·m/rad, got {stiffness[i]:g} for {weights[i]:.3g} N·m; was N·m/deg meant?",
                 f"stiffness = {stiffness[i] * DEGREES:.5g} for {stiffness[i]:g} N·m/deg",
                 twist > TWIST[1],

@@ -17,7 +17,7 @@ from flexhinf.robot.elastic import ElasticFlow, Layout, Links
 from flexhinf.robot.extras import DRY, Engaged, Sticking, checked_extras
 from flexhinf.robot.feedforward import InverseFlow, flat_coordinates, motion_rows, state_and_input
 from flexhinf.robot.operating_point import checked_pose, operating_point
-from flexhinf.robot.parameter import Parameter, checked_signs
+from flexhinf.robot.parameter import Parameter, PlantValues, checked_signs
 from flexhinf.robot.penalised import robot_penalty
 from flexhinf.robot.quantities import check_parameters, checked_limits, checked_rigid
 from flexhinf.robot.signals import (
@@ -152,7 +152,7 @@ class Robot(Summarised):
         kept = [given.pop(p.name, p) for p in self.parameters]
         return replace(self, parameters=(*kept, *given.values()))
 
-    def plant_parameters(self, values: Mapping[str, float] | None = None) -> dict[str, Any]:
+    def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
 
         Parameters
@@ -162,8 +162,8 @@ class Robot(Summarised):
         """
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
-        packed = self.links.packed(values)
-        return packed | {name: self.links.joint_array(column) for name, column in columns.items()}
+        arrays = {name: self.links.joint_array(column) for name, column in columns.items()}
+        return PlantValues(self.links.packed(values) | arrays, values)
 
     # Plants ---------------------------------------------------------------------------------------
     def plant(

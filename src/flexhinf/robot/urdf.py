@@ -19,7 +19,9 @@ from flexhinf.robot.parts import Link
 from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, largest_of, limits_of, origin_of
 from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
-__all__ = ["MOST_JOINTS", "RigidArm", "check_selection", "merged", "moved", "read_urdf"]
+__all__ = [
+    "MOST_JOINTS", "RigidArm", "check_lock", "check_selection", "locked_joints", "merged", "moved", "read_urdf",
+]  # fmt: skip
 
 #: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
 MOST_JOINTS, MOST_LINKS = 100, 1000
@@ -84,18 +86,7 @@ def read_urdf(
     check_selection(joints, locked)
     path = Path(path)
     file = _File(path.name, _root(path))
-    locked = dict(locked or {})
-    file.check_names([*(joints or ()), *locked])
-    if joints is not None:
-        both = [name for name in joints if name in locked]
-        if both:
-            raise InvalidInput(
-                f"{path.name}: the joint {both[0]!r} is both chosen and locked.",
-                f"got {both}",
-                "one of the two",
-            )
-        locked |= {name: locked.get(name, 0.0) for name in file.movable if name not in joints}
-    walk = _Walk(file, locked)
+    walk = _Walk(file, locked_joints(path.name, file.movable, joints, locked))
     walk.visit(file.base())
     if len(walk.joints) > MOST_JOINTS:
         raise InvalidInput(
@@ -178,17 +169,6 @@ class _File:
         """Joints that are not fixed."""
         return tuple(name for name, joint in self.joints.items() if joint.get("type") != "fixed")
 
-    def check_names(self, names: Sequence[str]) -> None:
-        """Refuse names of joints that do not move."""
-        for name in names:
-            if name not in self.movable:
-                close = difflib.get_close_matches(name, self.movable, n=1)
-                raise InvalidInput(
-                    f"{self.name}: there is no joint {name!r} that could move.",
-                    f"expected one of {list(self.movable)}",
-                    f"{close[0]!r}" if close else "one of these",
-                )
-
     def base(self) -> str:
         """The link that no joint carries."""
         carried = [self.end(joint, "child") for joint in self.joints.values()]
@@ -250,8 +230,9 @@ class _Walk:
             )
         axis = axis_of(self.file.name, name, element)
         if name in self.locked:
-            self.check_lock(name, element)
-            return carrier, place.then(moved(kind, axis, float(self.locked[name])))
+            value = float(self.locked[name])
+            check_lock(self.file.name, name, limits_of(self.file.name, name, element), value)
+            return carrier, place.then(moved(kind, axis, value))
         if element.find("mimic") is not None:
             raise InvalidInput(
                 f"{self.file.name}: the joint {name!r} mimics another one, which an elastic joint cannot.",
@@ -263,15 +244,59 @@ class _Walk:
         self.bodies.append([])
         return len(self.joints) - 1, Placement()
 
-    def check_lock(self, name: str, element: ElementTree.Element) -> None:
-        """A joint is locked inside its limits."""
-        limits, value = limits_of(self.file.name, name, element), float(self.locked[name])
-        if limits is not None and not limits[0] <= value <= limits[1]:
+
+def locked_joints(
+    file: str, movable: Sequence[str], joints: Sequence[str] | None, locked: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Joints of a URDF or an MJCF file that do not move, and where they stand, rad or m.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    movable : sequence of str
+        Joints that are not fixed.
+    joints, locked
+        As for `read_urdf`, checked by `check_selection`.
+
+    Raises
+    ------
+    InvalidInput
+        For a name that is none of `movable`, and a joint that is chosen and locked.
+    """
+    still = dict(locked or {})
+    for name in (*(joints or ()), *still):
+        if name not in movable:
+            close = difflib.get_close_matches(name, movable, n=1)
             raise InvalidInput(
-                f"{self.file.name}: the joint {name!r} is locked outside its limits.",
-                f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
-                "a position that the joint can have",
+                f"{file}: there is no joint {value_text(name, 60)} that could move.",
+                f"expected one of {list(movable)}",
+                f"{close[0]!r}" if close else "one of these",
             )
+    if joints is None:
+        return still
+    both = [name for name in joints if name in still]
+    if both:
+        raise InvalidInput(
+            f"{file}: the joint {both[0]!r} is both chosen and locked.", f"got {both}", "one of the two"
+        )
+    return still | {name: 0.0 for name in movable if name not in joints and name not in still}
+
+
+def check_lock(file: str, name: str, limits: tuple[float, float] | None, value: float) -> None:
+    """Refuse a joint that is locked outside its limits, rad or m.
+
+    Raises
+    ------
+    InvalidInput
+        With the limits and the value.
+    """
+    if limits is not None and not limits[0] <= value <= limits[1]:
+        raise InvalidInput(
+            f"{file}: the joint {name!r} is locked outside its limits.",
+            f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
+            "a position that the joint can have",
+        )
 
 
 def check_selection(joints: Any, locked: Any) -> None:

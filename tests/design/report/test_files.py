@@ -20,7 +20,7 @@ def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_pa
     design = report_design("met")
     folder = design.save(tmp_path / "report")
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    runs = {f"runs/{name}.nc" for name in ("step", "load", "move")}
+    runs = {f"runs/{name}.nc" for name in ("step", "load", "move", "ring-down-1")}
     assert names == {"index.html", "design.json", "controller", "flexhinf-report.json", *runs}
     page = (folder / "index.html").read_text(encoding="utf-8")
     listed = {"design.json", "controller", "runs/load.nc", "move.nc", "step.nc"}  # a folder is named once

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import flexhinf as fh
 from flexhinf.design import Design
 from flexhinf.design.report.formatting import (
     Units,
@@ -68,23 +69,28 @@ def test_what_is_not_finite_becomes_none() -> None:
 
 
 def test_a_robot_is_described_by_its_largest_changes() -> None:
-    nominal: dict[str, Any] = {"stiffness": 100.0, "mass": 2.0, "inductance": 0.1}
-    changed = {**nominal, "stiffness": 90.0, "mass": 2.06}
-    assert changes_text(changed, nominal, ["joint"], []) == "stiffness −10 %, mass +3 %"
-    changed["inductance"] = 0.2  # no coil in this true plant
-    assert changes_text(changed, nominal, ["joint"], []) == "stiffness −10 %, mass +3 %"
-    assert changes_text(changed, nominal, ["joint"], ["inductance"]).startswith("inductance +1·10²")
-    assert changes_text(nominal, nominal, ["joint"], []) == "the nominal robot"
-    several = changes_text(
-        {"mass": np.array([1.0, 2.2])}, {"mass": np.array([1.0, 2.0])}, ["hip", "knee"], []
-    )
-    assert several == "mass knee +10 %"
-    ones, parts = np.ones((2, 6)), np.ones((2, 6))
-    parts[1, 5] = 1.2
-    assert changes_text({"inertia": parts}, {"inertia": ones}, ["hip", "knee"], []) == "inertia zz knee +20 %"
-    centre = {"centre_of_mass": np.array([[1.0, 2.0, 3.3]])}
-    nominal = {"centre_of_mass": np.array([[1.0, 2.0, 3.0]])}
-    assert changes_text(centre, nominal, ["joint"], []) == "centre of mass z +10 %"
+    arm = fh.paper_arm()
+
+    def text(robot: fh.Robot, extras: tuple[str, ...] = (), **changed: float) -> str:
+        return changes_text(robot.plant_parameters({**robot.nominal, **changed}), robot, extras)
+
+    assert text(arm, stiffness=90.0, mass=1.03) == "stiffness −10 %, mass +3 %"
+    assert text(arm, stiffness=90.0, inductance=0.2) == "stiffness −10 %"  # no coil in this true plant
+    assert text(arm, ("inductance",), stiffness=90.0, inductance=0.2).startswith("inductance +100 %, ")
+    assert text(arm) == "the nominal robot"
+    planar = fh.load_robot("planar-two-link")
+    assert text(planar, inertia_zz_elbow=1.2 * planar.nominal["inertia_zz_elbow"]) == "inertia zz elbow +20 %"
+    assert text(planar, damping_elbow=1.0) == "the nominal robot"
+    with pytest.raises(TypeError, match="robot's numbers"):
+        changes_text({"mass": 1.0}, arm, ())
+
+
+def test_a_payload_is_no_heavier_link() -> None:
+    """Old code: mass elbow +92 %, inertia yy elbow +87 %, centre of mass x elbow +49 %, …"""
+    robot = fh.load_robot("spatial-three-link", payload="0..2kg")
+    ends = {p.name: 1.0 if p.name.startswith("payload") else 0.0 for p in robot.uncertain}
+    assert changes_text(robot.corner(ends), robot, ()) == "payload mass elbow 2 kg"
+    assert changes_text(robot.draw(np.random.default_rng(0)), robot, ()).startswith("payload mass elbow ")
 
 
 def test_options_are_code_once() -> None:

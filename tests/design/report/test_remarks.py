@@ -35,15 +35,16 @@ def with_evaluation(design: Design, **parts: object) -> Design:
         ({"delay_margin_s": 0.0031}, "of extra delay", False),
         ({"stable": False}, "the sampled loop with its estimator is unstable", True),
         ({"stable": False, "delay_margin_s": 0.0}, "of extra delay", False),
-        ({"noise_to_input": np.array([[1.0]])}, "the sensor noise moves an input", False),
-        ({"noise_to_input": np.array([[1e5]])}, "the sensor noise moves an input", True),
+        ({"input_noise": lambda deviations: deviations}, "the sensor noise moves an input", False),
+        ({"input_noise": lambda deviations: 1e5 * deviations}, "the sensor noise moves an input", True),
     ],
 )
 def test_margins_are_judged(report_design: Make, changes: dict[str, Any], what: str, there: bool) -> None:
     changes = dict(changes)
     design = report_design("met")
     delay = changes.pop("delay_margin_s", None)
-    found = dataclasses.replace(design.evaluation.margins, **changes)
+    found = dataclasses.replace(design.evaluation.margins)
+    vars(found).update({**vars(design.evaluation.margins), **changes})
     if delay is not None:
         vars(found)["_delay"] = (delay, 1.0)
     assert (what in about(with_evaluation(design, margins=found))) is there

@@ -13,7 +13,15 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.modes import closed_loop
-from flexhinf.design.weights.choose import BANDWIDTH_FRACTION, DAMPING, DesignProblem, choose, preset_of
+from flexhinf.design.weights.choose import (
+    BANDWIDTH_FRACTION,
+    DAMPING,
+    DesignProblem,
+    choose,
+    preset_of,
+    required_damping,
+)
+from flexhinf.design.weights.linear_family import LinearFamily
 from flexhinf.design.weights.uncertainty import channels
 from flexhinf.errors import InvalidInput
 
@@ -300,6 +308,19 @@ def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Ca
         assert "preset='damped'" in str(refused.value)
 
 
+def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot_of: Named) -> None:
+    """A vibration of 51 Hz has three samples of 6 ms a period: no sampled law damps it as by default."""
+    robot = robot_of("vertical-rig stiffness*100")
+    goal = np.array(robot.home)
+    default = Specification(preset="damped", period=6e-3)
+    found = choose(robot, goal, goal - 0.1, default)
+    assert found.target is not None
+    assert found.target.damping < 0.05
+    assert required_damping(default, found.target) == 0.1  # what the running loop is judged by
+    with pytest.raises(InvalidInput, match="damping of the oscillations binds"):
+        choose(robot, goal, goal - 0.1, replace(default, damping=0.2))
+
+
 @pytest.mark.slow
 def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> None:
     for preset in ("damped", "robust"):
@@ -317,3 +338,25 @@ def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: 
     assert game.robustness.channels > 50
     assert len(game.problem.disturbance_names) == 7 + 14  # commands, and no more torques than there are
     assert game.gamma == pytest.approx(1.5 * game.robustness.gamma_star)
+
+
+def test_robots_are_linearised_once_for_all_bandwidths(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    whole = LinearFamily.of
+
+    def counted(robot: Any, goal: Any, members: int = 32, **options: Any) -> LinearFamily:
+        made.append(members)
+        return whole(robot, goal, members, **options)
+
+    monkeypatch.setattr(LinearFamily, "of", staticmethod(counted))
+    robot, goal, start = robot_of("paper"), np.array([0.0]), np.array([0.1])
+    first = choose(robot, goal, start, Specification(preset="damped"))
+    assert first.target is not None
+    slower = Specification(preset="damped", bandwidth=float(0.7 * first.target.bandwidth[0]))
+    near = choose(robot, goal, start, slower, near=first)
+    assert made == [32, 400]
+    alone = choose(robot, goal, start, slower)
+    assert near.target is not None
+    assert alone.gamma_star == pytest.approx(near.gamma_star, rel=0.1)

@@ -292,13 +292,13 @@ def test_two_threads_at_once_are_told(made):
 
     def slow():
         inside.set()
-        go.wait(10.0)
+        go.wait(300.0)
         return run()
 
     controller._ready = (slow, *rest)
     thread = threading.Thread(target=lambda: results.append(controller.step(0.01)))
     thread.start()
-    assert inside.wait(10.0)
+    assert inside.wait(300.0)
     for act in (lambda: controller.step(0.02), controller.reset, lambda: controller.step(None)):
         with pytest.raises(ControllerInUse, match="Another thread"):
             act()

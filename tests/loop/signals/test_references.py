@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Constant, Quintic, Samples, Sine, Step
+from flexhinf.loop import Constant, Quintic, Samples, Sine, Spline, Step
 from flexhinf.scalars import trace
 
 T = np.linspace(-1.0, 4.0, 501)
@@ -68,7 +68,8 @@ def test_every_signal_has_a_name(signal):
     [
         lambda: Constant(np.nan), lambda: Step(np.inf), lambda: Step("up"), lambda: Step([1.0, 2.0]),
         lambda: Step(1.0, at=None), lambda: Sine(1.0, np.nan), lambda: Quintic(0.0, 1.0, 0.0),
-        lambda: Quintic(0.0, 1.0, -1.0), lambda: Samples([0.0, 0.0], [1.0, 2.0]),
+        lambda: Quintic(0.0, 1.0, -1.0), lambda: Quintic(0.0, 1.0, 1e-300),
+        lambda: Spline([0.0, 1e-300, 1.0], [1.0, 2.0, 3.0]), lambda: Samples([0.0, 0.0], [1.0, 2.0]),
         lambda: Samples([1.0, 0.0], [1.0, 2.0]),
         lambda: Samples([0.0], [1.0, 2.0]), lambda: Samples([], []), lambda: Samples([0.0, 1.0], [1.0, np.nan]),
         lambda: Samples(0.0, 1.0), lambda: Samples([0.0, 1.0], "ab"),

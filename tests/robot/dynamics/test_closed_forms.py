@@ -141,7 +141,7 @@ def test_the_expansion_is_quick_when_warm(degree, seconds):
     x = jets(np.concatenate([np.linspace(0.1, 0.9, 7), np.zeros(14)]), degree)
     times = []
     for _ in range(4):
-        start = time.perf_counter()
+        start = time.process_time()
         forward_dynamics(tree, bodies, x[:7], x[7:14], x[14:], (0.0, 0.0, -9.81))
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     assert min(times[1:]) < seconds

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.report import INK, MUTED, SERIES, Figure, figure_to_svg, house_style
+from flexhinf.report import INK, MUTED, SERIES, WIDTH, Figure, figure_to_svg, house_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def frequency_axis(axes: Axes) -> None:
 
 
 def panels(
-    rows: int, columns: int, height: float, width: float = 7.2, **options: Any
+    rows: int, columns: int, height: float, width: float = WIDTH, **options: Any
 ) -> tuple[Canvas, list[list[Axes]]]:
     """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise."""
     from matplotlib.figure import Figure as Canvas

@@ -37,6 +37,8 @@ def design_files(
         Names of files that the caller writes into the same folder: the page lists them.
     """
     runs = {f"runs/{name}": response.run.save for name, response in _responses(design.evaluation).items()}
+    for k, response in enumerate(design.evaluation.ring_down.responses):
+        runs[f"runs/ring-down-{k + 1}"] = response.run.save
     if design.mujoco is not None:
         runs["runs/step-mujoco"] = design.mujoco.run.save
     saved = {

@@ -13,8 +13,10 @@ import numpy as np
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Note, Table, number
+from flexhinf.robot import Robot
 from flexhinf.robot.extras import EXTRAS
-from flexhinf.robot.quantities import INERTIA, VECTOR
+from flexhinf.robot.parameter import PlantValues
+from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
@@ -178,46 +180,40 @@ def rounded(value: float | None, digits: int = 3) -> float | None:
     return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
 
 
-def changes_text(
-    values: Mapping[str, Any], nominal: Mapping[str, Any], joints: Sequence[str], extras: Sequence[str]
-) -> str:
-    """A robot within its tolerances by its parameters furthest from nominal, for example ``K −12 %``.
+def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str]) -> str:
+    """A robot within its tolerances by its numbers furthest from nominal: ``stiffness −12 %, payload mass hand 2 kg``.
 
     Parameters
     ----------
-    values, nominal : mapping
-        Parameters of the plant and of the nominal one.
-    joints : sequence of str
+    values : mapping
+        Parameters of a plant, as `Robot.draw` and `Robot.corner` give them.
+    robot : Robot
+        The nominal one.
     extras : sequence of str
-        Of the true plant; parameters of extras that it leaves out do not act and are left out here.
+        Of the true plant; numbers of extras that it leaves out do not act and are left out here.
     """
-    off = _inactive(extras)
-    changes = []
-    for name, value in values.items():
-        if name not in nominal or name in off:
+    if not isinstance(values, PlantValues):
+        raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
+    off = {
+        per_joint(name, joint, len(robot.joint_names))
+        for name in _inactive(extras)
+        for joint in robot.joint_names
+    }
+    changes: list[tuple[float, str]] = []
+    for name, new in values.numbers.items():
+        old, words = robot.nominal[name], name.replace("_", " ")
+        if name in off or abs(new - old) <= 1e-11 * abs(old):
             continue
-        new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, nominal[name]))
-        for i in np.flatnonzero(old != 0.0).tolist():
-            place = _place(name, i, len(new), joints)
-            changes.append((100.0 * (new[i] / old[i] - 1.0), name.replace("_", " ") + place))
-    changes = [change for change in changes if abs(change[0]) > 1e-9]
-    largest = sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]
-    words = [f"{name} {'' if change < 0 else '+'}{number(change, 2)} %" for change, name in largest]
+        change = 100.0 * (new / old - 1.0) if old else math.inf
+        if "payload_mass" in name or not old:
+            changes.append((change, f"{words} {number(new, 2)} {robot[name].unit}".strip()))
+        else:
+            digits = 2 if abs(change) < 100.0 else 3
+            changes.append((change, f"{words} {'' if change < 0 else '+'}{number(change, digits)} %"))
+    words = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
     if len(changes) > LISTED:
         words.append("others by less")
     return ", ".join(words) or "the nominal robot"
-
-
-def _place(name: str, i: int, count: int, joints: Sequence[str]) -> str:
-    """Which of `count` numbers of a parameter number i is: component and joint, for example `` zz elbow``."""
-    parts = {"centre_of_mass": VECTOR, "inertia": INERTIA}.get(name, ("",))
-    if count == 1:
-        return ""
-    if count != len(parts) * len(joints):
-        return f" {i + 1}"
-    joint, part = divmod(i, len(parts))
-    words = (parts[part], joints[joint] if len(joints) > 1 else "")
-    return "".join(f" {word}" for word in words if word)
 
 
 def _inactive(extras: Sequence[str]) -> set[str]:

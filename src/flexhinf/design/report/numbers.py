@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, Margins
+from flexhinf.design.carrying import Carried
 from flexhinf.design.estimators import noise_variances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.joint_limits import ROBOT
@@ -20,6 +21,7 @@ from flexhinf.design.report.sections.corners import corner_rows
 from flexhinf.design.report.sections.estimator_noise import is_used
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import input_rows
+from flexhinf.design.report.sections.ringing import ring_down_rows
 from flexhinf.design.report.sections.weights import state_weights
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
@@ -202,8 +204,15 @@ def _runs(design: Design) -> dict[str, Any]:
         },
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": _samples(e),
+        "ring_down": {
+            "damping": e.ring_down.damping,
+            "diverged": e.ring_down.diverged,
+            "fit_error": e.ring_down.found and e.ring_down.found.error,
+            "joints": ring_down_rows(e.ring_down),
+        },
         "load": {"at_s": load.at, **_run(load.response, load.metrics)},
         "move": {"duration_s": move.plan.duration, **_run(move.response, move.metrics)},
+        "payload": [_carried(one) for one in design.carried],
         "rest": _rest(design),
         "along_move": along_rows(design.synthesis.along),
         "rigid": [
@@ -214,6 +223,18 @@ def _runs(design: Design) -> dict[str, Any]:
             }
             for loop in (design.rigid.loops if design.rigid else ())
         ],
+    }
+
+
+def _carried(one: Carried) -> dict[str, Any]:
+    """With masses in the true robot that the model does not know."""
+    return {
+        "masses_kg": dict(one.masses),
+        "step": _run(one.step, one.step.metrics),
+        "gripped": None if one.gripped is None else _run(one.gripped.response, one.gripped.metrics),
+        "margins": _margins(one.margins),
+        "weighed_kg": None if one.weighed is None else one.weighed.masses,
+        "hidden_by_friction_kg": None if one.weighed is None else one.weighed.hidden,
     }
 
 

@@ -24,10 +24,12 @@ from flexhinf.design.report.sections import (
     load_and_move,
     margins,
     monte_carlo,
+    payload,
     poles,
     region,
     requirements,
     rest,
+    ringing,
     step,
     weights,
 )
@@ -56,6 +58,8 @@ PARTS = (
     Part("step", "Step response", step.blocks, step.remarks),
     Part("draws", "Step response of robots within their tolerances", monte_carlo.blocks, monte_carlo.remarks),
     Part("load", "Load response", load_and_move.load_blocks, load_and_move.load_remarks),
+    Part("payload", "Payload", payload.blocks, payload.remarks),
+    Part("ring-down", "Ring-down after a blow", ringing.blocks, ringing.remarks),
     Part("move", "Planned move with feedforward", load_and_move.move_blocks, load_and_move.move_remarks),
     Part("rest", "Long run at rest with dry friction", rest.blocks, rest.remarks),
     Part("along", "Margins along the move", along_move.blocks, along_move.remarks),
@@ -189,6 +193,8 @@ def _headline(design: Design) -> str:
         )
     if samples is not None and len(samples):
         parts.append(_sampled(design, units))
+    if design.carried:
+        parts.append(payload.carrying_text(design))
     return " ".join(parts)
 
 

@@ -15,19 +15,24 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import LinearCorners
-from flexhinf.design.specification import Specification
-from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, worst_members
+from flexhinf.design.specification import RINGS, Specification
+from flexhinf.design.weights.linear_family import (
+    Families,
+    LinearDesign,
+    LinearFamily,
+    LinearProblem,
+    worst_members,
+)
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
-from flexhinf.design.weights.search import SearchResult, TargetBehaviour, search
+from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
 from flexhinf.design.weights.uncertainty import acting_corners, channels, covering_products, dissipation_of
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
@@ -37,8 +42,8 @@ __all__ = [
     "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
 ]  # fmt: skip
 
-#: Corners among which the worst for the first weights are looked for, to be members of the second search.
-MANY = 400
+#: Most turns in which a default damping yields to what weights reach.
+YIELDS = 4
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
@@ -101,6 +106,8 @@ class DesignProblem:
     target, search : TargetBehaviour, SearchResult or None
         What weights were searched for, and how; of a preset that searches.
     robustness : Robustness or None
+    families : Families or None
+        Of the robot within its tolerances, for which weights were searched.
     """
 
     preset: str
@@ -114,6 +121,7 @@ class DesignProblem:
     target: TargetBehaviour | None = None
     search: SearchResult | None = None
     robustness: Robustness | None = None
+    families: Families | None = None
 
 
 def preset_of(robot: Any, s: Specification) -> str:
@@ -143,10 +151,10 @@ def preset_of(robot: Any, s: Specification) -> str:
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
     """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
-    where a design that states none was given less, see `flexhinf.design.synthesis`."""
+    where a design that states none was given less, see `flexhinf.design.synthesis`; then at least `RINGS`."""
     if s.damping is not None:
         return s.damping
-    return DAMPING if target is None else min(DAMPING, target.damping)
+    return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))
 
 
 def _contradiction(both: str, advice: str) -> InvalidInput:
@@ -161,6 +169,8 @@ def choose(
     robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
     """The problem of a specification.
+
+    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`.
 
     Parameters
     ----------
@@ -177,7 +187,15 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
-        return _searched(robot, goal, start, s, preset, None if near is None else near.search)
+        families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
+        begun, tried = None if near is None else near.search, s
+        for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
+            try:
+                return replace(_searched(families, start, tried, preset, begun), families=families)
+            except DampingOutOfReach as refused:
+                if s.damping is not None or not refused.reached or turn == YIELDS:
+                    raise
+                begun, tried = None, replace(s, damping=refused.reached)
     penalty, source, priced = _stated(robot, goal, s)
     problem = _problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
@@ -221,15 +239,16 @@ def _command(s: Specification) -> str | None:
 
 
 def _searched(
-    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
+    families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    plant, equilibrium = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal, period=s.period), JointScales.of(plant, equilibrium)
+    robot, goal, family = families.robot, families.goal, families.few
+    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
         names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
-        torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
+        every = robot.plant().disturbances
+        torques = np.eye(len(every))[:, [every.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
@@ -241,12 +260,8 @@ def _searched(
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
 
-    @cache
-    def many() -> LinearFamily:
-        return LinearFamily.of(robot, goal, MANY, seed=1)
-
-    found, family = _widened(many, target, family, synthesis, scales.held, near)
-    source = f"found for {_words(target)}"
+    found, family = _widened(families, target, family, synthesis, scales.held, near)
+    source = f"found for {target.words}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
         problem = _problem(robot, goal, s, penalty)
@@ -277,7 +292,7 @@ def _searched(
                 s.gamma_ratio, larger
             )
 
-        found, _ = _widened(many, target, family, robust_synthesis, scales.held)
+        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
         robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
         return _robust(robot, goal, s, scales, target, found, robust, larger, factor, corners)
 
@@ -293,7 +308,7 @@ def _failing(made: DesignProblem) -> int:
 
 
 def _widened(
-    many: Callable[[], LinearFamily],
+    families: Families,
     target: TargetBehaviour,
     family: LinearFamily,
     synthesis: Any,
@@ -305,7 +320,7 @@ def _widened(
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family
     found = search(target, family, synthesis, held, each=False) if near is None else near
-    wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
+    wider = family.with_members(families.many, worst_members(families.many, found.chosen.design.gain))
     return search(target, wider, synthesis, held, near=start), wider
 
 
@@ -357,10 +372,9 @@ def _robust(
         checked.failing,
         checked.complete,
     )
-    source = f"found for {_words(target)}, beside the channels of the tolerances"
-    return DesignProblem(
-        "robust", base, source, "ours", problem, nominal, star, gamma, target, found, robustness
-    )
+    source = f"found for {target.words}, beside the channels of the tolerances"
+    stated = "robust", base, source, "ours"
+    return DesignProblem(*stated, problem, nominal, star, gamma, target, found, robustness)
 
 
 def _by_quantity(robust: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
@@ -381,9 +395,3 @@ def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarra
             "one bandwidth for all joints",
         )
     return np.broadcast_to(values, (joints,)).copy()
-
-
-def _words(target: TargetBehaviour) -> str:
-    low, high = target.bandwidth.min(), target.bandwidth.max()
-    band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    return f"{band} rad/s and a damping ratio of {target.damping:.3g}"

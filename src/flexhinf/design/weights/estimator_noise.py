@@ -38,11 +38,9 @@ import numpy as np
 from flexhinf.analysis import (
     EquilibriumLoop,
     FilteredLoop,
-    bandwidth_of,
-    compliance_of,
+    Margins,
     corner_plants,
-    frequency_response,
-    gain_margins_of,
+    margins,
 )
 from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.loop_setup import LoopSetup
@@ -57,7 +55,8 @@ from flexhinf.design.weights.noise_candidates import (
     trade_off_of,
 )
 from flexhinf.design.weights.scales import JointScales
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.robot.payload import payload_ends
 
 __all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise"]
 
@@ -148,16 +147,21 @@ class _Search:
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:
         self.setup, self.damping = setup, damping
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
-        law = setup.equilibrium_loop(estimated=False).linear()
-        fed_back = frequency_response(law)
-        self.bandwidth = bandwidth_of(fed_back)
-        top = COMPLIANT_BAND * self.bandwidth
-        assert setup.noise is not None
-        self.filtered = FilteredLoop(self.loop, setup.noise, self.bandwidth, top)
-        self.stiff = compliance_of(fed_back, top)
+        law = margins(setup.equilibrium_loop(estimated=False))
+        followed = law.bandwidth[np.isfinite(law.bandwidth)]
+        if not law.stable or not len(followed):
+            raise NumericalFailure(
+                "The loop that is fed back the true state follows no command.",
+                f"expected a stable loop with a bandwidth, got {law.bandwidth.tolist()} rad/s",
+                "another period, or other weights",
+            )
+        self.bandwidth = float(followed.max())
+        self.top = COMPLIANT_BAND * self.bandwidth
+        self.filtered = FilteredLoop(self.loop, self.bandwidth)
+        self.carrying = [FilteredLoop(loop, self.bandwidth) for loop in self.loaded()]
+        self.stiff = law.compliance(self.top)
         self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
-        own = law.running.damping[0], gain_margins_of(fed_back.input_loops).min()
-        self.unavoidable = self.excess(fed_back.peaks[0], own[1], own[0])
+        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
 
@@ -184,7 +188,7 @@ class _Search:
         for factor in SCALED:
             self.at(start + np.log10(factor))
         return NoiseSearch(
-            chosen, default, trade_off_of(self.tried), len(self.tried), tuple(self.unavoidable)
+            self.exact(chosen), default, trade_off_of(self.tried), len(self.tried), tuple(self.unavoidable)
         )
 
     def leave_out(self) -> None:
@@ -253,23 +257,48 @@ class _Search:
     def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
         """The running loop with these levels; None for an unstable one."""
         try:
-            found = self.filtered.figures(levels.covariance(self.setup.model.states))
+            found = self.filtered.margins(levels.covariance(self.setup.model.states))
         except FlexhinfError:
             return None
-        if found is None:
+        if not found.stable:
             return None
-        compliance = found.compliance / self.stiff
-        noise = float((found.input_noise / self.authority).max()) / MOST_NOISE
+        assert self.setup.noise is not None
+        compliance, noises = found.compliance(self.top) / self.stiff, found.input_noise(self.setup.noise)
+        noise = float((noises / self.authority).max()) / MOST_NOISE
+        damping = min(found.damping, self.damping_carrying(levels))
         missed = self.excess(
-            found.peak_sensitivity, found.gain_margin, found.damping, compliance / COMPLIANCE, noise
+            found.peak_sensitivity, found.gain_margin, damping, compliance / COMPLIANCE, noise
         )
         candidate = NoiseCandidate(
-            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, found.input_noise, missed,
+            levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, noises, missed,
             missed, noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
         )  # fmt: skip
         candidate = self.counted(candidate)
         self.tried.append(candidate)
         return candidate
+
+    def loaded(self) -> Iterator[EquilibriumLoop]:
+        """The running loop with the payloads at the ends of their ranges, where a damping is required."""
+        robot = self.setup.robot
+        for masses in payload_ends(robot.uncertain) if self.damping else ():
+            yield self.setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses}))
+
+    def damping_carrying(self, levels: EstimatorNoise) -> float:
+        """The smallest damping ratio with these payloads, times what is required over `RINGS`: it must not ring."""
+        process, required = levels.covariance(self.setup.model.states), self.damping or 0.0
+        found = [loop.margins(process) for loop in self.carrying]
+        least = min((one.damping if one.stable else 0.0 for one in found), default=np.inf)
+        return least * max(1.0, required / RINGS)
+
+    def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
+        """The candidate with figures of a dense sweep: those that the evaluation of the design has."""
+        found = Margins(self.filtered.margins(candidate.levels.covariance(self.setup.model.states)).linear)
+        return replace(
+            candidate,
+            peak_sensitivity=found.peak_sensitivity,
+            gain_margin=found.gain_margin,
+            compliance=found.compliance(self.top) / self.stiff,
+        )
 
     def excess(
         self, sensitivity: float, gain_margin: float, damping: float, *others: float

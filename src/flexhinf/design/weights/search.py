@@ -18,7 +18,7 @@ import numpy as np
 from flexhinf.design.weights.linear_family import Behaviour, LinearDesign, LinearFamily, behaviour_of
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["Candidate", "SearchResult", "TargetBehaviour", "search"]
+__all__ = ["Candidate", "DampingOutOfReach", "SearchResult", "TargetBehaviour", "search"]
 
 #: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
@@ -40,6 +40,18 @@ CAUTION = 0.6
 FASTEST = 30.0
 
 
+class DampingOutOfReach(InvalidInput):
+    """No weights damp every oscillation as required.
+
+    Attributes
+    ----------
+    reached : float
+        A damping ratio that weights are found for, a little below the best.
+    """
+
+    reached = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
     """The behaviour that weights are searched for.
@@ -54,6 +66,13 @@ class TargetBehaviour:
 
     bandwidth: np.ndarray
     damping: float
+
+    @property
+    def words(self) -> str:
+        """As text."""
+        low, high = self.bandwidth.min(), self.bandwidth.max()
+        band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        return f"{band} rad/s and a damping ratio of {self.damping:.3g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,9 +264,12 @@ def _out_of_reach(target: TargetBehaviour, best: Candidate | None, reached: floa
             f"{_text(reached * target.bandwidth)} rad/s",
             "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
         )
-    return InvalidInput(
+    reached = max(0.0, 0.95 * best.behaviour.damping)
+    refused = DampingOutOfReach(
         "The specification cannot be met: the damping of the oscillations binds.",
         f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
         f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
-        f"damping={max(0.0, 0.95 * best.behaviour.damping):.2g}, or another `bandwidth`",
+        f"damping={reached:.2g}, or another `bandwidth`",
     )
+    refused.reached = reached
+    return refused

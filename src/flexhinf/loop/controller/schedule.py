@@ -50,6 +50,18 @@ class Schedule(Law):
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
 
+    def acting(self, pose: Any) -> int:
+        """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
+
+        Parameters
+        ----------
+        pose : (n,)
+            The first states of the laws, such as all link positions, rad or m; at least up to the tracked ones.
+        """
+        places = [self.state_names.index(name) for name in self.tracked]
+        points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
+        return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
+
     @property
     def law_data(self) -> np.ndarray:
         """Numbers of the first law."""

@@ -27,10 +27,14 @@ __all__ = [
     "Signal",
     "Sine",
     "Step",
+    "check_shortest",
     "checked_order",
     "checked_samples",
     "signal_name",
 ]
+
+#: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
+SHORTEST = 1e-9
 
 
 class Signal(Protocol):
@@ -96,13 +100,13 @@ def _finite(name: str, **numbers: Any) -> None:
             )
 
 
-def checked_samples(times: Any, values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Copies of times (N,) and values (N,) or (N, k), read only.
+def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Copies of times (N,) and values (N,) or (N, k), read only; `smooth` ones are for a motion with derivatives.
 
     Raises
     ------
     InvalidInput
-        If they are not a function of time.
+        If they are not a function of time, or are so near to each other that its derivatives are lost.
     """
     times, values = real_array(times), real_array(values)
     finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
@@ -114,9 +118,21 @@ def checked_samples(times: Any, values: Any) -> tuple[np.ndarray, np.ndarray]:
             f"times {times.shape} and values {values.shape}",
             "sort the samples and drop repeated times",
         )
+    if smooth:
+        check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
     for array in (times, values):
         array.setflags(write=False)
     return times, values
+
+
+def check_shortest(what: str, seconds: float) -> None:
+    """Refuse a part of a motion shorter than `SHORTEST`."""
+    if seconds < SHORTEST:
+        raise InvalidInput(
+            f"Two {what} are too near to each other in time.",
+            f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
+            "times in seconds",
+        )
 
 
 def _stacked(*rows: Any) -> Any:
@@ -239,6 +255,7 @@ class Quintic:
             raise InvalidInput(
                 "A quintic needs time.", f"expected duration > 0 s, got {value_text(self.duration)}", "1.0"
             )
+        check_shortest("ends of a quintic", self.duration)
 
     @property
     def name(self) -> str:

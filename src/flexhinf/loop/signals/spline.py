@@ -41,8 +41,9 @@ class Spline:
     values: Any
 
     def __post_init__(self) -> None:
-        for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
-            object.__setattr__(self, name, array)
+        times, values = checked_samples(self.times, self.values, smooth=True)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
         if np.abs(self.values).max() > HUGE:
             raise InvalidInput(
                 "The values of a spline are out of all proportion.",

@@ -63,8 +63,9 @@ class Waypoints:
     smoothing: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
-            object.__setattr__(self, name, array)
+        times, values = checked_samples(self.times, self.values, smooth=True)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
         if self.profile not in PROFILES:
             raise InvalidInput(
                 "There is no such profile of a motion.",

@@ -170,4 +170,4 @@ def _table(found: list[Compared]) -> Table:
         Column("slowest modes", "1/s"),
     )
     caption = "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise."
-    return Table(columns, rows, caption, "table-electrical-pole")
+    return Table(columns, rows, caption, "table-electrical-pole", stacks=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.drawing import figure_block, panels
-from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, number
+from flexhinf.report import INK, MUTED, SERIES, WIDTH, Figure, house_style, label, number
 from flexhinf.robot import Robot
 from flexhinf.robot.skeleton import skeleton
 
@@ -23,6 +23,9 @@ PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 #: Height of the figure, in inches, that legend, titles and names of the axes take.
 AROUND = 1.25
+
+#: Width, in inches, that the numbers beside the first panel take.
+LEFT = 0.8
 
 #: Points closer together than this part of the robot's size lie in one plane.
 FLAT = 0.02
@@ -79,8 +82,8 @@ def arm_figure(
     flat = points @ np.column_stack([right, up])
     low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
-    height = AROUND + min(max(tall, 0.3), 2.0) * 7.0 / len(at)
-    figure, (axes,) = panels(1, len(at), height, 8.4, sharex=True, sharey=True)
+    height = AROUND + min(max(tall, 0.3), 2.0) * (WIDTH - LEFT) / len(at)
+    figure, (axes,) = panels(1, len(at), height, sharex=True, sharey=True)
     for k, (axis, (own, held)) in enumerate(zip(axes, poses, strict=True)):
         _drawn(axis, own, held, right, up, first=k == 0)
         axis.set_title(f"{number(float(time[at[k]]), 3)} s")

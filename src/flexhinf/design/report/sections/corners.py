@@ -90,12 +90,7 @@ def corners_text(e: LawEvaluation) -> str:
         other = f"; with the true state fed back {state.unstable}"
     measured = ", ".join(e.setup.specification.measured).replace("_", " ")
     sensors = "true state" if e.setup.specification.estimator == "none" else measured
-    worst = changes_text(
-        found.population.values[found.worst],
-        found.population.nominal,
-        e.setup.joints,
-        e.setup.specification.extras,
-    )
+    worst = changes_text(found.population.values[found.worst], e.setup.robot, e.setup.specification.extras)
     return f"Measured: {sensors}. {unstable}{other}. The worst corner ({worst}) {_grows(found.designed.fastest)}."
 
 

@@ -107,11 +107,31 @@ def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
 def selected(search: NoiseSearch) -> list[tuple[NoiseCandidate, str]]:
     """A few candidates of the trade-off, the default and the one that is used, the quietest first, each with a note."""
     places = np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
-    shown = [(search.trade_off[k], "") for k in places if not is_used(search, search.trade_off[k])]
+    apart = [(search.chosen, "used")]
     if search.default is not None and not is_used(search, search.default):
-        shown.append((search.default, "default"))
-    shown.append((search.chosen, "used"))
+        apart.append((search.default, "default"))
+    # The edge of the family where a level is at its least may be the default by another name.
+    shown = [
+        one
+        for one in (search.trade_off[k] for k in places)
+        if not any(_alike(one, other) for other, _ in apart)
+    ]
+    shown = [*((one, "") for one in shown), *apart]
     return sorted(shown, key=lambda one: one[0].input_noise)
+
+
+def _alike(one: NoiseCandidate, other: NoiseCandidate) -> bool:
+    """Whether a table would show the same figures of both."""
+    figures = [
+        (c.input_noise, c.damping, c.compliance, c.peak_sensitivity, c.gain_margin) for c in (one, other)
+    ]
+    return bool(np.allclose(*figures, rtol=1e-3))
+
+
+def _note(candidate: NoiseCandidate, note: str) -> str:
+    """Which limits a candidate misses, and what it is."""
+    missed = ", ".join(candidate.missed)
+    return f"{note}; missed: {missed}" if note and missed else note or missed
 
 
 def _figure(design: Design) -> Figure:
@@ -122,16 +142,16 @@ def _figure(design: Design) -> Figure:
     noises = np.array([one.noises for one in search.trade_off])
     figure, ((left, right),) = panels(1, 2, 3.2)
     with house_style():
-        for axis, figures, used in (
-            (left, [one.damping for one in search.trade_off], search.chosen.damping),
-            (right, [one.compliance for one in search.trade_off], search.chosen.compliance),
-        ):
+        marks = [("s", 7.0, search.chosen)]
+        if search.default is not None and not is_used(search, search.default):
+            marks.append(("D", 5.0, search.default))
+        for axis, figure_of in ((left, lambda one: one.damping), (right, lambda one: one.compliance)):
+            figures = [figure_of(one) for one in search.trade_off]
             for joint, name in enumerate(design.robot.joint_names):
-                style = line_style(joint)
-                axis.plot(noises[:, joint], figures, "o", markersize=3.0, color=style["color"], label=name)
-                axis.plot(
-                    search.chosen.noises[joint], used, "s", markersize=7.0, mfc="none", mec=style["color"]
-                )
+                color = line_style(joint)["color"]
+                axis.plot(noises[:, joint], figures, "o", markersize=3.0, color=color, label=name)
+                for mark, size, one in marks:
+                    axis.plot(one.noises[joint], figure_of(one), mark, markersize=size, mfc="none", mec=color)
             axis.set_ylim(bottom=0.0)
         target = design.design_problem.target
         if target is not None:
@@ -147,9 +167,10 @@ def _figure(design: Design) -> Figure:
     label(right, "compliance / true state", "")
     return figure_block(
         "noise-trade-off", figure,
-        f"What noise at the motors buys: of {search.count} choices of Rᵛ with a stable loop, those that no other one "
-        "betters in noise, damping and compliance at once, one mark for each motor; squares: used. A choice further "
-        "left breaks another limit, or is more compliant."
+        f"What noise at the motors buys. Of {search.count} choices of Rᵛ with a stable loop, dots are those that "
+        "no other one betters in noise, damping and compliance at once, one dot for each motor; squares: used"
+        f"{', diamonds: the default levels' if len(marks) > 1 else ' (the default levels)'}. "
+        "A choice to the left of the squares breaks another limit (see the table), or yields more to a load."
         f"{'' if target is None else ' The dashed line is the damping that is required.'}",
         "Noise at the motors against damping and load stiffness",
     )  # fmt: skip
@@ -160,8 +181,8 @@ def _candidates(design: Design) -> Table:
     assert search is not None
     rows = [
         (
-            one.input_noise, one.damping, one.compliance, one.peak_sensitivity,
-            one.gain_margin if np.isfinite(one.gain_margin) else None, note or ", ".join(one.missed),
+            number(one.input_noise, 3), one.damping, one.compliance, one.peak_sensitivity,
+            one.gain_margin if np.isfinite(one.gain_margin) else None, _note(one, note),
         )
         for one, note in selected(search)
     ]  # fmt: skip
@@ -173,7 +194,13 @@ def _candidates(design: Design) -> Table:
         Column("gain margin", "", 2),
         "limits missed, or used",
     )
-    return Table(columns, rows, f"{len(rows)} of {search.count} choices of Rᵛ", "table-noise-search")
+    return Table(
+        columns,
+        rows,
+        f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots",
+        "table-noise-search",
+        stacks=True,
+    )
 
 
 def _by_joint(design: Design) -> Table:

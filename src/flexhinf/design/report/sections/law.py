@@ -43,12 +43,16 @@ __all__ = ["law_blocks", "law_remarks", "loop_text", "rigid_blocks", "worst_join
 #: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
 SHOWN_STEPS = 2.5
 
+#: A gain below this fraction of the largest is rounding, and shown as 0.
+ROUNDING = 1e-13
+
 
 def law_blocks(design: Design) -> list[Any]:
     """In words, with its linear gain and the equilibrium about which it acts."""
     solution, names = design.solution, design.problem.state_names
+    gains = np.where(np.abs(solution.gain) < ROUNDING * np.abs(solution.gain).max(), 0.0, solution.gain)
     rows = [
-        (name.replace("_", " "), *(number(float(value)) for value in solution.gain[:, i]))
+        (name.replace("_", " "), *(number(float(value)) for value in gains[:, i]))
         for i, name in enumerate(names)
     ]
     inputs = (name.replace("_", " ") for name in design.problem.input_names)

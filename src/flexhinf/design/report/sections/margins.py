@@ -60,10 +60,12 @@ def remarks(design: Design) -> Iterator[str]:
         worst = int(np.argmax(noise))
         units = units_of(e)
         where = f" ({e.setup.joints[worst]})" if len(noise) > 1 else ""
+        share = (
+            f", {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak input" if peak else ""
+        )
         yield (
             f"In equilibrium the sensor noise moves an input{where} by {number(float(noise[worst]), 2)} {units.effort} "
-            f"rms, {number(100.0 * float(noise[worst]) / peak, 2)} % of the step's peak input. Try a slower estimator "
-            "(smaller --torque-noise), better sensors, or less --bandwidth."
+            f"rms{share}. Try a slower estimator (smaller --torque-noise), better sensors, or less --bandwidth."
         )
 
 

@@ -79,8 +79,7 @@ def _text(e: LawEvaluation, samples: MonteCarlo) -> str:
 
 def _changes(e: LawEvaluation, samples: MonteCarlo, k: int) -> str:
     """Robot k by its largest changes."""
-    nominal = e.setup.true_plant.parameters.values
-    return changes_text(samples.values[k], nominal, e.setup.joints, e.setup.specification.extras)
+    return changes_text(samples.values[k], e.setup.robot, e.setup.specification.extras)
 
 
 def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
@@ -101,13 +100,13 @@ def _bands(e: LawEvaluation, samples: MonteCarlo, units: Units) -> list[Figure]:
     axes[-1].set_ylim(-CLOSE * steps[close] or -1e-3, CLOSE * steps[close] or 1e-3)
     legend(axes[0])
     some = f", the {len(shown)} joints that differ most" if len(shown) < len(names) else ""
-    closer = f"{names[close]} about its goal" if len(names) > 1 else "the same about the goal"
+    closer = f"{names[close]}, close to its goal" if len(names) > 1 else "the same, close to the goal"
     missing = len(samples) - len(ended)
     gone = f" {missing} that diverged are left out." if missing else ""
     return [
         figure_block(
             "draws", figure,
-            f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Below {closer}, "
+            f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots.{gone} Bottom: {closer}, "
             "with the band of ±2 % of the step.",
             "Sampled robots",
         )

@@ -52,7 +52,7 @@ class PoleGroup:
 
 def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     """The s-plane near the imaginary axis, and damping over frequency for all poles."""
-    figure, ((plane, damping),) = panels(1, 2, 4.0, 8.4)
+    figure, ((plane, damping),) = panels(1, 2, 3.6)
     shown = [group for group in groups if len(group.poles)]
     _plane(plane, shown)
     _damping(damping, shown)
@@ -60,7 +60,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         figure.legend(
             *damping.get_legend_handles_labels(),
             loc="outside upper left",
-            ncols=min(3, len(shown)),
+            ncols=2,
             frameon=False,
         )
     return figure_block(

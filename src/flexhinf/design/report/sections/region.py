@@ -119,7 +119,7 @@ def _regions(design: Design) -> Table:
         Column("check", "s", 1),
     )
     caption = "Step: from one equilibrium to another, its start inside the level set"
-    return Table(columns, rows, caption, "table-region")
+    return Table(columns, rows, caption, "table-region", stacks=True)
 
 
 def widest_step(design: Design) -> float:

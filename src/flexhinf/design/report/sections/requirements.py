@@ -62,7 +62,7 @@ def requirement_table(lines: Sequence[Requirement]) -> Table:
             "yes" if line.met else "NO",
             line.where,
             line.criterion,
-            "our default" if line.stated_by == "default" else line.stated_by,
+            _source(line.stated_by),
         )
         for line in sorted(lines, key=lambda line: line.met)
     ]
@@ -73,6 +73,13 @@ def requirement_table(lines: Sequence[Requirement]) -> Table:
         "table-specification",
         stacks=True,
     )
+
+
+def _source(stated_by: str) -> str:
+    """Who states a requirement; an option as code."""
+    if stated_by == "default":
+        return "our default"
+    return f"`{stated_by}`" if stated_by.startswith("--") else stated_by
 
 
 class InputRow(NamedTuple):

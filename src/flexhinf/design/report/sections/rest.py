@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.hunting import RestRun
+from flexhinf.design.hunting import WIDEST, RestRun
 from flexhinf.design.report.drawing import figure_block, joint_lines, limit_lines, reference_line
 from flexhinf.design.report.formatting import joint_table, listed, units_of
 from flexhinf.design.result import Design
@@ -35,23 +35,11 @@ def blocks(design: Design) -> list[Any]:
 def remarks(design: Design) -> Iterator[str]:
     """Who hunts, and what may be tried."""
     run, s = design.rest, design.specification
-    if run is not None and run.without is not None and run.dead_zone is not None:
-        unit, scale = units_of(design.evaluation).small
-        gap = "" if unit == "°" else " "
-        joints = run.response.joints
-        zone = listed(
-            [
-                f"{number(scale * size, 2)}{gap}{unit}{f' in {joint}' if len(joints) > 1 else ''}"
-                for joint, size in zip(joints, run.dead_zone)
-                if size > 0.0
-            ]
-        )
+    if run is not None and run.without is not None:
         before, worst = run.without, run.without.worst
         yield (
-            f"Dry friction and integral action would keep the robot moving: {before.response.joints[worst]} by "
-            f"±{number(scale * before.amplitudes[worst], 3)}{gap}{unit} "
-            f"({frequency_text(before.cycles[worst].frequency)}). "
-            f"So errors up to {zone} are not integrated; they may remain. `--dead-zone` states another "
+            f"Dry friction and integral action would keep the robot moving: {_motion(design, before, worst)}. "
+            f"So errors up to {_zone(design, run)} are not integrated; they may remain. `--dead-zone` states another "
             "zone, 0 none."
         )
     if run is None or not run.hunts:
@@ -59,20 +47,45 @@ def remarks(design: Design) -> Iterator[str]:
     if not run.cycles:
         yield "The long run at rest with the robot's dry friction diverges."
         return
-    unit, scale = units_of(design.evaluation).small
-    gap = "" if unit == "°" else " "
-    joints = [
-        f"{run.response.joints[k]} by ±{number(scale * run.cycles[k].amplitude, 3)}{gap}{unit} "
-        f"({frequency_text(run.cycles[k].frequency)})"
-        for k in run.hunting
-    ]
+    joints = [_motion(design, run, k) for k in run.hunting]
     dry = [name for name in run.extras if name in DRY]
     extras = ",".join(dict.fromkeys((*s.extras, *dry)))
     other = "" if s.friction_model else f"`--extras {extras} --friction`, "
+    narrow = ""
+    if run.tried is not None and run.tried.cycles:
+        left, most = run.tried, f"{100.0 * WIDEST:g} % of the joint's step"
+        narrow = (
+            f" Errors up to {_zone(design, left)} left unintegrated do not end it: "
+            f"{_motion(design, left, left.worst)}. The design sets no dead zone above {most} by itself; a wider one "
+            "may leave an error as large as itself."
+        )
     yield (
-        f"With dry friction the robot does not come to rest: {listed(joints)}. Try {other}another "
+        f"With dry friction the robot does not come to rest: {listed(joints)}.{narrow} Try {other}another "
         "`--dead-zone`, or sensors on both sides of the springs."
     )
+
+
+def _motion(design: Design, run: RestRun, joint: int) -> str:
+    """How far and how often a joint moves."""
+    cycle = run.cycles[joint]
+    return f"{run.response.joints[joint]} by ±{_length(design, cycle.amplitude, 3)} ({frequency_text(cycle.frequency)})"
+
+
+def _zone(design: Design, run: RestRun) -> str:
+    """The dead zone of the integrals of a run, of the joints that have one."""
+    joints = run.response.joints
+    sizes = [] if run.dead_zone is None else run.dead_zone.tolist()
+    each = [
+        f"{_length(design, size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
+        for joint, size in zip(joints, sizes)
+        if size > 0.0
+    ]
+    return listed(each)
+
+
+def _length(design: Design, value: float, digits: int) -> str:
+    unit, scale = units_of(design.evaluation).small
+    return f"{number(scale * value, digits)}{'' if unit == '°' else ' '}{unit}"
 
 
 def frequency_text(frequency: float | None) -> str:
@@ -86,7 +99,6 @@ def frequency_text(frequency: float | None) -> str:
 def _figure(design: Design, run: RestRun) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     unit, scale = units.small
-    gap = "" if unit == "°" else " "
     time, positions, inputs = (
         tail_of(each, REST_TAIL) for each in (response.run.time, response.positions, response.inputs)
     )
@@ -104,7 +116,7 @@ def _figure(design: Design, run: RestRun) -> Figure:
         "rest", figure,
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{'sharp: it holds a motor until the torque exceeds it' if run.sharp else 'smoothed'}. An amplitude beyond "
-        f"{number(scale * run.limit, 3)}{gap}{unit} is hunting.",
+        f"{_length(design, run.limit, 3)} is hunting.",
         "At rest with dry friction",
     )  # fmt: skip
 

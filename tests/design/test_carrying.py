@@ -1,0 +1,111 @@
+"""Payloads that law and estimator do not know: the step with them, gripping them, and what every report says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.analysis import margins
+from flexhinf.design import Design, Specification
+from flexhinf.design.carrying import carried, carried_payloads
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.report.sections import payload
+from flexhinf.design.requirements import carrying_requirements
+from flexhinf.design.scenario import Scenario
+from flexhinf.design.weights.choose import choose
+from flexhinf.design.weights.estimator_noise import search_noise
+
+NAME = "payload_mass"
+GOAL, START = np.array([0.6]), np.array([0.3])
+
+
+@pytest.fixture(scope="module")
+def evaluation() -> LawEvaluation:
+    """A small pendulum that carries 0 to 0.1 kg, 0.02 kg in the model, with a quarter of its own weight at most."""
+    robot = fh.load_robot("vertical-rig", payload="0..0.02..0.1kg:0.12,0,0")
+    s = Specification(preset="damped", measured=("link_position", "motor_position"), estimator="ekf")
+    chosen = choose(robot, GOAL, START, s)
+    setup = LoopSetup(robot, s, fh.solve_hji(chosen.problem, chosen.gamma, 2), GOAL, START, quiet=True)
+    return LawEvaluation("law", setup).in_scenario(
+        Scenario(6.0, np.zeros(1), 6.0, cast(fh.Quintic, None), (), 8)
+    )
+
+
+def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
+    light, heavy = carried_payloads(evaluation)
+    assert (light.mass, heavy.mass) == (0.0, pytest.approx(0.1))
+    assert light.gripped is None  # the model carries more
+    assert heavy.gripped is not None
+    # What is gripped pulls the link down by 0.08 kg at the payload's lever, and the integral lifts it again.
+    assert heavy.gripped.load[0] == pytest.approx(-0.08 * 9.81 * 0.12 * np.sin(GOAL[0]), rel=1e-6)
+    lowest = heavy.gripped.response.positions[:, 0].min()
+    assert heavy.sag.value == pytest.approx(GOAL[0] - lowest)
+    assert heavy.sag.value > 1e-3
+    assert heavy.remaining.value < 0.01 * heavy.sag.value
+    for one in (light, heavy):
+        assert one.weighed is not None
+        assert one.weighed.masses[NAME] == pytest.approx(one.mass, abs=1e-3)
+
+
+def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:
+    own = carried(evaluation, {NAME: 0.02})
+    assert own.gripped is None
+    assert own.margins.damping == pytest.approx(evaluation.margins.damping, rel=1e-6)
+    assert own.margins.peak_sensitivity == pytest.approx(evaluation.margins.peak_sensitivity, rel=1e-6)
+    np.testing.assert_allclose(own.step.positions, evaluation.step.positions, atol=1e-9)
+
+
+def test_a_robot_without_a_range_carries_nothing_untold(evaluation: LawEvaluation) -> None:
+    known = SimpleNamespace(setup=SimpleNamespace(robot=fh.load_robot("vertical-rig", payload="0.1kg")))
+    assert carried_payloads(cast(LawEvaluation, known)) == ()
+
+
+def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEvaluation) -> None:
+    setup = evaluation.setup
+    heavy, far = carried_payloads(evaluation)[-1], carried(evaluation, {NAME: 3.0})
+    rows = {one: carrying_requirements(setup.specification, setup.limits, one, 0.2) for one in (heavy, far)}
+    assert all(line.met for line in rows[heavy])
+    assert {line.what for line in rows[heavy]} == {"overshoot", "damping of oscillations", "remaining sag"}
+    assert not all(line.met for line in rows[far])
+    design = cast(
+        Design,
+        SimpleNamespace(
+            carried=(far,), evaluation=evaluation, setup=setup, robot=setup.robot, requirements=rows[far],
+            specification=setup.specification,
+        ),
+    )  # fmt: skip
+    (note,) = payload.remarks(design)
+    assert "a nominal mass" in note
+    page = " ".join(block.html() for block in payload.blocks(design))
+    assert "0 to 0.1 kg, 0.02 kg in the model" in page
+    assert "<svg" in page
+    assert "3 kg" in payload.carrying_text(design)
+    none = cast(Design, SimpleNamespace(carried=(), requirements=()))
+    assert payload.blocks(none) == list(payload.remarks(none)) == []
+
+
+@pytest.mark.slow
+def test_noise_levels_damp_the_loop_with_the_heaviest_payload_too(repository: Path) -> None:
+    """Two links and a kilogram at the end of the second, of 1.6 kg: levels for the model's mass alone let it ring."""
+    robot = fh.load_robot(repository / "benchmarks" / "hardware" / "planar.toml", payload="0..1kg")
+    s = Specification(preset="damped", damping=0.15, measured=("link_position", "motor_position"))
+    goal = np.array(robot.home)
+    chosen = choose(robot, goal, goal + 0.1, s)
+    setup = LoopSetup(robot, s, fh.solve_hji(chosen.problem, chosen.gamma, 2), goal, goal + 0.1)
+    known = replace(robot["payload_mass_elbow"], range=None)
+    true = robot.plant_parameters({**robot.nominal, known.name: 1.0})
+    found = []
+    for told in (robot, robot.with_parameters(known)):
+        search = search_noise(replace(setup, robot=told), 0.15)
+        assert search is not None
+        loop = replace(setup, estimator_noise=search.chosen.levels).equilibrium_loop(values=true)
+        found.append(margins(loop).damping)
+    assert found[0] > 0.98 * 0.1
+    assert found[1] < 0.9 * 0.1

@@ -1,0 +1,101 @@
+"""A unit is refused where its joint or its sensor has another kind: no length is taken for an angle."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexhinf.cli.messages import error_text
+from flexhinf.design import Specification, compare, design
+from flexhinf.design.design_file import read_request
+from flexhinf.design.estimators import other_sensors
+from flexhinf.design.specification import SpecificationError
+from flexhinf.design.stated_units import check_stated_units
+from flexhinf.design.units import Stated
+
+Named = Callable[[str], Any]
+
+
+@pytest.mark.parametrize(
+    ("fields", "found", "advice"),
+    [
+        ({"pose": "0.1,30mm"}, "expected rad (or text with deg), got '30mm'", "--goal 0.1,30deg"),
+        ({"pose": "30deg,30°"}, "expected m (or text with mm), got '30deg'", "--goal 30mm,30°"),
+        ({"pose": ["5mm", "0.3 m"]}, "expected rad (or text with deg), got '0.3m'", "--goal 5mm,0.3rad"),
+        ({"start": "0.1rad,0.1"}, "expected m (or text with mm), got '0.1rad'", "--from-pose 0.1m,0.1"),
+        ({"via": ["1mm,2deg", "1mm,2MM"]}, "got '2MM'", "--via 1mm,2deg"),
+        ({"tracking_error": "1deg"}, "expected m (or text with mm), got '1deg'", "--tracking-error 1mm,1deg"),
+        ({"integral_dead_zone": "0.5mm"}, "got '0.5mm'", "--dead-zone 0.5mm,0.5deg"),
+        ({"peak_speed": "2,0.5m/s"}, "expected rad/s (or text with deg/s)", "--peak-speed 2,0.5rad/s"),
+        ({"peak_speed": "100rpm,100rpm"}, "expected m/s (or text with mm/s)", "--peak-speed 100mm/s,100rpm"),
+        ({"quantisation": "0.1mm"}, "got '0.1mm'", "--quantisation 0.1mm,0.1deg"),
+        (
+            {"quantisation": "1Nm,0.1rad", "measured": ("joint_torque", "link_position_arm")},
+            "expected N (or text with N), got '1Nm'", "--quantisation 1N,1Nm,0.1rad",
+        ),
+    ],
+)  # fmt: skip
+def test_a_unit_of_the_other_kind_of_joint_is_refused(
+    robot_of: Named, fields: dict[str, Any], found: str, advice: str
+) -> None:
+    robot, s = robot_of("cart"), Specification(**fields)
+    with pytest.raises(SpecificationError, match=r"has a unit that '.*_(belt|arm)' does not have") as refused:
+        check_stated_units(robot, s)
+    assert found in refused.value.found
+    assert error_text(refused.value).endswith(advice)
+
+
+def test_units_that_fit_and_numbers_without_one_are_taken(robot_of: Named) -> None:
+    robot = robot_of("cart")
+    fields: dict[str, Any] = {
+        "pose": "30mm,30deg", "start": (0.03, 0.3), "via": [["1mm", "2deg"]], "tracking_error": 0.01,
+        "integral_dead_zone": "1e-3", "peak_speed": "0.5m/s,inf", "quantisation": "1mm,0.1deg,0.1Nm",
+        "measured": ("link_position", "joint_torque_arm"), "bandwidth": "1Hz",
+    }  # fmt: skip
+    check_stated_units(robot, Specification(**fields))
+    turning = Specification(pose="30deg", tracking_error="1deg", quantisation="1deg", peak_speed="1rpm")  # type: ignore[arg-type]
+    check_stated_units(robot_of("paper"), turning)
+    check_stated_units(robot_of("planar-two-link"), replace(turning, pose=(0.1, 0.2)))
+    check_stated_units(robot, Specification(pose="1mm,1deg,1mm"))  # type: ignore[arg-type]  a count is refused elsewhere
+
+
+def test_every_way_to_a_design_refuses_them(robot_of: Named, tmp_path: Path) -> None:
+    robot, wrong = robot_of("planar-two-link"), Specification(pose="30mm,0.1")  # type: ignore[arg-type]
+    file = tmp_path / "design.toml"
+    file.write_text("[design]\nrobot = 'planar-two-link'\npose = ['30mm', 0.1]\n", encoding="utf-8")
+    for call in (
+        lambda: design(robot, wrong),
+        lambda: compare(robot, wrong, ["lqr"]),
+        lambda: read_request("planar-two-link", given={"pose": "30mm,0.1"}),
+        lambda: read_request(file),
+        lambda: read_request(file, given={"pose": "1,1", "tracking_error": "1mm"}),
+    ):
+        with pytest.raises(
+            SpecificationError, match="has a unit that 'link_position_shoulder' does not have"
+        ):
+            call()
+    assert read_request(file, given={"pose": "30deg,0.1"}).specification.pose == (math.radians(30), 0.1)
+
+
+def test_a_stated_number_keeps_its_unit_through_copies_and_is_a_float_in_every_sum() -> None:
+    s = Specification(pose="30mm,0.1", quantisation="1mm")  # type: ignore[arg-type]
+    for one in (s, replace(s, load=1.0), copy.deepcopy(s), pickle.loads(pickle.dumps(s))):
+        first: Any = (one.pose or (None,))[0]
+        assert one.pose == (0.03, 0.1)
+        assert (type(first), first.number, first.unit, first.si) == (Stated, "30", "mm", "m")
+        assert isinstance(one.quantisation, Stated)
+        assert type(2.0 * one.quantisation) is float
+    assert repr(s.pose) == "(0.03, 0.1)"
+
+
+def test_other_sensors_of_a_rival_law_take_the_number_without_its_unit(robot_of: Named) -> None:
+    s = Specification(quantisation="0.01deg")  # type: ignore[arg-type]
+    other = other_sensors(robot_of("planar-two-link"), s, ("joint_torque",))
+    assert (type(other.quantisation), other.measured) == (float, ("joint_torque",))
