@@ -44,7 +44,7 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
-    (tmp_path / "design.toml").write_text('[design]\nrobot = "paper"\ndegrees = 2\ndraws = 0\n')
+    (tmp_path / "design.toml").write_text('[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\n')
     out = tmp_path / "c"
     assert main(["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm"]) == 0
     assert (out / "arm.c").exists()

@@ -223,7 +223,7 @@ class _Search:
     def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response]:
         """Peaks of the nominal robot, what holds all robots at the goal among them, and the loop and its step."""
         s = self.s
-        degree = max(tried_degrees(len(problem.problem.state_names), s))
+        degree = min(tried_degrees(len(problem.problem.state_names), s))
         law = solve_hji(problem.problem, problem.gamma, degree)
         free = replace(s, saturation=np.inf)
         setup = LoopSetup(self.robot, free, law, self.goal, self.start, estimator_noise=self.levels)

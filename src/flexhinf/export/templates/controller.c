@@ -119,6 +119,10 @@ static int went_back(@NAME@_state *state)
         copied(state->start, state->older, @BIG@_MEMORY);
     }
     start = same(state->older, state->start, @BIG@_MEMORY);
+    if (start && state->began_again) { /* the start itself is bad: it can only be that memory was overwritten */
+        copied(initial_memory, state->start, @BIG@_MEMORY);
+        copied(initial_memory, state->older, @BIG@_MEMORY);
+    }
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
         const int command = i >= @REFERENCE@ && i < @REFERENCE@ + @COMMANDED@;
         const int keep = command && start && !state->began_again && isfinite(state->memory[i]);
