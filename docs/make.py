@@ -294,11 +294,38 @@ def promises() -> str:
     return outcome.stdout.strip()
 
 
+# Hardware -------------------------------------------------------------------------------------------
+def hardware(table: str) -> Callable[[], str]:
+    """A table of the rows that benchmarks/hardware has measured and kept."""
+
+    def made() -> str:
+        command = [sys.executable, "-m", "benchmarks.hardware", "--table", table]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+        outcome = subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        )
+        assert outcome.returncode == 0, outcome.stderr
+        return outcome.stdout.strip()
+
+    return made
+
+
+def arm() -> str:
+    """The file of the arm, as it is shown."""
+    text = (ROOT / "benchmarks" / "hardware" / "arm.toml").read_text(encoding="utf-8")
+    return f"```toml\n# file: arm.toml\n{text}```"
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/design.md", options),
     "rooms": ("docs/architecture.md", rooms),
+    "arm": ("docs/hardware.md", arm),
+    "arm-result": ("docs/hardware.md", hardware("arm")),
+    "robots": ("docs/hardware.md", hardware("robots")),
+    "reasons": ("docs/hardware.md", hardware("reasons")),
+    "payload": ("docs/hardware.md", hardware("payload")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "refusal": ("docs/design.md", refusal),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.analysis import margins
 from flexhinf.design import Design, Specification
 from flexhinf.design.carrying import carried, carried_payloads
 from flexhinf.design.evaluation import LawEvaluation
@@ -17,6 +20,7 @@ from flexhinf.design.report.sections import payload
 from flexhinf.design.requirements import carrying_requirements
 from flexhinf.design.scenario import Scenario
 from flexhinf.design.weights.choose import choose
+from flexhinf.design.weights.estimator_noise import search_noise
 
 NAME = "payload_mass"
 GOAL, START = np.array([0.6]), np.array([0.3])
@@ -85,3 +89,23 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert "3 kg" in payload.carrying_text(design)
     none = cast(Design, SimpleNamespace(carried=(), requirements=()))
     assert payload.blocks(none) == list(payload.remarks(none)) == []
+
+
+@pytest.mark.slow
+def test_noise_levels_damp_the_loop_with_the_heaviest_payload_too(repository: Path) -> None:
+    """Two links and a kilogram at the end of the second, of 1.6 kg: levels for the model's mass alone let it ring."""
+    robot = fh.load_robot(repository / "benchmarks" / "hardware" / "planar.toml", payload="0..1kg")
+    s = Specification(preset="damped", damping=0.15, measured=("link_position", "motor_position"))
+    goal = np.array(robot.home)
+    chosen = choose(robot, goal, goal + 0.1, s)
+    setup = LoopSetup(robot, s, fh.solve_hji(chosen.problem, chosen.gamma, 2), goal, goal + 0.1)
+    known = replace(robot["payload_mass_elbow"], range=None)
+    true = robot.plant_parameters({**robot.nominal, known.name: 1.0})
+    found = []
+    for told in (robot, robot.with_parameters(known)):
+        search = search_noise(replace(setup, robot=told), 0.15)
+        assert search is not None
+        loop = replace(setup, estimator_noise=search.chosen.levels).equilibrium_loop(values=true)
+        found.append(margins(loop).damping)
+    assert found[0] > 0.98 * 0.1
+    assert found[1] < 0.9 * 0.1

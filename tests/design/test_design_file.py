@@ -142,6 +142,15 @@ def test_texts_with_units_are_read_and_degrees_are_kept(tmp_path: Path) -> None:
     assert not Specification(pose=(0.5,)).in_degrees
 
 
+def test_metres_are_not_shown_as_degrees() -> None:
+    """Of a robot whose first joint slides."""
+    s = Specification(pose="30mm,10deg", via=[(0.01, 0.1)], tracking_error="0.01", angle_unit="deg")  # type: ignore[arg-type]
+    text = tomlkit.dumps(request_document(s, "paper", slides=(True, False)))
+    assert "# 0.03 m, 10°" in text
+    assert "# 0.01 m, 5.72958°" in text
+    assert "tracking_error = [0.01] # rad, m" in text
+
+
 def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
     asked = Specification(
         pose=np.array([0.5]), bandwidth=np.float64(3.0), penalty=Penalty({"link_position": 60.0}, 10.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import Specification, design
+from flexhinf.design import Specification, design, effort_limit
 from flexhinf.design.effort_limit import WIDTH, problem_within_effort
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.weights.choose import choose
@@ -59,6 +59,23 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     assert alone.target is not None
     assert drawn.target is not None
     assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
+
+
+def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[np.ndarray] = []
+    whole = effort_limit.sampled_runs
+
+    def counted(*given: Any) -> Any:
+        looked.append(whole(*given).inputs.max())
+        return whole(*given)
+
+    monkeypatch.setattr(effort_limit, "sampled_runs", counted)
+    found = choose_within_effort(robot_of("paper"), asked(peak_effort=15.0, draws=12, duration=1.0))
+    assert found.target is not None
+    assert len(looked) == 2
+    assert looked[0] > 15.0 >= looked[1]
 
 
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:

@@ -137,6 +137,27 @@ def test_only_the_joints_beyond_a_limit_become_slower(robot_of: Named) -> None:
     assert search.slower(np.ones(2), search.tried(np.ones(2))[1])[0] is None
 
 
+def test_a_bandwidth_that_sampled_robots_do_not_confirm_is_lowered(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = joint_limits(robot_of("planar-two-link"), Specification(peak_effort=(10.0, 1.0)))
+    search = _Model(limits, np.array([5.0, 1.0]))
+    asked: list[np.ndarray] = []
+
+    def peaks(best: Any) -> _Peaks:
+        asked.append(best)
+        return _Peaks(1.1 * search.size * best**2, np.zeros(2), limits)
+
+    monkeypatch.setattr(search, "peaks", peaks)
+    best, fractions = search.confirmed(np.ones(2), np.ones(2), np.ones(2))  # type: ignore[arg-type]
+    np.testing.assert_allclose(fractions, (1.0 - WIDTH) ** 2 * np.ones(2))
+    np.testing.assert_array_equal(best, fractions)  # type: ignore[arg-type]
+    assert len(asked) == 3
+    search = _Model(limits, np.array([5.0, 1.0 / (0.9 * LEAST) ** 2]))
+    monkeypatch.setattr(search, "peaks", peaks)
+    assert search.confirmed(np.ones(2), np.ones(2), np.ones(2))[0] is None  # type: ignore[arg-type]
+
+
 # Sensors --------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("quantisation", "steps"),

@@ -123,6 +123,23 @@ def replaced(old, new):
         (replaced("motor_inertia = 1.5", "motor_inertia = 0.0"), ["motor_inertia_slide", "> 0 kg"]),
         (replaced("motor_inertia = 1.5", "friction = 1.0"), ["'slide'", "motor_inertia", "neither"]),
         (replaced("gear_ratio = 100\n", ""), ["'turn'", "gear_ratio"]),
+        (
+            replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [-5.0, 120.0] }"),
+            ["stiffness_turn", "positive", "-5 N·m/rad at one end of its range"],
+        ),
+        (
+            replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [0.0, 120.0] }"),
+            ["got 0 N·m/rad"],
+        ),
+        (
+            replaced("stiffness = 100.0", "stiffness = { value = 100.0, range = [1e-31, 1e3] }"),
+            ["all proportion"],
+        ),
+        (
+            replaced("mass = 2.0", "mass = { value = 2.0, range = [-1.0, 3.0] }"),
+            ["mass_slide", "not be negative"],
+        ),
+        (replaced("effort_limit = 120", "effort_limit = 1e-40"), ["effort", "1e-40"]),
         (replaced("stiffness = 100.0", 'stiffness = "soft"'), ["stiffness", "valid number", "'soft'"]),
         (replaced("tolerance = 5", "tolerance = 100"), ["tolerance", "less than 100"]),
         (replaced("xx = 0.01, yy", "xx = -0.01, yy"), ["'slide'", "inertia", "positive"]),

@@ -32,8 +32,8 @@ __all__ = ["EquilibriumLoop"]
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
 
-#: Plants that are computed at once: their matrices fit the processor's memory.
-AT_ONCE = 64
+#: So many entries of the loops' matrices are computed at once: they fit the memory near the processor.
+AT_ONCE = 300_000
 
 
 class EquilibriumLoop:
@@ -309,8 +309,9 @@ class EquilibriumLoop:
         if self.delay:  # poles of a delayed loop are found from its neighbours'
             return self._modes(vectors, fixed, near)
         own, parts = fixed is not None and fixed.ndim == 2, []
-        for k in range(0, max(1, len(vectors)), AT_ONCE):
-            at = slice(k, k + AT_ONCE)
+        each = max(1, AT_ONCE // self.states**2)
+        for k in range(0, max(1, len(vectors)), each):
+            at = slice(k, k + each)
             gains = fixed[at] if own and fixed is not None else fixed
             parts.append(self._modes(vectors[at], gains, None if near is None else near[at]))
         return Modes.joined(parts)
@@ -383,7 +384,8 @@ class EquilibriumLoop:
             z = np.where(np.isfinite(near).all(axis=1, keepdims=True), near, z)
         slope, size = np.zeros((count, k, k)), np.full(count, np.inf)
         for _ in range(ITERATIONS):
-            later, slope = self._period(z, vectors, fixed)
+            with np.errstate(over="ignore", invalid="ignore"):  # far from any rest: not fine, below
+                later, slope = self._period(z, vectors, fixed)
             flat, gap = slope.reshape(count, -1), later - z
             fine = np.isfinite(flat).all(axis=1) & np.isfinite(gap).all(axis=1)
             size[~fine] = np.inf

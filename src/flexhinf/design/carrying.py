@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, Margins, margins
+from flexhinf.analysis import Margins, margins
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.responses import LoadResponse, Response, Worst, worst_of
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.simulation.metrics import tail_of
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, Weighing, weigh_payload
+from flexhinf.robot.payload import payload_ends
 
 __all__ = ["Carried", "carried", "carried_payloads"]
 
@@ -90,11 +90,7 @@ def carried_payloads(evaluation: LawEvaluation) -> tuple[Carried, ...]:
     Empty for a robot whose payloads have no range.
     """
     robot = evaluation.setup.robot
-    uncertain = [p for p in robot.uncertain if p.name.startswith("payload_mass")]
-    lower, upper = ({p.name: p.interval[end] for p in uncertain} for end in (0, 1))
-    nominal = {p.name: p.value for p in uncertain}
-    wanted = [masses for masses in (lower, upper) if masses != nominal]
-    return tuple(carried(evaluation, masses) for masses in wanted)
+    return tuple(carried(evaluation, masses) for masses in payload_ends(robot.uncertain))
 
 
 def carried(evaluation: LawEvaluation, masses: Mapping[str, float]) -> Carried:
@@ -111,15 +107,10 @@ def carried(evaluation: LawEvaluation, masses: Mapping[str, float]) -> Carried:
         ]
         weight = np.asarray(held[1], dtype=float) - np.asarray(held[0], dtype=float)
         gripped = setup.load_response(-weight, runs.load_duration, runs.sub_steps)
-    return Carried(robot, masses, step, gripped, margins(_loop(evaluation, true)))
-
-
-def _loop(evaluation: LawEvaluation, true: Mapping[str, Any]) -> EquilibriumLoop:
-    """The running loop about the goal, round the true robot."""
-    setup, own = evaluation.setup, evaluation.loop
-    plant = setup.smooth_plant.with_parameters(**setup.smooth_plant.parameters.known(true))
-    filter = setup.estimator(setup.goal) if own.filter is not None else None
-    return EquilibriumLoop(
-        own.law, filter, plant, own.period, equilibrium=setup.goal_equilibrium, moving=own.moving, delay=own.delay,
-        positions=own.positions,
-    )  # fmt: skip
+    return Carried(
+        robot,
+        masses,
+        step,
+        gripped,
+        margins(setup.equilibrium_loop(evaluation.loop.filter is not None, true)),
+    )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,8 @@ def design_text(
     InvalidInput
         If the penalty is code.
     """
-    document = request_document(design.specification, robot, elastic, folder, payload)
+    slides = design.robot.links.slides
+    document = request_document(design.specification, robot, elastic, folder, payload, slides)
     document.add(tomlkit.nl())
     document.add(tomlkit.comment(RESULT))
     document.add("result", _table(result_table(design)))
@@ -69,6 +71,7 @@ def request_document(
     elastic: str | Path | None = None,
     folder: str | Path = ".",
     payload: str | None = None,
+    slides: Sequence[bool] = (False,),
 ) -> tomlkit.TOMLDocument:
     """A design file without a result: its table [design], with what differs from the defaults; these stand below it as
     comments."""
@@ -89,13 +92,13 @@ def request_document(
     flat = {name: value for name, value in stated.items() if not isinstance(value, dict)}
     for name, value in flat.items():
         table.add(name, value)
-        if comment := _comment(name, value, specification.in_degrees):
+        if comment := _comment(name, value, slides if specification.in_degrees else ()):
             table[name].comment(comment)
     table.add(tomlkit.nl())
     table.add(tomlkit.comment("By default:"))
     for name, value in defaults.items():
         if value is not None and name not in stated:
-            unit = _comment(name, value, False)
+            unit = _comment(name, value)
             text = f"{name} = {tomlkit.item(value).as_string()}"
             table.add(tomlkit.comment(f"{text}  # {unit}" if unit else text))
     for name, value in stated.items():
@@ -105,11 +108,15 @@ def request_document(
     return document
 
 
-def _comment(name: str, value: Any, in_degrees: bool) -> str:
-    """The unit of a field; for angles the degrees that the user wrote."""
-    if name in ("pose", "start", "via", "tracking_error") and in_degrees:
-        return ", ".join(f"{math.degrees(angle):.6g}°" for angle in np.ravel(value))
-    return FIELDS[name].about.unit
+def _comment(name: str, value: Any, slides: Sequence[bool] = ()) -> str:
+    """The unit of a field; where the report shows degrees, those of positions, of which joints `slides` tells."""
+    if name not in ("pose", "start", "via", "tracking_error") or not slides:
+        return FIELDS[name].about.unit
+    positions = np.ravel(value)
+    if len(positions) == 1 and len(set(slides)) > 1:  # one for joints of both kinds
+        return FIELDS[name].about.unit
+    kinds = itertools.cycle(slides)
+    return ", ".join(f"{q:.6g} m" if s else f"{math.degrees(q):.6g}°" for q, s in zip(positions, kinds))
 
 
 def _table(values: Mapping[str, Any]) -> Any:

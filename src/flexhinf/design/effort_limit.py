@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from flexhinf.design.estimators import EstimatorNoise
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.responses import Response
 from flexhinf.design.scenario import run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.weights.choose import DesignProblem, choose
@@ -76,7 +78,7 @@ def problem_within_effort(
     if s.bandwidth is not None and not peaks.exceeds(1.0 + TOLERANCE, *_stated(limits)).any():
         return problem
     bandwidth = problem.target.bandwidth
-    best, fractions = search.slower(bandwidth, peaks)
+    best, fractions = search.confirmed(*search.slower(bandwidth, peaks), bandwidth)
     if best is not None and s.bandwidth is None:
         return best
     raise _limit_exceeded(limits, problem.target.bandwidth, peaks, best, fractions * bandwidth)
@@ -107,13 +109,21 @@ class _Peaks:
         ]
         return np.max(found, axis=0) if found else np.zeros(len(self.inputs))
 
+    def plus(self, more: tuple[np.ndarray, np.ndarray]) -> _Peaks:
+        """With more of the inputs and of the speeds."""
+        return replace(self, inputs=self.inputs + more[0], speeds=self.speeds + more[1])
+
     def exceeds(self, share: float, inputs: bool = True, speeds: bool = True) -> np.ndarray:
         """Which joints (n,) use more than this share of a limit."""
         return self.shares(inputs, speeds) > share
 
 
 class _Search:
-    """Bandwidths whose step keeps the limits."""
+    """Bandwidths whose step keeps the limits.
+
+    While bandwidths are tried only the nominal robot is run. What sampled ones took more than it in the last step that
+    was run on all of them is added, and the bandwidth that is found is confirmed by another such step.
+    """
 
     def __init__(
         self,
@@ -127,6 +137,7 @@ class _Search:
     ) -> None:
         self.robot, self.goal, self.start, self.s, self.levels = robot, goal, start, s, levels
         self.limits, self.first = limits, first
+        self.more: tuple[np.ndarray, np.ndarray] = (np.zeros(len(goal)), np.zeros(len(goal)))
 
     def slower(self, bandwidth: np.ndarray, peaks: _Peaks) -> tuple[DesignProblem | None, np.ndarray]:
         """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
@@ -145,38 +156,50 @@ class _Search:
                 lowered[:] = True
             high, low = low, np.where(lowered, COARSE * low, low)
             before = np.where(lowered, shares, np.inf)
-            best, peaks = self.tried(low * bandwidth, peaks)
+            best, peaks = self.tried(low * bandwidth)
         while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
             middle = np.sqrt(low * high)
-            better, _ = self.tried(middle * bandwidth, peaks)
+            better, _ = self.tried(middle * bandwidth)
             low, high = (middle, high) if better is not None else (low, middle)
             best = best if better is None else better
         return best, low
 
+    def confirmed(
+        self, best: DesignProblem | None, fractions: np.ndarray, bandwidth: np.ndarray
+    ) -> tuple[DesignProblem | None, np.ndarray]:
+        """The same, or a little slower until the step of all sampled robots keeps the limits."""
+        while best is not None and self.peaks(best).exceeds(1.0).any():
+            best = None
+            while best is None and fractions.min() > LEAST:
+                fractions = (1.0 - WIDTH) * fractions
+                best, _ = self.tried(fractions * bandwidth)
+        return best, fractions
+
     def needs_too_much(self) -> bool:
         """Whether holding a sampled robot at the goal takes more than a limit: then no bandwidth helps."""
-        return bool(np.any(np.abs(self.held()) > self.limits.peak))
+        return bool(np.any(np.abs(self.held) > self.limits.peak))
 
+    @cached_property
     def held(self) -> np.ndarray:
         """Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal."""
         extras = self.s.extras
         points = [self.robot.operating_point(self.goal, extras, values) for values in (None, *self.sampled)]
         return np.array([u for _, u in points])
 
-    @property
+    @cached_property
     def sampled(self) -> tuple[Mapping[str, Any], ...]:
         """Parameters of a few robots within the tolerances; none where none are to be looked at."""
         if not self.robot.uncertain or self.s.draws == 0:
             return ()
         return sample_robots(self.robot, SAMPLES, self.s.seed)
 
-    def tried(self, bandwidth: np.ndarray, before: _Peaks) -> tuple[DesignProblem | None, _Peaks]:
-        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the peaks."""
+    def tried(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, _Peaks]:
+        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
         try:
             assert self.first.target is not None
             lower = replace(self.s, bandwidth=bandwidth.tolist(), damping=self.first.target.damping)
             problem = choose(self.robot, self.goal, self.start, lower, near=self.first)
-            peaks = self.peaks(problem)
+            peaks = self.nominal_step(problem)[0].plus(self.more)
         except FlexhinfError:
             nothing = np.full(len(bandwidth), np.inf)
             return None, _Peaks(nothing, nothing, self.limits)
@@ -187,26 +210,36 @@ class _Search:
 
         What holds each of them at the goal counts too: a slow step may end before it is there.
         """
-        s, robot = self.s, self.robot
-        degree = max(tried_degrees(len(problem.problem.state_names), s))
+        nominal, setup, response = self.nominal_step(problem)
+        if response.diverged_at is not None or not self.sampled:
+            return nominal
+        length = self.length(setup, problem)
+        samples = sampled_runs(setup, self.sampled, length, response.run.settings["sub_steps"])
+        inputs = np.maximum(nominal.inputs, samples.inputs.max(axis=0))
+        speeds = np.maximum(nominal.speeds, samples.speeds.max(axis=0))
+        self.more = inputs - nominal.inputs, speeds - nominal.speeds
+        return _Peaks(inputs, speeds, self.limits)
+
+    def nominal_step(self, problem: DesignProblem) -> tuple[_Peaks, LoopSetup, Response]:
+        """Peaks of the nominal robot, what holds all robots at the goal among them, and the loop and its step."""
+        s = self.s
+        degree = min(tried_degrees(len(problem.problem.state_names), s))
         law = solve_hji(problem.problem, problem.gamma, degree)
         free = replace(s, saturation=np.inf)
-        setup = LoopSetup(robot, free, law, self.goal, self.start, estimator_noise=self.levels)
-        assert problem.target is not None
-        length = s.duration
-        if length is None:
-            length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
-        response = setup.step(length)
+        setup = LoopSetup(self.robot, free, law, self.goal, self.start, estimator_noise=self.levels)
+        response = setup.step(self.length(setup, problem))
         if response.diverged_at is not None:
             nothing = np.full(len(self.goal), np.inf)
-            return _Peaks(nothing, nothing, self.limits)
-        inputs = np.abs(np.concatenate([response.inputs, self.held()])).max(axis=0)
-        speeds = np.abs(response.velocities).max(axis=0)
-        if robots := self.sampled:
-            samples = sampled_runs(setup, robots, length, response.run.settings["sub_steps"])
-            inputs = np.maximum(inputs, samples.inputs.max(axis=0))
-            speeds = np.maximum(speeds, samples.speeds.max(axis=0))
-        return _Peaks(inputs, speeds, self.limits)
+            return _Peaks(nothing, nothing, self.limits), setup, response
+        inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
+        return _Peaks(inputs, np.abs(response.velocities).max(axis=0), self.limits), setup, response
+
+    def length(self, setup: LoopSetup, problem: DesignProblem) -> float:
+        """How long the step is run, s."""
+        if self.s.duration is not None:
+            return self.s.duration
+        assert problem.target is not None
+        return run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
 
 
 def _limit_exceeded(

@@ -154,7 +154,9 @@ class LoopSetup(LoopPlants):
         """State and input with which the true robot is held at a pose (n,), with these parameters."""
         return self.robot.operating_point(at, self.specification.extras, values)
 
-    def equilibrium_loop(self, estimated: bool = True) -> EquilibriumLoop:
+    def equilibrium_loop(
+        self, estimated: bool = True, values: Mapping[str, Any] | None = None
+    ) -> EquilibriumLoop:
         """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
 
         A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q).
@@ -163,12 +165,16 @@ class LoopSetup(LoopPlants):
         ----------
         estimated : bool
             With the estimator; otherwise the true state is fed back.
+        values : mapping, optional
+            Parameters of the true plant, which the estimator does not know.
         """
-        s, law = self.specification, self.linear_law
+        s, law, plant = self.specification, self.linear_law, self.smooth_plant
+        if values is not None:
+            plant = plant.with_parameters(**plant.parameters.known(values))
         return EquilibriumLoop(
             law,
             self.estimator(self.goal) if estimated else None,
-            self.smooth_plant,
+            plant,
             s.period,
             equilibrium=self.goal_equilibrium,
             moving=not has_integrals(law),

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
-from flexhinf.design.degrees import rays_of, tried_degrees
+from flexhinf.design.degrees import rays_of, synthesis_stages
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
@@ -252,7 +252,7 @@ def _unit(synthesis: Synthesis) -> str:
 def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
+    solved = synthesis_stages(states, s)
     searched, limits = preset_of(robot, s) in ("damped", "robust"), joint_limits(robot, s)
     more = (searched and (limits.limits_peak or limits.limits_speed)) + s.mujoco
     return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
@@ -368,7 +368,7 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a comparison has, for a progress bar."""
     states = 5 * len(robot.joint_names)
-    solved = len(tried_degrees(states, s)) * (2 if rays_of(states, s) else 1)
+    solved = synthesis_stages(states, s)
     each = 5 if sample_count(robot, states, s) else 4
     searched = preset_of(robot, s) in ("damped", "robust")
     limits = joint_limits(robot, s)

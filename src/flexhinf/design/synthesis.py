@@ -11,7 +11,8 @@ import numpy as np
 
 from flexhinf.analysis import tolerance_corners
 from flexhinf.design.along_move import AlongMove, Least, scheduled
-from flexhinf.design.degrees import DegreeChoice, rays_of, tried_degrees, try_degrees
+from flexhinf.design.degree_rule import choose_degree
+from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
 from flexhinf.design.effort_limit import problem_within_effort
 from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_variances, sensor_steps
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
@@ -145,18 +146,35 @@ class _Steps:
         slower = problem_within_effort(self.robot, self.goal, self.start, s, problem, levels, self.progress)
         if slower is not problem:
             problem, noise = slower, self.noise_search(slower)
-        states = len(problem.problem.state_names)
-        degrees, rays = tried_degrees(states, s), rays_of(states, s)
-        ratios = s.gamma_ratio, s.checked_gamma_ratio
-        choices = tuple(
-            try_degrees(
-                problem.problem, degrees, *ratios, _checked_penalty(s, problem), rays, s.seed, self.progress,
-                problem.gamma_star,
-            )
-        )  # fmt: skip
-        chosen = _best(choices)
+        chosen, choices, rays = self.degrees(problem, noise)
         law = self.law_of(problem, chosen.solution)
         return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law)
+
+    def degrees(
+        self, problem: DesignProblem, noise: NoiseSearch | None
+    ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
+        """The degree that is used, all that were solved, and the rays of a region.
+
+        The region of the degree that is used is sampled, and those of all degrees that the specification states.
+        """
+        s, states = self.s, len(problem.problem.state_names)
+        degrees, rays = tried_degrees(states, s), rays_of(states, s)
+        solved = tuple(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
+        levels = None if noise is None else noise.chosen.levels
+        setup = LoopSetup(self.robot, s, solved[0].solution, self.goal, self.start, estimator_noise=levels)
+        if len(solved) > 1:
+            self.progress("the degree of V: the step with each")
+        chosen, choices = choose_degree(setup, problem.nominal, solved)
+        if not rays:
+            return chosen, choices, rays
+        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
+        found = []
+        for choice in choices:
+            if choice is chosen or s.degrees is not None:
+                self.progress(f"degree {choice.degree}: sample the region")
+                choice = with_region(choice, gamma, penalty, rays, s.seed)
+            found.append(choice)
+        return found[choices.index(chosen)], tuple(found), rays
 
     def along(self, made: Synthesis, move: Plan) -> Synthesis:
         """The same with the margins along a move, and with laws at poses on it where they do not hold with one."""
@@ -288,13 +306,6 @@ class _Steps:
             damping = min(required_damping(self.s, problem.target), problem.target.damping)
         there = choose(self.robot, place, self.start, replace(self.s, bandwidth=bandwidth, damping=damping))
         return solve_hji(there.problem, there.gamma, degree)
-
-
-def _best(choices: tuple[DegreeChoice, ...]) -> DegreeChoice:
-    """The degree with the largest step; where no degree has a region, the highest degree."""
-    return max(
-        choices, key=lambda c: (c.step_amplitude, -c.degree) if c.step_amplitude > 0.0 else (0.0, c.degree)
-    )
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:

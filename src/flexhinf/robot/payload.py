@@ -18,7 +18,7 @@ from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
 from flexhinf.untrusted import value_text, within_proportion
 
-__all__ = ["SHAPES", "Frame", "Payload", "carried", "inertia_of_shape", "payload_from_text"]
+__all__ = ["SHAPES", "Frame", "Payload", "carried", "inertia_of_shape", "payload_ends", "payload_from_text"]
 
 #: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.
 SHAPES = {
@@ -193,6 +193,20 @@ def payload_from_text(text: str) -> Payload:
 def _number(word: str) -> float:
     """A number without the underscores that Python allows."""
     return float(word.replace("_", "x"))
+
+
+def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
+    """Masses (kg) by name with all payloads at the lower, and at the upper ends of their ranges; where those are the
+    nominal ones they are left out.
+
+    Parameters
+    ----------
+    uncertain : sequence of Parameter
+        A robot's.
+    """
+    masses = [p for p in uncertain if p.name.startswith("payload_mass")]
+    ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
+    return [found for found in ends if found != {p.name: p.value for p in masses}]
 
 
 def carried(

@@ -127,18 +127,25 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
             )
         quantity, sliding = known[parameter.name]
         sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, sliding)
-        if (sign == "positive" and not parameter.value > 0.0) or (sign != "any" and parameter.value < 0.0):
-            raise InvalidInput(
-                f"The parameter {parameter.name!r} must {'be positive' if sign == 'positive' else 'not be negative'}.",
-                f"expected {'> 0' if sign == 'positive' else '>= 0'} {unit}, got {parameter.value:g} {unit}",
-                "correct the value",
-            )
-        if not within_proportion(parameter.value, positive=sign == "positive"):
-            raise InvalidInput(
-                f"The parameter {parameter.name!r} is out of all proportion.",
-                f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {parameter.value:g} {unit}",
-                "its value in SI units",
-            )
+        _check_size(parameter.name, parameter.value, sign, unit)
+        for end in parameter.interval:
+            _check_size(parameter.name, end, sign, unit, " at one end of its range")
+
+
+def _check_size(name: str, value: float, sign: str, unit: str, where: str = "") -> None:
+    """Refuse a value with the wrong sign, or out of all proportion."""
+    if (sign == "positive" and not value > 0.0) or (sign != "any" and value < 0.0):
+        raise InvalidInput(
+            f"The parameter {name!r} must {'be positive' if sign == 'positive' else 'not be negative'}.",
+            f"expected {'> 0' if sign == 'positive' else '>= 0'} {unit}, got {value:g} {unit}{where}",
+            "correct the value",
+        )
+    if not within_proportion(value, positive=sign == "positive"):
+        raise InvalidInput(
+            f"The parameter {name!r} is out of all proportion.",
+            f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {value:g} {unit}{where}",
+            "its value in SI units",
+        )
 
 
 def _check_meanings(robot: str, joints: Sequence[str]) -> None:
@@ -158,14 +165,15 @@ def _check_meanings(robot: str, joints: Sequence[str]) -> None:
 
 
 def checked_limits(robot: str, field: str, stated: Any, joints: Sequence[str]) -> tuple[float, ...]:
-    """One positive number for each joint, infinite where no limit is stated."""
+    """One number for each joint, positive and in proportion; infinite where no limit is stated."""
     if stated is None:
         return (np.inf,) * len(joints)
     found = stated
     if isinstance(stated, Sequence) and not isinstance(stated, str):
         found = [np.inf if limit is None else limit for limit in stated]
     limits = real_array(found)
-    if limits.shape != (len(joints),) or not np.all(limits > 0.0):
+    usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
+    if limits.shape != (len(joints),) or not np.all(usable):
         raise InvalidInput(
             f"The {field.replace('_', ' ')} of the robot {robot!r} do not fit its joints.",
             f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",

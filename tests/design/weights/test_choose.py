@@ -21,6 +21,7 @@ from flexhinf.design.weights.choose import (
     preset_of,
     required_damping,
 )
+from flexhinf.design.weights.linear_family import LinearFamily
 from flexhinf.design.weights.uncertainty import channels
 from flexhinf.errors import InvalidInput
 
@@ -337,3 +338,25 @@ def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: 
     assert game.robustness.channels > 50
     assert len(game.problem.disturbance_names) == 7 + 14  # commands, and no more torques than there are
     assert game.gamma == pytest.approx(1.5 * game.robustness.gamma_star)
+
+
+def test_robots_are_linearised_once_for_all_bandwidths(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    whole = LinearFamily.of
+
+    def counted(robot: Any, goal: Any, members: int = 32, **options: Any) -> LinearFamily:
+        made.append(members)
+        return whole(robot, goal, members, **options)
+
+    monkeypatch.setattr(LinearFamily, "of", staticmethod(counted))
+    robot, goal, start = robot_of("paper"), np.array([0.0]), np.array([0.1])
+    first = choose(robot, goal, start, Specification(preset="damped"))
+    assert first.target is not None
+    slower = Specification(preset="damped", bandwidth=float(0.7 * first.target.bandwidth[0]))
+    near = choose(robot, goal, start, slower, near=first)
+    assert made == [32, 400]
+    alone = choose(robot, goal, start, slower)
+    assert near.target is not None
+    assert alone.gamma_star == pytest.approx(near.gamma_star, rel=0.1)

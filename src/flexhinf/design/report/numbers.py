@@ -62,7 +62,10 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "corners": None if e.corners is None else [row._asdict() for row in corner_rows(e)],
         "attained": attained and _picked(attained, "gain", "energy", "largest_value"),
         "budget": budget_rows(design),
-        "degrees": [_picked(c, "degree", "level", "limit", step="step_amplitude") for c in design.choices],
+        "degrees": [
+            _picked(c, "degree", "level", "limit", "acting", "cost", "missed", step="step_amplitude")
+            for c in design.choices
+        ],
         "starts_inside": design.inside,
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),

@@ -99,6 +99,12 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
             "",
             "option --degrees" if s.degrees else counted,
         ),
+        (
+            "degree of V",
+            synthesis.chosen.degree,
+            "",
+            "by the cost of the step" if len(synthesis.choices) > 1 else "",
+        ),
         ("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
         ("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
         ("rays", synthesis.rays, "", counted if s.rays is None else "option --rays"),

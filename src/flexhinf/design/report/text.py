@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.poles import mode_groups
-from flexhinf.design.report.sections.region import budget_rows, widest_step
+from flexhinf.design.report.sections.region import budget_rows, cost_text, degree_text, widest_step
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.rest import frequency_text
 from flexhinf.design.report.sections.weights import (
@@ -251,8 +252,9 @@ def _budget(design: Design) -> Table:
 
 def _regions(design: Design) -> Table:
     unit, most = units_of(design.evaluation).position, widest_step(design)
-    columns = ("degree", "law", "V ≤", f"step, {unit}", "°", "residual", "solve, s", "check, s")
-    regions = _table("Region of each solution: sampled, not proved (* used)", *columns)
+    columns = ("degree", "law", "cost", "V ≤", f"step, {unit}", "°", "residual", "time, s")
+    title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
+    regions = _table(f"{title}\nRegion of each solution: sampled, not proved (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
@@ -265,8 +267,9 @@ def _regions(design: Design) -> Table:
                 sampled = ("any", "any", "–")
             if math.isnan(c.level):
                 sampled = ("none", "–", "–")
-        times = f"{c.solve_seconds:.2f}", f"{c.check_seconds:.1f}"
-        regions.add_row(str(c.degree), law, *sampled, f"{c.residual:.0e}", *times)
+        seconds = f"{c.solve_seconds + c.check_seconds:.2f}"
+        cost = cost_text(c, design.choices[0])
+        regions.add_row(str(c.degree), law, cost, *sampled, f"{c.residual:.0e}", seconds)
     return regions
 
 

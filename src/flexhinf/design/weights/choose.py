@@ -15,16 +15,21 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import LinearCorners
 from flexhinf.design.specification import RINGS, Specification
-from flexhinf.design.weights.linear_family import LinearDesign, LinearFamily, LinearProblem, worst_members
+from flexhinf.design.weights.linear_family import (
+    Families,
+    LinearDesign,
+    LinearFamily,
+    LinearProblem,
+    worst_members,
+)
 from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
@@ -39,9 +44,6 @@ __all__ = [
 
 #: Most turns in which a default damping yields to what weights reach.
 YIELDS = 4
-
-#: Corners among which the worst for the first weights are looked for, to be members of the second search.
-MANY = 400
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
@@ -104,6 +106,8 @@ class DesignProblem:
     target, search : TargetBehaviour, SearchResult or None
         What weights were searched for, and how; of a preset that searches.
     robustness : Robustness or None
+    families : Families or None
+        Of the robot within its tolerances, for which weights were searched.
     """
 
     preset: str
@@ -117,6 +121,7 @@ class DesignProblem:
     target: TargetBehaviour | None = None
     search: SearchResult | None = None
     robustness: Robustness | None = None
+    families: Families | None = None
 
 
 def preset_of(robot: Any, s: Specification) -> str:
@@ -182,10 +187,11 @@ def choose(
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust"):
+        families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
         begun, tried = None if near is None else near.search, s
         for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
             try:
-                return _searched(robot, goal, start, tried, preset, begun)
+                return replace(_searched(families, start, tried, preset, begun), families=families)
             except DampingOutOfReach as refused:
                 if s.damping is not None or not refused.reached or turn == YIELDS:
                     raise
@@ -233,15 +239,16 @@ def _command(s: Specification) -> str | None:
 
 
 def _searched(
-    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
+    families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    plant, equilibrium = robot.plant(), robot.operating_point(goal)
-    family, scales = LinearFamily.of(robot, goal, period=s.period), JointScales.of(plant, equilibrium)
+    robot, goal, family = families.robot, families.goal, families.few
+    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
         names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
-        torques = np.eye(len(plant.disturbances))[:, [plant.disturbances.index(name) for name in names]]
+        every = robot.plant().disturbances
+        torques = np.eye(len(every))[:, [every.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
@@ -253,12 +260,8 @@ def _searched(
         star = linear.gamma_star()
         return linear.design(s.gamma_ratio * star, star)
 
-    @cache
-    def many() -> LinearFamily:
-        return LinearFamily.of(robot, goal, MANY, seed=1)
-
-    found, family = _widened(many, target, family, synthesis, scales.held, near)
-    source = f"found for {_words(target)}"
+    found, family = _widened(families, target, family, synthesis, scales.held, near)
+    source = f"found for {target.words}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
         problem = _problem(robot, goal, s, penalty)
@@ -289,7 +292,7 @@ def _searched(
                 s.gamma_ratio, larger
             )
 
-        found, _ = _widened(many, target, family, robust_synthesis, scales.held)
+        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
         robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
         return _robust(robot, goal, s, scales, target, found, robust, larger, factor, corners)
 
@@ -305,7 +308,7 @@ def _failing(made: DesignProblem) -> int:
 
 
 def _widened(
-    many: Callable[[], LinearFamily],
+    families: Families,
     target: TargetBehaviour,
     family: LinearFamily,
     synthesis: Any,
@@ -317,7 +320,7 @@ def _widened(
     if len(family.a) == 1:
         return search(target, family, synthesis, held, near=start), family
     found = search(target, family, synthesis, held, each=False) if near is None else near
-    wider = family.with_members(many(), worst_members(many(), found.chosen.design.gain))
+    wider = family.with_members(families.many, worst_members(families.many, found.chosen.design.gain))
     return search(target, wider, synthesis, held, near=start), wider
 
 
@@ -369,7 +372,7 @@ def _robust(
         checked.failing,
         checked.complete,
     )
-    source = f"found for {_words(target)}, beside the channels of the tolerances"
+    source = f"found for {target.words}, beside the channels of the tolerances"
     stated = "robust", base, source, "ours"
     return DesignProblem(*stated, problem, nominal, star, gamma, target, found, robustness)
 
@@ -392,9 +395,3 @@ def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarra
             "one bandwidth for all joints",
         )
     return np.broadcast_to(values, (joints,)).copy()
-
-
-def _words(target: TargetBehaviour) -> str:
-    low, high = target.bandwidth.min(), target.bandwidth.max()
-    band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    return f"{band} rad/s and a damping ratio of {target.damping:.3g}"

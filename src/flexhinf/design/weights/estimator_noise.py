@@ -56,6 +56,7 @@ from flexhinf.design.weights.noise_candidates import (
 )
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, NumericalFailure
+from flexhinf.robot.payload import payload_ends
 
 __all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise"]
 
@@ -157,6 +158,7 @@ class _Search:
         self.bandwidth = float(followed.max())
         self.top = COMPLIANT_BAND * self.bandwidth
         self.filtered = FilteredLoop(self.loop, self.bandwidth)
+        self.carrying = [FilteredLoop(loop, self.bandwidth) for loop in self.loaded()]
         self.stiff = law.compliance(self.top)
         self.scales = JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
@@ -263,8 +265,9 @@ class _Search:
         assert self.setup.noise is not None
         compliance, noises = found.compliance(self.top) / self.stiff, found.input_noise(self.setup.noise)
         noise = float((noises / self.authority).max()) / MOST_NOISE
+        damping = min(found.damping, self.damping_carrying(levels))
         missed = self.excess(
-            found.peak_sensitivity, found.gain_margin, found.damping, compliance / COMPLIANCE, noise
+            found.peak_sensitivity, found.gain_margin, damping, compliance / COMPLIANCE, noise
         )
         candidate = NoiseCandidate(
             levels, found.peak_sensitivity, found.gain_margin, found.damping, compliance, noises, missed,
@@ -273,6 +276,19 @@ class _Search:
         candidate = self.counted(candidate)
         self.tried.append(candidate)
         return candidate
+
+    def loaded(self) -> Iterator[EquilibriumLoop]:
+        """The running loop with the payloads at the ends of their ranges, where a damping is required."""
+        robot = self.setup.robot
+        for masses in payload_ends(robot.uncertain) if self.damping else ():
+            yield self.setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses}))
+
+    def damping_carrying(self, levels: EstimatorNoise) -> float:
+        """The smallest damping ratio with these payloads, times what is required over `RINGS`: it must not ring."""
+        process, required = levels.covariance(self.setup.model.states), self.damping or 0.0
+        found = [loop.margins(process) for loop in self.carrying]
+        least = min((one.damping if one.stable else 0.0 for one in found), default=np.inf)
+        return least * max(1.0, required / RINGS)
 
     def exact(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with figures of a dense sweep: those that the evaluation of the design has."""

@@ -21,11 +21,15 @@ from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant import PolynomialPlant
 
 __all__ = [
-    "MEMBERS", "Behaviour", "LinearDesign", "LinearFamily", "LinearProblem", "behaviour_of", "worst_members",
+    "MEMBERS", "Behaviour", "Families", "LinearDesign", "LinearFamily", "LinearProblem", "behaviour_of",
+    "worst_members",
 ]  # fmt: skip
 
 #: Corners of the tolerances that a search looks at, beside the nominal robot.
 MEMBERS = 32
+
+#: Corners among which the worst for the first weights are looked for, to be members of the second search.
+MANY = 400
 
 #: Relative width at which the bisection for γ* ends during a search.
 ROUGH = 1e-3
@@ -111,6 +115,34 @@ class LinearFamily:
         return LinearFamily(
             a, b, torques, robot.joint_names, stiffness_and_inertia(plant, equilibrium), period
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Families:
+    """Linearisations of one robot about one goal, made when they are first asked for, for any number of searches.
+
+    Parameters
+    ----------
+    robot : Robot
+    goal : (n,)
+        Link positions, rad or m.
+    period : float
+        s, at which the law of the nominal robot acts.
+    """
+
+    robot: Any
+    goal: np.ndarray
+    period: float
+
+    @cached_property
+    def few(self) -> LinearFamily:
+        """Those that a search begins with."""
+        return LinearFamily.of(self.robot, self.goal, period=self.period)
+
+    @cached_property
+    def many(self) -> LinearFamily:
+        """Those among which the worst for the first weights are looked for."""
+        return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
 
 
 def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:

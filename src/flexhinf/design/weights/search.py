@@ -67,6 +67,13 @@ class TargetBehaviour:
     bandwidth: np.ndarray
     damping: float
 
+    @property
+    def words(self) -> str:
+        """As text."""
+        low, high = self.bandwidth.min(), self.bandwidth.max()
+        band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        return f"{band} rad/s and a damping ratio of {self.damping:.3g}"
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
+from flexhinf.design.degree_rule import ACTING, GAIN
+from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.report.drawing import DASHED, figure_block, thin
 from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
 from flexhinf.design.result import Design
@@ -26,7 +28,7 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["blocks", "budget_rows", "level_rows", "remarks", "widest_step"]
+__all__ = ["blocks", "budget_rows", "cost_text", "degree_text", "level_rows", "remarks", "widest_step"]
 
 PARTS = {
     "sampling": "the input is held between samples",
@@ -41,7 +43,7 @@ NEAR = 0.05
 
 def blocks(design: Design) -> list[Any]:
     """Level set and step of every degree; the gain found; the budget."""
-    found: list[Any] = [Paragraph(_region_text(design)), _regions(design)]
+    found: list[Any] = [Paragraph(degree_text(design)), Paragraph(_region_text(design)), _regions(design)]
     if design.attenuation.attained is not None:
         found += [Paragraph(_attained_text(design)), _levels(design)]
     if design.attenuation.budget:
@@ -78,15 +80,58 @@ def remarks(design: Design) -> Iterator[str]:
         yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
 
 
+def degree_text(design: Design) -> str:
+    """Which degree is used, and why."""
+    chosen, (lowest, *higher) = design.chosen, design.choices
+    used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
+    if not higher:
+        return f"{used}: the only one that was tried."
+    if design.specification.via:
+        return f"{used}: with laws at several poses the robot is never far from the nearest one."
+    if all(math.isnan(choice.cost) for choice in higher):
+        most = max(choice.acting for choice in higher)
+        return (
+            f"{used}: along its step the laws of higher degree would change the input by {_percent(most)} of its "
+            f"largest deviation from the goal's (below {_percent(ACTING)} nothing is gained)."
+        )
+    steps = "; ".join(f"{_cheaper(choice, lowest)}{_missed(choice)}" for choice in higher)
+    return (
+        f"{used}. By the cost of the step, ∫|z|² without the integrals, against degree {lowest.degree}: {steps}. A "
+        f"higher degree is used where it saves more than {_percent(GAIN)} and keeps the same limits."
+    )
+
+
+def _cheaper(choice: DegreeChoice, lowest: DegreeChoice) -> str:
+    return f"degree {choice.degree} {cost_text(choice, lowest)}"
+
+
+def _missed(choice: DegreeChoice) -> str:
+    return f" (but misses: {', '.join(choice.missed)})" if choice.missed else ""
+
+
+def cost_text(choice: DegreeChoice, lowest: DegreeChoice) -> str:
+    """The cost of a step relative to that of the lowest degree: "−5.9 %"."""
+    if math.isnan(choice.cost) or choice is lowest:
+        return "–" if math.isnan(choice.cost) else "0 %"
+    if math.isinf(choice.cost):
+        return "diverges"
+    if math.isinf(lowest.cost):
+        return "finite"
+    return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
+
+
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.2g} %"
+
+
 def _region_text(design: Design) -> str:
     s = design.specification
     return (
         "The largest level set of V in which no violation of the dissipation inequality was found, along random rays "
         "and by ascent from many starts: sampled, not proved. The checked pair is weaker than the designed one: "
         f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, not "
-        "the estimator. Of the degrees tried, the one with the largest step is used (the highest one where no region "
-        "was sampled). The largest step moves all joints alike and starts with the integrals at which V is smallest. A "
-        "controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
+        "the estimator. The largest step moves all joints alike and starts with the integrals at which V is smallest. "
+        "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
         "shorter step may begin outside the level set."
     )
 
@@ -99,7 +144,8 @@ def _regions(design: Design) -> Table:
             law_name(c.degree),
             "used" if c is design.chosen else "",
             _level(c.level) if c.looked else "–",
-            amplitude_text(c.step_amplitude, unit, most),
+            amplitude_text(c.step_amplitude, unit, most) if c.looked else "–",
+            cost_text(c, design.choices[0]),
             c.limit,
             f"{c.residual:.0e}",
             1e3 * c.solve_seconds,
@@ -113,6 +159,7 @@ def _regions(design: Design) -> Table:
         "",
         "V up to",
         "largest step, all joints",
+        "cost of the step",
         "limited by",
         "residual",
         Column("solve", "ms", 1),
