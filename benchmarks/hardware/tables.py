@@ -48,8 +48,12 @@ def robots(folder: Path) -> str:
     lines = _head(head)
     for name, measured in _measured():
         now, before = (_row(folder, f"{name}{end}") for end in ("", "-before"))
+        linear = _row(folder, f"{name}-linear")
         if now is not None:
             lines.append(_cells(_line(now, before, measured)))
+        elif linear is not None:
+            found = _damping(linear["damping"]), "", _percent(100.0 * linear["noise_share"]), *[""] * 4
+            lines.append(_cells([f"{linear['robot']}: {measured}, linear loop alone", *found]))
     return "\n".join(lines)
 
 
@@ -96,8 +100,8 @@ def _hunting(row: dict[str, Any]) -> str:
 def reasons(folder: Path) -> str:
     """Motor-side sensing alone, a sentence for each robot."""
     lines = []
-    for name, _ in _measured():
-        row = _row(folder, name) if "-motor" in name else None
+    for robot in ("planar", "spatial", "branching", "panda", "ur5"):
+        row = _row(folder, f"{robot}-motor") or _row(folder, f"{robot}-motor-linear")
         if row is None or "best_damping" not in row:
             continue
         noise, most = (_percent(100.0 * row[key]) for key in ("noise_share", "best_noise_share"))
