@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,10 +28,13 @@ def measure(task: dict[str, Any]) -> dict[str, Any]:
     ----------
     task : dict
         ``robot``, ``elastic``: files; ``options``: of the specification; ``limits``: of the motors, N·m; of rows with a
-        payload also ``payload``, that of the model, and ``masses``, which the true robot carries, kg.
+        payload also ``payload``, that of the model, and ``masses``, which the true robot carries, kg. With ``linear``
+        there are only weights and noise levels, and the figures of the linear loop: minutes less.
     """
     carried_by_model = {"payload": task["payload"]} if task.get("payload") else {}
     robot = fh.load_robot(task["robot"], elastic=task["elastic"] or None, **carried_by_model)
+    if task.get("linear"):
+        return _linear(robot, Specification(**task["options"]), np.array(task["limits"]))
     given = {"rays": 0, "compare_rigid": False, "draws": SAMPLES, **task["options"]}
     begin = time.process_time()
     found = design(robot, Specification(**given), lambda text: print(text, file=sys.stderr, flush=True))
@@ -45,15 +50,10 @@ def measure(task: dict[str, Any]) -> dict[str, Any]:
 def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
     """Figures of the running loop, in the names of the table."""
     e = found.evaluation
-    ringing = [mode for mode in e.running_modes if mode.eigenvalue.imag > 0.0]
-    least = min(ringing, key=lambda mode: mode.damping, default=None)
     samples, lines = e.step_samples, found.requirements
     damping = [line for line in lines if line.what.startswith("damping")]
     used = np.abs(e.step.inputs) / limits
-    row = {
-        "damping": 1.0 if least is None else least.damping,
-        "damping_joint": "" if least is None else least.joint,
-        "damping_hz": 0.0 if least is None else abs(least.eigenvalue) / (2.0 * np.pi),
+    row = _least_damped(e) | {
         "required_damping": damping[0].limit if damping else None,
         "said_damping": damping[0].found if damping else None,
         "bandwidth": float(np.min(e.margins.bandwidth)),
@@ -73,6 +73,38 @@ def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
         row["hunts"] = bool(found.rest.hunts)
         row["rest_error"] = float(found.rest.errors.max())
     return row | _reach(found)
+
+
+def _least_damped(evaluation: Any) -> dict[str, Any]:
+    """The oscillation of the running loop that is damped least."""
+    ringing = [mode for mode in evaluation.running_modes if mode.eigenvalue.imag > 0.0]
+    least = min(ringing, key=lambda mode: mode.damping, default=None)
+    return {
+        "damping": 1.0 if least is None else least.damping,
+        "damping_joint": "" if least is None else least.joint,
+        "damping_hz": 0.0 if least is None else abs(least.eigenvalue) / (2.0 * np.pi),
+    }
+
+
+def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
+    """Weights for the default behaviour, before limits of effort lower it, and the noise levels for them."""
+    from flexhinf.design.evaluation import LawEvaluation
+    from flexhinf.design.loop_setup import LoopSetup
+    from flexhinf.design.scenario import default_start
+    from flexhinf.design.weights.choose import choose, required_damping
+    from flexhinf.design.weights.estimator_noise import search_noise
+
+    goal = np.array(robot.home)
+    start = default_start(robot, goal)
+    problem = choose(robot, goal, start, s)
+    setup = LoopSetup(robot, s, fh.solve_hji(problem.problem, problem.gamma, 2), goal, start)
+    search = search_noise(setup, required_damping(s, problem.target))
+    if search is None:
+        return {"refused": "No noise levels make the running loop stable."}
+    setup = replace(setup, estimator_noise=search.chosen.levels)
+    row = _least_damped(LawEvaluation("design", setup))
+    noises = {"noise_share": float((search.chosen.noises / limits).max())}
+    return row | noises | _reach(SimpleNamespace(noise_search=search, setup=setup))
 
 
 def _reach(found: Any) -> dict[str, Any]:

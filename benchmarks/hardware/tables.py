@@ -96,8 +96,8 @@ def _hunting(row: dict[str, Any]) -> str:
 def reasons(folder: Path) -> str:
     """Motor-side sensing alone, a sentence for each robot."""
     lines = []
-    for name, _ in _measured():
-        row = _row(folder, name) if "-motor" in name else None
+    for robot in ("planar", "spatial", "branching", "panda", "ur5"):
+        row = _row(folder, f"{robot}-motor") or _row(folder, f"{robot}-motor-linear")
         if row is None or "best_damping" not in row:
             continue
         noise, most = (_percent(100.0 * row[key]) for key in ("noise_share", "best_noise_share"))

@@ -13,6 +13,11 @@ from .errors import NumericalFailure as NumericalFailure
 from .estimation import ExtendedKalmanFilter as ExtendedKalmanFilter
 from .estimation import OutputInjectionObserver as OutputInjectionObserver
 from .estimation import UnscentedKalmanFilter as UnscentedKalmanFilter
+from .export import CompiledController as CompiledController
+from .export import compile_controller as compile_controller
+from .export import export_c as export_c
+from .export import export_fmu as export_fmu
+from .export import load_compiled as load_compiled
 from .hinf import HJISolution as HJISolution
 from .hinf import linear_law as linear_law
 from .hinf import load_solution as load_solution

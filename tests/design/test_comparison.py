@@ -55,7 +55,7 @@ def test_every_stage_is_told() -> None:
     robot, s, told = fh.load_robot("vertical-rig"), Specification(**RIG), []
     compare(robot, s, ["pd"], progress=told.append)
     assert abs(len(told) - comparison_stages(robot, s, ["pd"])) <= 1
-    assert sum(text.startswith("pd") for text in told) == 4
+    assert sum(text.startswith("pd") for text in told) == 5
 
 
 @pytest.mark.parametrize(

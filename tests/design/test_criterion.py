@@ -39,6 +39,18 @@ def test_the_cost_is_the_mean_of_three_ratios() -> None:
     assert criterion.cost(other) == pytest.approx(3.5 / 3.0)
 
 
+def test_an_error_that_no_sensor_shows_is_no_reason_to_win() -> None:
+    """Behind an exact feedforward flatness had an error of 0.248 mrad and nl-hinf of 0.022: ten times in the mean."""
+    criterion = criterion_for("peak", replace(OWN, move_error=2.3e-5), 7.5, LIMITS, "V", 1e-4)
+    ratios = [
+        criterion.ratios(replace(OWN, move_error=error))["move_error"] for error in (2e-6, 1e-4, 2.48e-4)
+    ]
+    assert ratios == pytest.approx([1.0, 1.0, 2.48])
+    assert criterion.ratios(replace(OWN, load_deviation=0.02))["load_deviation"] == pytest.approx(0.5)
+    assert math.isinf(criterion.cost(replace(OWN, move_error=math.inf)))
+    assert "below 0.1 mrad or mm, which a sensor does not show, counts as that" in criterion.text
+
+
 def test_a_limit_is_the_wider_of_the_stated_one_and_the_design_s_own() -> None:
     """Rivals get what the design takes for itself, and no less than the specification allows."""
     criterion = made(peak_input=(60.0, "--peak-voltage"))

@@ -160,6 +160,17 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
     assert found.cost <= contained.cost
 
 
+def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tuner, short: None) -> None:
+    """By the seed nl-hinf ended at 0.74 and lqr-gravity at 0.89, or at 0.79 and 0.76: old code gave the values of a law
+    to those only that contain it, and a PID's to no PD."""
+    wider = replace(rig.tune(law_kind("pid")), feasible=True)
+    own = rig.tune(law_kind("pd"))
+    found: Any = rig.again(own, [wider, own], exchange=True)
+    shared = {name: wider.parameters[name] for name in own.parameters}
+    assert any(dict(one.parameters) == pytest.approx(shared) for one in found.search.candidates)
+    assert found.cost <= own.cost or not own.feasible
+
+
 @pytest.mark.slow
 def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_contains(
     monkeypatch: pytest.MonkeyPatch,

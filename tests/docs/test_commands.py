@@ -155,7 +155,7 @@ def test_a_program_runs_as_it_is_printed(block: Block, tmp_path: Path, environme
 
 
 def test_no_block_is_left_out() -> None:
-    known = {"sh", "python", "toml", "xml", "csv", "text"}
+    known = {"sh", "python", "toml", "xml", "csv", "c", "text"}
     assert {block.language for block in BLOCKS} <= known
     assert len(commands()) > 10
     assert len(programs()) >= 4

@@ -12,6 +12,7 @@ import pytest
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
+from flexhinf.report import figure
 
 TIME = np.linspace(0.0, 1.0, 11)
 
@@ -48,6 +49,17 @@ def test_a_figure_says_what_it_shows_and_bears_no_date() -> None:
     for words in ("command", "±2 % of step", "all 3 runs", "90 % of runs", "median", "worst"):
         assert words in svg
     assert "dc:date" not in svg
+
+
+def test_within_the_style_it_is_not_set_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone, counted = drawn(), []
+    settings = figure._settings
+    monkeypatch.setattr(figure, "_settings", lambda: counted.append(1) or settings())
+    with report.house_style():
+        assert drawn() == alone
+    assert counted == [1]
+    drawn()
+    assert len(counted) > 1
 
 
 def test_drawing_leaves_the_users_style_alone() -> None:

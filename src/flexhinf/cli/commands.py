@@ -16,6 +16,8 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.design import compare, design
+from flexhinf.cli.export import app as export
+from flexhinf.cli.export import compile_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
 from flexhinf.cli.paper import paper
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -60,8 +62,12 @@ COMMANDS = {
         "flexhinf compare planar-two-link --goal 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
+    compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
     schema: ("flexhinf schema > design.schema.json",),
 }
+
+#: Commands that are called otherwise than their functions.
+NAMES = {compile_design: "compile"}
 
 app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
 
@@ -87,7 +93,11 @@ def root(
 
 
 for command, examples in COMMANDS.items():
-    app.command(epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
+    name = NAMES.get(command)
+    app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
+
+
+app.add_typer(export, name="export")
 
 
 def _check_text(words: Sequence[str]) -> None:

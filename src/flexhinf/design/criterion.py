@@ -3,7 +3,9 @@
 Criterion: the mean of three ratios to the design as it is, each of the same run for all laws: the largest deviation
 of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
 largest error in following the jerk-limited reference. The design has 1; less is better. These runs are those of the
-nominal robot without measurement noise, so that no seed has a part in the criterion: noise counts as a limit.
+nominal robot without measurement noise, so that no seed has a part in the criterion: noise counts as a limit. A
+deviation or an error that no sensor shows counts as one that it just shows: behind an exact feedforward a robot that is
+the model leaves errors of microradians, of sampling and rounding, and a ratio of two of them would outweigh all else.
 
 Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
 that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
@@ -128,6 +130,8 @@ class Criterion:
         Of the linearised loop; and the one that the user chose, of the runs or of the loop.
     length : float
         Of the step, s.
+    resolution : float
+        Deviations and errors below count as this, rad or m.
     """
 
     mode: str
@@ -135,6 +139,7 @@ class Criterion:
     linear: tuple[Limit, ...]
     shared: tuple[Limit, ...]
     length: float
+    resolution: float = 0.0
 
     @property
     def limits(self) -> tuple[Limit, ...]:
@@ -149,10 +154,19 @@ class Criterion:
     @property
     def measure(self) -> str:
         """What is made small."""
+        least = (
+            ""
+            if not self.resolution
+            else (
+                f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+                "counts as that."
+            )
+        )
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest mean of three ratios to "
             "the design as it is: largest deviation under the load, settling time of the step commanded at once, "
             "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise."
+            f"{least}"
         )
 
     def ratios(self, figures: Figures) -> dict[str, float]:
@@ -162,6 +176,8 @@ class Criterion:
             mine, theirs = getattr(own, name), getattr(figures, name)
             if name == "settling" and math.isinf(theirs):
                 theirs = UNSETTLED * self.length
+            if name != "settling":
+                mine, theirs = max(mine, self.resolution), max(theirs, self.resolution)
             if not math.isfinite(mine):
                 mine = UNSETTLED * self.length if name == "settling" else 1.0
             found[name] = theirs / mine if mine > 0.0 else math.inf
@@ -190,7 +206,12 @@ class Criterion:
 
 
 def criterion_for(
-    mode: str, own: Figures, length: float, limits: Mapping[str, tuple[float, str] | None], unit: str
+    mode: str,
+    own: Figures,
+    length: float,
+    limits: Mapping[str, tuple[float, str] | None],
+    unit: str,
+    resolution: float = 0.0,
 ) -> Criterion:
     """The criterion of a comparison.
 
@@ -206,6 +227,8 @@ def criterion_for(
         they were asked for.
     unit : str
         Of the inputs.
+    resolution : float
+        Of a position, rad or m: smaller deviations and errors count as this.
 
     Raises
     ------
@@ -247,7 +270,7 @@ def criterion_for(
             "--tune none, a start nearer to the goal (--from-pose), or another design",
         )
     return Criterion(
-        mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length
+        mode, own, tuple(limit for limit in linear if limit), (shared,) if shared else (), length, resolution
     )
 
 

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.design.estimators import sensor_steps
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import Response
@@ -148,13 +147,4 @@ def rest_run(setup: LoopSetup) -> RestRun | None:
     quiet = replace(setup, quiet=True)  # noise is a dither that may hide what sticks
     response = quiet.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone = setup.dead_zone if has_integrals(setup.law) else None
-    return RestRun(response, extras, _limit(setup), plant.arrest is not None, zone)
-
-
-def _limit(setup: LoopSetup) -> float:
-    """What the sensors hardly show."""
-    s = setup.specification
-    steps = np.broadcast_to(sensor_steps(setup.robot, s), len(setup.model.outputs))
-    names = setup.model.outputs
-    of_positions = [step for name, step in zip(names, steps.tolist()) if "position" in name]
-    return max(DEVIATIONS * float(np.sqrt(s.measurement_noise)), *of_positions, 0.0)
+    return RestRun(response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone)

@@ -16,6 +16,7 @@ from flexhinf.design.estimators import (
     estimator_for,
     initial_covariance,
     noise_variances,
+    sensor_steps,
 )
 from flexhinf.design.joint_limits import integral_dead_zone
 from flexhinf.design.loop_plants import LoopPlants
@@ -123,6 +124,13 @@ class LoopSetup(LoopPlants):
             self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
         )  # fmt: skip
+
+    def position_resolution(self, deviations: float = 1.0) -> float:
+        """So many standard deviations of a measured position, or one step of its sensor, rad or m: hardly seen."""
+        s = self.specification
+        steps = np.broadcast_to(sensor_steps(self.robot, s), len(self.model.outputs)).tolist()
+        positions = [step for name, step in zip(self.model.outputs, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(s.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:

@@ -305,7 +305,14 @@ def compare(
     scenario = _comparison_scenario(linear, synthesis)
     own = linear.in_scenario(scenario)
     unit = _unit(synthesis)
-    criterion = criterion_for(tune, yardstick(own), scenario.step_duration, stated_limits(setup, unit), unit)
+    criterion = criterion_for(
+        tune,
+        yardstick(own),
+        scenario.step_duration,
+        stated_limits(setup, unit),
+        unit,
+        setup.position_resolution(),
+    )
     tuner = Tuner(LawFactory(synthesis, _mean(linear, synthesis)), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
@@ -362,7 +369,7 @@ def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None
     """About how many steps of work a comparison has, for a progress bar."""
     states = 5 * len(robot.joint_names)
     solved = synthesis_stages(states, s)
-    each = 4 if sample_count(robot, states, s) else 3
+    each = 5 if sample_count(robot, states, s) else 4
     searched = preset_of(robot, s) in ("damped", "robust")
     limits = joint_limits(robot, s)
     return (

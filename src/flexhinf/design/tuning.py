@@ -1,9 +1,11 @@
 """Each law of a comparison tuned over all its parameters, with the sensors that its proponents would choose.
 
-All laws are tuned alike, the nonlinear H∞ law among them, in two rounds: each for itself, and then once more from the
-best of its own and of what the other laws were tuned to, those with fewer parameters first. So it does not matter in
-which order they are listed, and a law that contains another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD)
-does not end behind it: what the other one ended with is among its candidates.
+All laws are tuned alike, the nonlinear H∞ law among them, in three rounds: each for itself; then once more from the
+best of its own and of the laws that it contains, those with fewer parameters first; and from the values of the best
+other laws in all parameters that both have. So it does not matter in which order they are listed; a law that contains
+another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD) does not end behind it, since what the other one
+ended with is among its candidates; and weights that one search came upon serve every law that has such weights. Without
+the last round the order of the best laws was that of luck: costs settle into several local minima.
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ Progress = Callable[[str], None]
 
 #: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
 BUDGET = ((15, 16, 12, 4), (10_000, 3, 1, 1))
+
+#: In the last round a law tries the parameters of so many others, the cheapest.
+EXCHANGED = 4
 
 #: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
 LOOKED_AT = 8
@@ -122,7 +127,7 @@ class Tuner:
     def tune_all(
         self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
     ) -> dict[str, TunedLaw | str]:
-        """Both rounds for all laws: the tuned law by name, or why it cannot be made.
+        """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
         Parameters
         ----------
@@ -130,7 +135,7 @@ class Tuner:
         wanted : sequence of str
             Names that were asked for: of these, one that cannot be made is a mistake.
         progress : callable, optional
-            Called with what comes next, twice for each law.
+            Called with what comes next, three times for each law.
 
         Raises
         ------
@@ -151,13 +156,16 @@ class Tuner:
                         f"laws without {kind.name!r}",
                     ) from error
                 found[kind.name] = text
-        for kind in sorted(
+        ordered = sorted(
             kinds, key=lambda kind: (len(kind.parameters), kind.name)
-        ):  # laws that contain others last
-            law = found[kind.name]
-            if isinstance(law, TunedLaw):
-                progress(f"{kind.name}: tune from the others")
-                found[kind.name] = self.again(law, [x for x in found.values() if isinstance(x, TunedLaw)])
+        )  # laws that contain others last
+        for what, exchange in (("tune from the others", False), ("tune from the best", True)):
+            for kind in ordered:
+                law = found[kind.name]
+                if isinstance(law, TunedLaw):
+                    progress(f"{kind.name}: {what}")
+                    others = [x for x in found.values() if isinstance(x, TunedLaw)]
+                    found[kind.name] = self.again(law, others, exchange)
         return found
 
     def tune(self, kind: LawKind) -> TunedLaw:
@@ -182,22 +190,28 @@ class Tuner:
             key=lambda law: (not law.feasible, law.cost),
         )
 
-    def again(self, law: TunedLaw, others: Sequence[TunedLaw]) -> TunedLaw:
-        """The second round: the search goes on from the best of what was found so far and of other laws' parameters.
+    def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
+        """A later round: the search goes on from the best of what was found so far and of other laws' parameters.
 
         Parameters
         ----------
         law : TunedLaw
-            Of the first round.
+            Of the round before.
         others : sequence of TunedLaw
-            Of the second round where they have fewer parameters, else of the first; those that have a parameter
-            which this law has not do not count.
+            Of this round where they have fewer parameters, else of the one before; those that have a parameter which
+            this law has not do not count.
+        exchange : bool
+            The last round: beside these, the cheapest others with whatever parameters both have, and a simplex from
+            the best.
         """
         if law.kind.name == DESIGN:
             return law
         kind, sensors = law.kind, law.evaluation.setup.specification.measured
         others = [other for other in others if other.parameters and other is not law]
-        found = self._search(kind, tuple(sensors), law.search, *self._budget[1:], others)
+        _, samples, simplex = self._budget
+        found = self._search(
+            kind, tuple(sensors), law.search, 0 if exchange else samples, simplex, others, exchange
+        )
         return self._tuned(kind, tuple(sensors), found)
 
     @property
@@ -268,6 +282,7 @@ class Tuner:
         samples: int,
         simplex: int,
         others: Sequence[TunedLaw] = (),
+        exchange: bool = False,
     ) -> Tuning:
         """Over all parameters, from the design's or from the best so far; R^v only where there is an estimator."""
         start, bounds = self.factory.start(kind), self.factory.bounds(kind)
@@ -276,14 +291,18 @@ class Tuner:
         for name in unused:
             start.pop(name, None)
             bounds.pop(name, None)
+        begin = start if before is None else dict(before.best.parameters)
+        tried = [values for law in others if (values := self._contained(start, law)) is not None]
+        if exchange:
+            tried += self._exchanged(begin, others)
         found = tune(
             lambda values: self._judged(kind, sensors, values, self._searched_degree),
-            start if before is None else dict(before.best.parameters),
+            begin,
             bounds,
             samples * len(start),
             simplex * len(start),
             self.seed,
-            others=[values for law in others if (values := self._contained(start, law)) is not None],
+            others=tried,
         )
         if before is None:
             return found
@@ -296,6 +315,17 @@ class Tuner:
             return None
         neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind))}
         return {name: law.parameters.get(name, neutral.get(name, value)) for name, value in start.items()}
+
+    def _exchanged(self, own: Mapping[str, float], others: Sequence[TunedLaw]) -> list[dict[str, float]]:
+        """Own parameters with those of other laws in their place where both have them, beside R^v; of `EXCHANGED`
+        laws."""
+        cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
+        found = []
+        for law in cheapest:
+            both = own.keys() & law.parameters.keys()
+            if both - {ESTIMATOR_NOISE, MOTOR_NOISE}:
+                found.append({**own, **{name: law.parameters[name] for name in both}})
+        return found[:EXCHANGED]
 
     def _judged(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None

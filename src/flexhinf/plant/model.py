@@ -14,7 +14,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
-from flexhinf.scalars import digest, function_arrays, pack, serial, symbols, trace
+from flexhinf.plant.to_control import linear_system, nonlinear_system
+from flexhinf.scalars import digest, function_arrays, jacobian, pack, serial, symbols, trace
 from flexhinf.untrusted import LONGEST_NAME, checked_name, checked_names, distinct, real_array, value_text
 
 __all__ = ["Model"]
@@ -214,6 +215,23 @@ class Model(Summarised):
                 state[name] = StoredCode(function_arrays(traced), self.parameters)
         kept = ("traced_flow", "traced_output", "_content")
         return state | {name: getattr(self, name) for name in kept}
+
+    def to_control(self, x: Any = None, u: Any = None) -> Any:
+        """As a system of python-control: inputs and disturbances in, measured signals out. Needs the extra ``control``.
+
+        Parameters
+        ----------
+        x, u : (n,) and (m,) arrays, optional
+            With one of them, linearised there (``ss`` with D, in deviations); without, nonlinear (``nlsys``).
+        """
+        signals = {"inputs": [*self.inputs, *self.disturbances], "outputs": list(self.outputs)}
+        signals["states"] = list(self.states)
+        p, m = self.parameters.vector(), len(self.inputs)
+        if x is None and u is None:
+            return nonlinear_system(self.traced_flow, self.traced_output, p, signals, m)
+        point = _points(x, self.states, "x", at_once=1)[0], _points(u, self.inputs, "u", at_once=1)[0]
+        through = jacobian(lambda u, x, p: self.evaluate_output(x, u, p), m, self.n, p.size)
+        return linear_system(self.linearise(*point), through(point[1], point[0], p)[1], signals)
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""

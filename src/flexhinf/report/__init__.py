@@ -17,7 +17,7 @@ from flexhinf.report.figure import (
     settling_band,
     time_response,
 )
-from flexhinf.report.folder import check, is_report, write
+from flexhinf.report.folder import check, is_report, unchanged, write
 from flexhinf.report.page import KeyNumber, Page, Section, Status
 from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
@@ -28,5 +28,5 @@ __all__ = [
     "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
     "Status", "Table", "by_verdict", "check", "figure_to_svg", "house_style", "is_report", "label", "legend",
     "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary", "time_response",
-    "to_json", "versions", "write",
+    "to_json", "unchanged", "versions", "write",
 ]  # fmt: skip

@@ -11,6 +11,7 @@ import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -102,6 +103,7 @@ _STYLE: dict[str, object] = {
 _POWER = re.compile(r"\$\\mathdefault\{(\d+\\times)?(10\^\{[-−]?\d+\}|\d+)\}\$")
 _PATH = re.compile(r'\bd="[^"]*"')
 _DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
+_styled: ContextVar[bool] = ContextVar("styled", default=False)
 _METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
 
 
@@ -109,14 +111,21 @@ _METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
 def house_style() -> Iterator[None]:
     """Matplotlib's own defaults and the style of the house, whatever the user's settings are; then back.
 
-    The functions of this file run in it; what else is drawn on their axes should too.
+    The functions of this file run in it; what else is drawn on their axes should too. Within it, it does nothing more.
     """
     import matplotlib
 
+    if _styled.get():
+        yield
+        return
     with matplotlib.rc_context():
         for name, value in _settings().items():
             matplotlib.rcParams._set(name, value)  # checked once, by `_settings`
-        yield
+        inside = _styled.set(True)
+        try:
+            yield
+        finally:
+            _styled.reset(inside)
 
 
 @cache

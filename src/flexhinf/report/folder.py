@@ -13,7 +13,7 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,7 +23,7 @@ from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.text import to_json
 from flexhinf.untrusted import checked_path, read_bytes
 
-__all__ = ["MARKER", "check", "is_report", "write"]
+__all__ = ["MARKER", "check", "is_report", "unchanged", "write"]
 
 MARKER = "flexhinf-report.json"
 
@@ -46,6 +46,18 @@ _LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 def is_report(path: str | os.PathLike[str]) -> bool:
     """Whether a folder is a report of ours, by its marker file."""
     return _marker(Path(path)) is not None
+
+
+def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
+    """Whether a folder is a report of ours whose files of these names are there as they were written."""
+    listed = (_marker(Path(path)) or {}).get("files")
+    if not isinstance(listed, dict):
+        return False
+    try:
+        found = {name: hashlib.sha256((Path(path) / name).read_bytes()).hexdigest() for name in names}
+    except OSError:
+        return False
+    return all(listed.get(name) == digest for name, digest in found.items())
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:

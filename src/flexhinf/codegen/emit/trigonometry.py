@@ -16,15 +16,15 @@ REACH = 2.0**30
 """Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
 
 # π/2 as an unevaluated sum of three float64 numbers.
-_HALF_PI = (
+HALF_PI = (
     float.fromhex("0x1.921fb54442d18p+0"),
     float.fromhex("0x1.1a62633145c07p-54"),
     float.fromhex("-0x1.f1976b7ed8fbcp-110"),
 )
 # Adding it to |q| < 2^51 leaves the nearest integer in the low bits of the significand.
-_ROUNDER = 1.5 * 2.0**52
+ROUNDER = 1.5 * 2.0**52
 # sin r = r + r³·S(r²) and cos r = 1 - r²/2 + r⁴·C(r²) on |r| ≤ π/4, highest degree first.
-_SINE = (
+SINE = (
     1.58969099521155010221e-10,
     -2.50507602534068634195e-08,
     2.75573137070700676789e-06,
@@ -32,7 +32,7 @@ _SINE = (
     8.33333333332248946124e-03,
     -1.66666666666666324348e-01,
 )
-_COSINE = (
+COSINE = (
     -1.13596475577881948265e-11,
     2.08757232129817482790e-09,
     -2.75573143513906633035e-07,
@@ -69,11 +69,11 @@ def _near(writer: Writer, value: str, name: str) -> str:
     """The function for |x| ≤ REACH; NaN for NaN and infinities."""
     lanes = writer.lanes
     size = writer.intrinsic("fabs", value)
-    shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(_ROUNDER))
+    shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
     quadrant = writer.bits(shifted)
-    turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(_ROUNDER)))
+    turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
     rest = size
-    for part in _HALF_PI:
+    for part in HALF_PI:
         rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
     odd = writer.let(
         f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
@@ -100,10 +100,10 @@ def _polynomials(writer: Writer, rest: str) -> tuple[str, str]:
         return value
 
     cube = writer.real("fmul", square, rest)
-    sin = writer.intrinsic("fma", horner(_SINE), cube, rest)
+    sin = writer.intrinsic("fma", horner(SINE), cube, rest)
     parabola = writer.intrinsic("fma", square, constant(-0.5), constant(1.0))
     fourth = writer.real("fmul", square, square)
-    cos = writer.intrinsic("fma", horner(_COSINE), fourth, parabola)
+    cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
     return sin, cos
 
 

@@ -198,7 +198,7 @@ def _ranking(comparison: Comparison) -> Table:
         )
     figures = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
     columns = ("law", *figures, "unstable corners", "measured", "every limit kept")
-    return Table(columns, rows, "", "table-criterion")
+    return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
 def _trade_off(comparison: Comparison) -> Section | None:
@@ -242,8 +242,8 @@ def _cell_of(comparison: Comparison, figure: LawFigure, law: TunedLaw) -> str:
 def _laws(comparison: Comparison) -> list[Any]:
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
-        "two rounds with as many candidates per parameter, with the sensors that its proponents would choose. All run "
-        "in error coordinates about the goal or the move, "
+        "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. All "
+        "run in error coordinates about the goal or the move, "
         "(x_d, u_d) from the elastic inverse dynamics, with integrals at zero when the command comes."
     )
     columns = (

@@ -38,7 +38,7 @@ from flexhinf.design.report.settings import design_settings, files_section
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import Design
 from flexhinf.design.status import Status as Judged
-from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, number
+from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, house_style, number
 
 __all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
 
@@ -90,7 +90,8 @@ def design_page(
         Names of the files that stand beside the page.
     """
     notes = {**remarks(design), "specification": [" ".join(text.split()) for text in warnings]}
-    blocks = {part: part.blocks(design) for part in PARTS}
+    with house_style():  # once for all figures
+        blocks = {part: part.blocks(design) for part in PARTS}
     sections = [
         Section(part.title, (*notes_of(notes[part.anchor]), *found), part.anchor)
         for part, found in blocks.items()

@@ -94,6 +94,8 @@ class Controller(Running):
         If period, names or limits do not fit each other.
     """
 
+    _always_in_pieces = False
+
     def __init__(
         self,
         solution: Law,
@@ -132,6 +134,12 @@ class Controller(Running):
         """The same controller with a memory of its own, as at the start."""
         return Controller(self.law, self.estimator, self.period, **self._options)
 
+    def in_pieces(self) -> Controller:
+        """As `fresh`, with a step of pieces in loops however small it is: less code, other roundings."""
+        other = self.fresh()
+        other._always_in_pieces = True
+        return other
+
     @property
     def _options(self) -> dict[str, Any]:
         """The other arguments by name."""
@@ -157,6 +165,15 @@ class Controller(Running):
             If the law or the estimator cannot be saved (it is named), or the place cannot be written.
         """
         write_controller(path, self.law, self.estimator, self.period, self._options)
+
+    def to_control(self) -> Any:
+        """As a sampled system of python-control (``nlsys`` with ``dt``): measurements and commands in, inputs out.
+
+        Its state is what the controller remembers. Needs the extra ``control``.
+        """
+        from flexhinf.loop.controller.to_control import controller_to_control
+
+        return controller_to_control(self)
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
@@ -262,6 +279,8 @@ class Controller(Running):
     @cached_property
     def composed(self) -> bool:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
+        if self._always_in_pieces:
+            return True
         evaluations = self.mode.laws + STEPS if self.mode.takes_over else 1
         law = evaluations * np.size(self.law.law_data)
         return law + (self.estimator.operations if self.estimator is not None else 0) > ONE_TRACE

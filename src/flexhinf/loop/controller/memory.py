@@ -39,6 +39,16 @@ class Layout:
         """Length of the vector."""
         return sum(int(np.prod(shape, dtype=int)) for part in self.parts.values() for shape in _shapes(part))
 
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each part lies in the vector."""
+        places, start = {}, 0
+        for name, part in self.parts.items():
+            size = sum(int(np.prod(shape, dtype=int)) for shape in _shapes(part))
+            places[name] = slice(start, start + size)
+            start += size
+        return places
+
     def named(self, vector: Any) -> SimpleNamespace:
         """The parts of a vector (size,) by name."""
         start, named = 0, {}

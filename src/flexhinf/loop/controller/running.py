@@ -51,6 +51,8 @@ class Running(Summarised):
     law: Law
     estimator: Estimator | None
     measured: tuple[str, ...]
+    period: float
+    traced: Any
 
     @property
     @abc.abstractmethod

@@ -107,6 +107,21 @@ class Loop(Summarised):
                 "the same actuators",
             )
 
+    def to_control(self) -> Any:
+        """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``).
+
+        Commands and disturbances in; measurements and inputs out. Without quantisation and delay. Needs the extra
+        ``control``; see `flexhinf.loop.simulation.to_control`.
+
+        Raises
+        ------
+        InvalidInput
+            If the true plant is a black box.
+        """
+        from flexhinf.loop.simulation.to_control import loop_to_control
+
+        return loop_to_control(self.true_plant, self.controller, self.channel, self.sub_steps)
+
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
         facts = {

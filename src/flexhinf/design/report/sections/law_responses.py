@@ -174,7 +174,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
         return None
     from matplotlib.ticker import FuncFormatter
 
-    figure, ((axis,),) = panels(1, 1, 4.6, 8.0)
+    figure, ((axis,),) = panels(1, 1, 5.0)
     place = {row.name: k for k, row in enumerate(comparison.rows)}
     for one in finite:
         _trade_off(axis, one, place[one.name])
@@ -182,7 +182,13 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel(f"peak input of the step, commanded at once ({comparison.units()['input']})")
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
+        figure.legend(
+            *axis.get_legend_handles_labels(),
+            loc="outside upper left",
+            ncols=5,
+            frameon=False,
+            columnspacing=1.2,
+        )
     peaks = [one.point.peak_input for one in finite]
     sags = [1e3 * one.point.load_deviation for one in finite]
     for which, values in ((axis.xaxis, peaks), (axis.yaxis, sags)):

@@ -1,0 +1,8 @@
+"""A program as C99: no library but ``<math.h>``, no memory but what the caller gives."""
+
+from __future__ import annotations
+
+from flexhinf.codegen.c.module import Translator
+from flexhinf.codegen.c.numbers import Real, constant
+
+__all__ = ["Real", "Translator", "constant"]

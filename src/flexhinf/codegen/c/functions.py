@@ -1,0 +1,233 @@
+"""A traced function as a C function, for one column of numbers or for several side by side.
+
+For several, every number is a row of LANES numbers, and the text is a few loops over the lanes which a compiler turns
+into vector instructions. Where the function calls the mathematical library, which has no vectors, the loops are cut:
+what later loops need of earlier ones is kept in rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import casadi
+
+from flexhinf.codegen.c.numbers import Real, constant
+from flexhinf.codegen.c.operations import LIBRARY, OPERATIONS
+from flexhinf.codegen.emit.dataflow import Dataflow, Operation, read_dataflow
+
+__all__ = ["INDENT", "function_text"]
+
+INDENT = "    "
+
+
+def function_text(
+    name: str,
+    function: casadi.Function,
+    real: Real,
+    lanes: int = 1,
+    moving: tuple[bool, ...] = (),
+    calls: Mapping[int, str] | None = None,
+    rows: Mapping[int, str] | None = None,
+) -> tuple[str, int]:
+    """The definition of ``static void name(in₀, …, out₀, …)``, and its number of operations.
+
+    Parameters
+    ----------
+    name : str
+    function : casadi.Function
+    real : Real
+    lanes : int
+        For more than one, element e of a moving argument or of a result is the row ``[e * lanes + lane]``, and no
+        result may lie where an argument does. For one, every store comes after every load, so that results may take
+        the place of arguments.
+    moving : tuple of bool
+        Which arguments differ from lane to lane.
+    calls, rows : mapping, optional
+        Names of our own C functions for an operation, by CasADi's opcode: of a number, and (x, out) of all lanes.
+
+    Raises
+    ------
+    Unsupported
+        An operation that is not in the table.
+    """
+    flow = read_dataflow(function, OPERATIONS, fused=True)
+    writer = _Function(flow, real, lanes, moving or (False,) * function.n_in(), calls or {}, rows or {})
+    restrict = "restrict " if lanes > 1 else ""
+    arguments = [f"const {real.name} *{restrict}in{k}" for k in range(function.n_in())]
+    arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
+    used = {op.arguments[0] for op in flow.operations if op is not None and op.code == casadi.OP_INPUT}
+    unused = [f"{INDENT}(void)in{k};" for k in range(function.n_in()) if k not in used]
+    body = writer.single() if lanes == 1 else writer.several()
+    text = "\n".join([f"static void {name}({', '.join(arguments)})", "{", *body, *unused, "}"])
+    return text, len(flow.operations) * lanes
+
+
+def _is(operation: Operation | None, code: int) -> bool:
+    return operation is not None and operation.code == code
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    flow: Dataflow
+    real: Real
+    lanes: int
+    moving: tuple[bool, ...]
+    calls: Mapping[int, str]
+    rows: Mapping[int, str]
+
+    def single(self) -> Iterator[str]:
+        """Straight lines."""
+        needed = self._needed()
+        for k, operation in enumerate(self.flow.operations):
+            if k in needed and operation is not None and operation.code != casadi.OP_CONST:
+                yield f"{INDENT}const {self.real.name} v{k} = {self._expression(operation, 'v', set())};"
+        for result, element, value in self.flow.outputs:
+            yield f"{INDENT}out{result}[{element}] = {self._operand(value, 'v', set())};"
+
+    def several(self) -> Iterator[str]:
+        """Loops over the lanes, cut where the library is called."""
+        levels, needed = self._levels(), self._needed()
+        last = max(levels.values(), default=0)
+        kept = self._kept(levels, needed)
+        for k in sorted(kept):
+            yield f"{INDENT}{self.real.name} w{k}[{self.lanes}];"
+        for level in range(last + 1):
+            here = [k for k in sorted(needed) if levels.get(k) == level]
+            plain = [k for k in here if self.flow.operations[k].code not in LIBRARY]  # type: ignore[union-attr]
+            called = [k for k in here if k not in set(plain)]
+            yield from self._loop(self._lines(plain, kept, level == last))
+            rows = [k for k in called if self._row_function(k)]
+            yield from self._loop(self._lines([k for k in called if k not in set(rows)], kept, False))
+            for k in rows:
+                operation = self.flow.operations[k]
+                assert operation is not None
+                yield f"{INDENT}{self._row_function(k)}({self._row_of(operation.arguments[0])}, w{k});"
+
+    def _loop(self, lines: list[str]) -> Iterator[str]:
+        if lines:
+            yield f"{INDENT}for (int l = 0; l < {self.lanes}; ++l) {{"
+            yield from (INDENT * 2 + line for line in lines)
+            yield f"{INDENT}}}"
+
+    def _lines(self, values: list[int], kept: set[int], last: bool) -> list[str]:
+        """One loop: its values, those of them that are kept, and at the end the results."""
+        here, lines, loaded = set(values), [], set()
+
+        def load(arguments: tuple[int, ...]) -> None:
+            for k in arguments:
+                operation = self.flow.operations[k]
+                if operation is not None and operation.code == casadi.OP_INPUT and k not in loaded:
+                    loaded.add(k)
+                    lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'v', set())};")
+
+        for k in values:
+            operation = self.flow.operations[k]
+            assert operation is not None
+            load(operation.arguments)
+            lines.append(f"const {self.real.name} v{k} = {self._expression(operation, 'w', here | loaded)};")
+            if k in kept:
+                lines.append(f"w{k}[l] = v{k};")
+        if last:
+            load(tuple(value for _, _, value in self.flow.outputs))
+            lines += [
+                f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
+                for result, element, value in self.flow.outputs
+            ]
+        return lines
+
+    def _row_function(self, k: int) -> str:
+        """What computes the value for all lanes at once; empty where nothing does."""
+        operation = self.flow.operations[k]
+        if operation is None or operation.code not in self.rows:
+            return ""
+        source = self.flow.operations[operation.arguments[0]]
+        held = _is(source, casadi.OP_CONST) or (
+            _is(source, casadi.OP_INPUT) and not self.moving[source.arguments[0]]  # type: ignore[union-attr]
+        )
+        return "" if held else self.rows[operation.code]
+
+    def _row_of(self, value: int) -> str:
+        """Where the numbers of all lanes stand."""
+        operation = self.flow.operations[value]
+        if (
+            operation is not None
+            and operation.code == casadi.OP_INPUT
+            and self.moving[operation.arguments[0]]
+        ):
+            argument, element = operation.arguments
+            return f"in{argument} + {element * self.lanes}" if element else f"in{argument}"
+        return f"w{value}"
+
+    def _row(self, element: int) -> str:
+        return f"{element * self.lanes} + l" if element else "l"
+
+    def _levels(self) -> dict[int, int]:
+        """The loop of each operation: after every library call that it depends on."""
+        levels: dict[int, int] = {}
+        for k, operation in enumerate(self.flow.operations):
+            if operation is None or operation.code in (casadi.OP_CONST, casadi.OP_INPUT):
+                continue
+            level = 0
+            for argument in operation.arguments:
+                source = self.flow.operations[argument]
+                if argument in levels and source is not None:
+                    level = max(level, levels[argument] + (source.code in LIBRARY))
+            levels[k] = level
+        ends = [levels.get(value, 0) for _, _, value in self.flow.outputs]
+        if any(
+            levels.get(value) == max(ends) and self.flow.operations[value].code in LIBRARY  # type: ignore[union-attr]
+            for _, _, value in self.flow.outputs
+        ):
+            levels[-1] = max(levels.values()) + 1  # a loop for the results alone
+        return levels
+
+    def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
+        """Values that another loop needs."""
+        kept = set()
+        last = max(levels.values(), default=0)
+
+        def mark(argument: int, level: int, library: bool) -> None:
+            source = self.flow.operations[argument]
+            if argument in levels and source is not None:
+                other = levels[argument] != level or (source.code in LIBRARY) != library
+                if other:
+                    kept.add(argument)
+
+        for k in needed:
+            operation = self.flow.operations[k]
+            if k in levels and operation is not None:
+                for argument in operation.arguments:
+                    mark(argument, levels[k], operation.code in LIBRARY)
+        for _, _, value in self.flow.outputs:
+            mark(value, last, False)
+        return kept
+
+    def _needed(self) -> set[int]:
+        """Values that some result depends on."""
+        needed: set[int] = set()
+        stack = [value for _, _, value in self.flow.outputs]
+        while stack:
+            value = stack.pop()
+            operation = self.flow.operations[value]
+            if value not in needed and operation is not None:
+                needed.add(value)
+                stack.extend(operation.arguments if operation.code != casadi.OP_INPUT else ())
+        return needed
+
+    def _operand(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
+        if operation is not None and operation.code == casadi.OP_CONST:
+            text = constant(operation.constant, self.real)
+            return f"({text})" if text.startswith("-") else text
+        return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
+
+    def _expression(self, operation: Operation, row: str, here: set[int]) -> str:
+        if operation.code == casadi.OP_INPUT:
+            argument, element = operation.arguments
+            several = self.lanes > 1 and self.moving[argument]
+            return f"in{argument}[{self._row(element) if several else element}]"
+        operands = [self._operand(argument, row, here) for argument in operation.arguments]
+        if operation.code in self.calls:
+            return f"{self.calls[operation.code]}({operands[0]})"
+        return OPERATIONS[operation.code](self.real, *operands)

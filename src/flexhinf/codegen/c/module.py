@@ -1,0 +1,255 @@
+"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi
+
+from flexhinf.codegen.c import algebra
+from flexhinf.codegen.c.functions import INDENT, function_text
+from flexhinf.codegen.c.numbers import Real, constant
+from flexhinf.codegen.c.trigonometry import function as sine_function
+from flexhinf.codegen.c.trigonometry import row_function
+from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.program import Program, Unsupported
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, When
+from flexhinf.scalars import drop_empty
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["Translator"]
+
+
+class Translator:
+    """Collects the functions of one or more programs; what two of them share is written once.
+
+    Parameters
+    ----------
+    prefix : str
+        An identifier; every function's name begins so.
+    real : Real
+    lanes : int
+        Columns of a matrix that a function is evaluated for at once, side by side, where there are so many.
+
+    Attributes
+    ----------
+    functions : dict of str to str
+        Name to text, in an order in which C can read it.
+    operations : int
+        Operations in the traced functions so far.
+    """
+
+    def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
+        self.prefix, self.real, self.lanes = prefix, real, lanes
+        self.functions: dict[str, str] = {}
+        self.operations = 0
+        self._names: dict[tuple[Any, ...], str] = {}
+
+    def __str__(self) -> str:
+        return "\n\n".join(self.functions.values()) + "\n"
+
+    def add(self, program: Program, name: str) -> str:
+        """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
+
+        Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
+        are not cleared.
+
+        Raises
+        ------
+        Unsupported
+            A step or an operation for which there is no C here.
+        """
+        full = f"{self.prefix}_{name}"
+        body = list(self._body(program.body, []))
+        arguments = [
+            f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
+            for buffer in program.buffers
+        ]
+        head = f"static int {full}({', '.join(arguments)})\n{{"
+        lines = [INDENT + line for line in (*body, "return 0;")]
+        self.functions[full] = "\n".join([head, *lines, "}"])
+        return full
+
+    # Steps --------------------------------------------------------------------------------------------
+    def _body(self, body: Sequence[Step], loops: list[str]) -> Iterator[str]:
+        for step in body:
+            if isinstance(step, Repeat):
+                if isinstance(step.count, str):
+                    raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
+                counter = f"k{len(loops)}"
+                yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
+                yield from (INDENT + line for line in self._body(step.body, [*loops, counter]))
+                yield "}"
+            elif isinstance(step, When):
+                yield f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
+                yield from (INDENT + line for line in self._body(step.body, loops))
+                yield "}"
+            elif isinstance(step, Call):
+                places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
+                yield f"{self._function(step.function)}({', '.join(places)});"
+            elif isinstance(step, Map):
+                yield from self._map(step, loops)
+            elif isinstance(step, OuterSum):
+                yield self._outer_sum(step, loops)
+            elif isinstance(step, Cholesky):
+                name = self._helper("cholesky", algebra.cholesky(f"{self.prefix}_cholesky", self.real))
+                places = self._at(step.source, loops), self._at(step.target, loops)
+                yield f"{name}({', '.join(places)}, {step.order});"
+            elif isinstance(step, Copy):
+                yield self._copy(step, loops)
+            else:
+                yield from self._guard(step, loops)
+
+    def _at(self, piece: Slice, loops: Sequence[str]) -> str:
+        """Address of the first element."""
+        if piece.shift:
+            raise _unsupported(
+                f"a place that is shifted by {piece.shift!r}, a number that is given when it runs"
+            )
+        terms = [piece.buffer] + ([str(piece.offset)] if piece.offset else [])
+        terms += [f"{stride} * {loop}" for stride, loop in zip(piece.strides, loops, strict=False) if stride]
+        return " + ".join(terms)
+
+    def _copy(self, step: Copy, loops: Sequence[str]) -> str:
+        source, target = self._at(step.source, loops), self._at(step.target, loops)
+        return f"{self._copier()}({source}, {target}, {step.source.size});"
+
+    def _guard(self, step: Guard, loops: Sequence[str]) -> Iterator[str]:
+        name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
+        yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
+        yield f"{INDENT}return {step.code};"
+        yield "}"
+
+    def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
+        flags = step.weights is not None, step.plus is not None, step.symmetric
+        short = "sum" + "".join(letter for letter, flag in zip("wps", flags) if flag)
+        name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags))
+        pieces = [step.left, step.right, step.weights, step.plus, step.target]
+        places = [self._at(piece, loops) for piece in pieces if piece is not None]
+        return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
+
+    def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
+        """Columns are gathered from where they lie, `lanes` at once, and put back."""
+        starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
+        pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
+        lanes = self.lanes if step.count >= self.lanes else 1
+        moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
+        name = self._function(step.function, lanes, moving if lanes > 1 else ())
+        through = lanes > 1 or step.times > 1
+        declared, gather, scatter, places = [], [], [], []
+        for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
+            if not isinstance(piece, Columns):
+                places.append(start)
+                continue
+            along, across = piece.moves
+            if not through and (along == 1 or piece.size == 1):
+                places.append(f"{start} + {_times('c', across)}")
+                continue
+            place = f"column{k}"
+            places.append(place)
+            declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
+            sizes = f"{piece.size}, {along}, {across}"
+            if lanes == 1:
+                column = f"{start} + {_times('c', across)}"
+                line = f"{self._mover(k < read)}({column}, {place}, {piece.size}, {along});"
+            else:
+                line = f"{self._packer(k < read, lanes)}({start} + {_times('c', across)}, {place}, {sizes}, left);"
+            (gather if k < read else scatter).append(line)
+        yield from self._columns_loop(
+            step, lanes, declared, gather, self._again(step, name, places, lanes), scatter
+        )
+
+    def _columns_loop(
+        self,
+        step: Map,
+        lanes: int,
+        declared: list[str],
+        gather: list[str],
+        call: list[str],
+        scatter: list[str],
+    ) -> Iterator[str]:
+        yield f"for (int c = 0; c < {step.count}; c += {lanes}) {{"
+        if lanes > 1:
+            yield f"{INDENT}const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
+        yield from (INDENT + line for line in (*declared, *gather, *call, *scatter))
+        yield "}"
+
+    def _again(self, step: Map, name: str, places: list[str], lanes: int) -> list[str]:
+        """The call, and between one and the next the results in the place of the moving arguments."""
+        call = f"{name}({', '.join(places)});"
+        if step.times == 1:
+            return [call]
+        moving = [place for place, piece in zip(places, step.inputs) if isinstance(piece, Columns)]
+        back = [
+            f"{self._copier()}({place}, {target}, {piece.size * lanes});"
+            for place, target, piece in zip(places[len(step.inputs) :], moving, step.outputs, strict=True)
+        ]
+        lines = [call, *back]
+        return [f"for (int t = 0; t < {step.times}; ++t) {{", *(INDENT + line for line in lines), "}"]
+
+    # Functions ----------------------------------------------------------------------------------------
+    def function(self, function: casadi.Function) -> str:
+        """Add a traced function without a program; the name of the C function, whose empty arguments are left out."""
+        return self._function(drop_empty(function))
+
+    def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
+        """Name of the C function, which is written when first asked for."""
+        key = (function.serialize(), lanes, moving)
+        if key not in self._names:
+            name = f"{self.prefix}_{function.name()}{len(self._names)}"
+            calls = self._calls(function)
+            rows = self._rows(calls) if lanes > 1 else {}
+            text, operations = function_text(name, function, self.real, lanes, moving, calls, rows)
+            self.functions[name] = text
+            self._names[key] = name
+            self.operations += operations
+        return self._names[key]
+
+    def _calls(self, function: casadi.Function) -> dict[int, str]:
+        """Sine and cosine of our own, where they are used; a float build calls the library."""
+        used = {function.instruction_id(k) for k in range(function.n_instructions())}
+        return {
+            code: self._helper(short, sine_function(f"{self.prefix}_{short}", short == "cos", self.real))
+            for code, short in ((casadi.OP_SIN, "sin"), (casadi.OP_COS, "cos"))
+            if code in used and self.real.name == "double"
+        }
+
+    def _rows(self, calls: dict[int, str]) -> dict[int, str]:
+        """The same of rows."""
+        return {
+            code: self._helper(f"{one}_row", row_function(f"{one}_row", one, self.lanes))
+            for code, one in calls.items()
+        }
+
+    def _copier(self) -> str:
+        return self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
+
+    def _mover(self, read: bool) -> str:
+        short = "gather" if read else "scatter"
+        return self._helper(short, algebra.column(f"{self.prefix}_{short}", read))
+
+    def _packer(self, read: bool, lanes: int) -> str:
+        short = "pack" if read else "unpack"
+        return self._helper(short, algebra.columns(f"{self.prefix}_{short}", read, lanes))
+
+    def _helper(self, short: str, text: str) -> str:
+        name = short if short.startswith(f"{self.prefix}_") else f"{self.prefix}_{short}"
+        if name not in self.functions:
+            real = self.real
+            for mark, meant in (
+                ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
+                ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
+            ):  # fmt: skip
+                text = text.replace(mark, meant)
+            self.functions[name] = text
+        return name
+
+
+def _times(counter: str, stride: int) -> str:
+    return counter if stride == 1 else f"{stride} * {counter}"
+
+
+def _unsupported(what: str) -> Unsupported:
+    return Unsupported("The program has no form in C.", f"it has {what}")

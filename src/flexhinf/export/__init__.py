@@ -1,0 +1,7 @@
+"""A controller as dependency-free C, as an FMU, as a shared library; a plant as an FMU."""
+
+from __future__ import annotations
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

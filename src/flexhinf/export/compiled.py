@@ -1,0 +1,170 @@
+"""A controller from a shared library: it starts in milliseconds, and needs neither LLVM nor CasADi."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.untrusted import checked_path, real_array, value_text
+
+__all__ = ["CompiledController", "load_compiled"]
+
+
+class CompiledController:
+    """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
+
+    A step never raises for what a sensor may give: the output is held instead, see `code` and docs/deployment.md.
+
+    Parameters
+    ----------
+    path : path
+        Of the shared library. Its code is run: load only what you trust.
+
+    Attributes
+    ----------
+    period : float
+        s.
+    measured, commanded, inputs, states : tuple of str
+        Names of the elements of y, r, u and the estimate.
+    units : dict of str to str
+    code : str
+        How the last step ended: "OK", "PREDICTED", "BAD_MEASUREMENT", …
+    estimate : (n,) array
+        Of the last step; zero before the first.
+
+    Raises
+    ------
+    InvalidInput
+        If this is no such library, or is one of another machine.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = checked_path("The library", path).absolute()
+        about = self._load()
+        self.period = float(about["period"])
+        self.measured, self.commanded, self.inputs, self.states = (
+            tuple(about[kind]) for kind in ("measured", "commanded", "inputs", "states")
+        )
+        self.units: dict[str, str] = dict(about["units"])
+        self._codes = {int(value): name for value, name in about["codes"].items()}
+        self._starts_anywhere = bool(about["starts_anywhere"])
+        self._rest = np.array(about["reference"], dtype=float)
+        self._state = np.zeros(-(-int(self._library.flexhinf_state_size()) // 8))
+        self._y, self._r = np.zeros(len(self.measured)), np.zeros(max(1, len(self.commanded)))
+        self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
+        self._busy = False
+        self._bind()
+        self.reset()
+
+    def _load(self) -> dict[str, Any]:
+        try:
+            self._library = ctypes.CDLL(str(self.path))
+            self._library.flexhinf_description.restype = ctypes.c_char_p
+            self._library.flexhinf_state_size.restype = ctypes.c_size_t
+            about = json.loads(self._library.flexhinf_description())
+        except (OSError, AttributeError, ValueError) as error:
+            raise InvalidInput(
+                "The library cannot be loaded.",
+                f"expected one of `flexhinf compile` for {platform.machine()}, got {self.path}: {str(error)[:200]}",
+                "flexhinf compile DESIGN on this machine",
+            ) from error
+        return about
+
+    def _bind(self) -> None:
+        arrays = (self._state, self._y, self._r, self._u, self.estimate)
+        state, y, r, u, estimate = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+        step = self._library.flexhinf_step
+        self._run = lambda measured: step(state, y, r, measured, u, estimate)
+        self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
+
+    def step(self, y: Any, reference: Any = None) -> np.ndarray:
+        """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
+
+        Without a command the last one is kept (that of the operating point at first).
+
+        Raises
+        ------
+        InvalidInput
+            If y or the command does not have the right size.
+        ControllerInUse
+            If another thread is inside a step.
+        """
+        if self._busy:
+            raise ControllerInUse
+        self._busy = True
+        try:
+            if y is not None:
+                self._fill(self._y, y, "measurement", self.measured)
+            if reference is not None:
+                self._fill(self._r[: len(self.commanded)], reference, "command", self.commanded)
+            self.code = self._codes[self._run(int(y is not None))]
+            return self._u.copy()
+        finally:
+            self._busy = False
+
+    def _fill(self, place: np.ndarray, given: Any, what: str, names: tuple[str, ...]) -> None:
+        try:
+            values = real_array(given, strict=True).reshape(-1)
+            fits = values.shape == place.shape
+        except (TypeError, ValueError):
+            fits = False
+        if not fits:
+            raise InvalidInput(
+                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(given)}",
+                "an array of this length, or a plain number for one signal",
+            )  # fmt: skip
+        place[:] = values
+
+    def reset(self, state: Any = None, input: Any = None) -> None:
+        """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.
+
+        Raises
+        ------
+        InvalidInput
+            If they do not fit, or this controller's estimate cannot be set.
+        """
+        if state is not None and not self._starts_anywhere:
+            raise InvalidInput(
+                "The estimate of this controller cannot be set.", "expected state=None", "reset()"
+            )
+        pointers = []
+        for given, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
+            values = np.zeros(len(names))
+            if given is not None:
+                self._fill(values, given, what, names)
+            pointers.append((values, None if given is None else ctypes.c_void_p(values.ctypes.data)))
+        self._begin(pointers[0][1], pointers[1][1])
+        self._r[: len(self.commanded)] = self._rest
+        self.estimate[:] = 0.0
+        self.code = "OK"
+
+    # Copies and pickles: the library's path, and what is remembered ---------------------------------------
+    def __getstate__(self) -> dict[str, Any]:
+        remembered = (self._state, self._r, self._u, self.estimate)
+        return {
+            "path": str(self.path),
+            "remembered": [array.copy() for array in remembered],
+            "code": self.code,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["path"])  # type: ignore[misc]
+        places = (self._state, self._r, self._u, self.estimate)
+        for place, values in zip(places, state["remembered"], strict=True):
+            place[:] = values
+        self.code = state["code"]
+
+    def __repr__(self) -> str:
+        return f"<CompiledController: {Path(self.path).name}, period {self.period:g} s, {len(self.states)} states>"
+
+
+def load_compiled(path: str | os.PathLike[str]) -> CompiledController:
+    """A controller of `flexhinf compile`; see `CompiledController`."""
+    return CompiledController(path)

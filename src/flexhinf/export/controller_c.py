@@ -1,0 +1,292 @@
+"""A controller as two files of C99: a header with types and constants, and the source with its step.
+
+The step is the very program that `Controller.step` compiles, with the same rules for samples that fail (see
+`flexhinf.loop.controller.remembered`), and a watchdog for measurements that are late or missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from flexhinf import __version__
+from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Program, Repeat, When
+from flexhinf.codegen.c import Real, Translator, constant
+from flexhinf.codegen.steps import Step
+from flexhinf.errors import InvalidInput
+from flexhinf.export.names import comment, constants
+from flexhinf.loop import Controller
+from flexhinf.loop.controller.remembered import SPACING, step_program
+
+__all__ = ["ControllerCode", "fill", "template"]
+
+#: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
+#: nothing by it, and a microcontroller has no vectors.
+LANES = 8
+
+#: Samples without a measurement that are predicted over before the output is held.
+MISSING_LIMIT = 10
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerCode:
+    """The C of a controller.
+
+    Parameters
+    ----------
+    controller : Controller
+    name : str
+        A C identifier, checked; all names begin so.
+    real : Real
+    """
+
+    controller: Controller
+    name: str
+    real: Real
+
+    # Sizes ------------------------------------------------------------------------------------------
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """Numbers in each of y, r, data, memory, u and estimate."""
+        c = self.controller
+        sizes = {"y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size}
+        return sizes | {
+            "memory": c.memory.size, "u": len(c.law.input_names), "estimate": len(c.states),
+        }  # fmt: skip
+
+    @property
+    def predicts(self) -> bool:
+        """Whether samples without a measurement can be predicted over: there is an estimator."""
+        return self.controller.estimator is not None
+
+    @cached_property
+    def programs(self) -> dict[str, Program]:
+        """The step with a measurement, and without."""
+        c, sizes = self.controller, self.sizes
+        programs = {"measured": step_program(sizes, bool(c.commanded), c.steps)}
+        if self.predicts:
+            without = {name: size for name, size in sizes.items() if name != "y"}
+            programs["predicted"] = step_program(without, bool(c.commanded), c.steps)
+        return programs
+
+    @cached_property
+    def scratch(self) -> int:
+        """Numbers of working memory, beside "after" and "estimated"."""
+        return max(
+            (buffer.size or 0 for program in self.programs.values() for buffer in program.buffers
+             if buffer.role == "work" and buffer.name not in ("after", "estimated")),
+            default=0,
+        )  # fmt: skip
+
+    @cached_property
+    def translator(self) -> Translator:
+        """All functions of the step."""
+        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
+        translator = Translator(self.name, self.real, lanes)
+        for name, program in self.programs.items():
+            translator.add(program, name)
+        return translator
+
+    @property
+    def state_bytes(self) -> int:
+        """Memory that the caller gives, but for a few integers."""
+        sizes = self.sizes
+        numbers = 5 * sizes["memory"] + 2 * sizes["estimate"] + 2 * sizes["u"] + max(1, self.scratch)
+        return numbers * self.real.bytes
+
+    @property
+    def constant_bytes(self) -> int:
+        """Default parameters, initial memory and safe input, without the code."""
+        return (self.sizes["data"] + self.sizes["memory"] + self.sizes["u"]) * self.real.bytes
+
+    @property
+    def operations(self) -> int:
+        """Operations of the traced functions of a step with a measurement, each as often as it is called."""
+        return sum(_operations(step) for step in self.programs["measured"].body)
+
+    @cached_property
+    def data(self) -> np.ndarray:
+        """Default values of the parameters."""
+        return self.controller.data_vector
+
+    @cached_property
+    def initial_memory(self) -> np.ndarray:
+        """Memory at the start; the first output is within the limits."""
+        memory = self.controller.initial_memory()
+        u = self.controller.memory.named(memory).u
+        u[:] = self.safe_input
+        return memory
+
+    @cached_property
+    def safe_input(self) -> np.ndarray:
+        """The operating input within the limits, (m,)."""
+        limits = self.controller.limits
+        return np.clip(
+            np.asarray(self.controller.law.operating_input, dtype=float), limits.lower, limits.upper
+        )
+
+    @property
+    def codes(self) -> dict[str, tuple[int, str]]:
+        """What a step returns, by the end of its constant's name."""
+        codes = {
+            "OK": (0, "all is well"),
+            "BAD_MEASUREMENT": (1, "a measurement is not finite: nothing changed, the last output is held"),
+            "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
+            "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
+            "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to an earlier one"),
+        }
+        if self.predicts:
+            codes["PREDICTED"] = (5, "no measurement in time: the estimate is predicted, the law acts on it")
+        codes["STOPPED"] = (6, "too many samples without a measurement: the last output is held")
+        return codes
+
+    @property
+    def signals(self) -> dict[str, tuple[str, ...]]:
+        """Names of the elements of y, r, u and the state."""
+        c = self.controller
+        return {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.states}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of signals by name, as far as they are known: of the model of the estimator."""
+        return dict(self.controller.estimator.plant.units) if self.controller.estimator is not None else {}
+
+    # Text --------------------------------------------------------------------------------------------
+    def upper(self, what: str) -> str:
+        """A constant's name."""
+        return f"{self.name.upper()}_{what}"
+
+    def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
+        """Constants between commas, some in a line."""
+        texts = [constant(float(value), self.real) for value in np.ravel(values)]
+        lines = [", ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)]
+        return ",\n".join(indent + line for line in lines)
+
+    @cached_property
+    def header(self) -> str:
+        """The text of ``NAME.h``."""
+        c, sizes = self.controller, self.sizes
+        places = [
+            (self.upper(f"P_{name.upper()}"), place.start, str(place.stop - place.start))
+            for name, place in c.data.places.items()
+            if place.stop > place.start
+        ]
+        signals = [enumeration(self._elements(kind, names)) for kind, names in self.signals.items() if names]
+        summary = [f"{name}: {text}" for name, text in c.summary().items()]
+        return fill(
+            template("controller.h"), self.name, self.real,
+            PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
+            SUMMARY="\n * ".join(map(comment, summary)), P=sizes["y"], K=len(c.commanded), M=sizes["u"],
+            N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
+            SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
+            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
+        )  # fmt: skip
+
+    def _elements(self, kind: str, names: Sequence[str]) -> list[tuple[str, int, str]]:
+        """A constant for each signal's place, with its name and unit."""
+        texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
+        return list(zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True))
+
+    @cached_property
+    def source(self) -> str:
+        """The text of ``NAME.c``."""
+        memory = self.controller.memory.places
+        start = f"""    if (estimate != 0 && all_finite(estimate, {self.upper("STATES")})) {{
+        copied(estimate, state->start, {self.upper("STATES")});
+        copied(estimate, state->estimate, {self.upper("STATES")});
+    }}"""
+        functions = str(self.translator).replace(f"{self.real.name} ", "real ")
+        predicted = self._call("predicted") if self.predicts else self.upper("STOPPED")
+        if self.predicts:
+            functions += PREDICTION
+            predicted = f"{self.name}_predict(state, param, input)"
+        return fill(
+            template("controller.c"), self.name, self.real,
+            VERSION=__version__, DEFAULTS=self.numbers(self.data, "        "),
+            OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
+            INITIAL=self.numbers(self.initial_memory), SAFE=self.numbers(self.safe_input),
+            FUNCTIONS=functions, MEASURED=self._call("measured"), PREDICTED=predicted,
+            PREDICTED_CALL=self._call("predicted") if self.predicts else "",
+            OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
+            U=memory["u"].start, REFERENCE=memory["reference"].start,
+            COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
+            START=start if self.starts_anywhere else "    (void)estimate;", ZERO=constant(0.0, self.real),
+            F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
+        )  # fmt: skip
+
+    def _call(self, which: str) -> str:
+        """The call of a program on the state's arrays."""
+        places = {"y": "input->y", "r": "input->r", "data": "param->value", "scratch": "state->work"}
+        names = [buffer.name for buffer in self.programs[which].buffers]
+        arguments = ", ".join(places.get(name, f"state->{name}") for name in names)
+        return f"{self.name}_{which}({arguments})"
+
+    @property
+    def oldest(self) -> float:
+        """Age beyond which a measurement counts as missing: two periods."""
+        return 2.0 * self.controller.period
+
+    @cached_property
+    def starts_anywhere(self) -> bool:
+        """Whether the belief about another state is the initial one with another mean."""
+        estimator = self.controller.estimator
+        if estimator is None:
+            return False
+        mean = np.asarray(estimator.initial[0], dtype=float)
+        try:
+            other = estimator.initial_at(mean + 1e-3)
+        except InvalidInput:
+            return False
+        return all(np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True))
+
+
+#: The step without a measurement, where a finite result has a code of its own.
+PREDICTION = """
+static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input)
+{
+    const int code = @PREDICTED_CALL@;
+    return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
+}
+"""
+
+
+def _operations(step: Step) -> int:
+    """Of one step of a program: instructions of what it calls, multiplications of its sums."""
+    if isinstance(step, Repeat):
+        return int(step.count) * sum(map(_operations, step.body))
+    if isinstance(step, When):
+        return sum(map(_operations, step.body))
+    if isinstance(step, Call):
+        return step.function.n_instructions()
+    if isinstance(step, Map):
+        return step.count * step.times * step.function.n_instructions()
+    if isinstance(step, OuterSum):
+        return step.count * step.target.size
+    return step.order**3 // 3 if isinstance(step, Cholesky) else 0
+
+
+def template(name: str) -> str:
+    """A text with marks ``@MARK@``."""
+    return (files("flexhinf.export") / "templates" / name).read_text(encoding="utf-8")
+
+
+def fill(text: str, name: str, real: Real, **marks: Any) -> str:
+    """A template with ``@NAME@`` for the name, ``@BIG@`` for the same in capitals, ``@REAL@`` and other marks."""
+    everything = {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}
+    for mark, value in everything.items():
+        text = text.replace(f"@{mark}@", str(value))
+    return text
+
+
+def enumeration(rows: Sequence[tuple[str, int, str]]) -> str:
+    """Constants with their values and a comment each."""
+    lines = [
+        f"    {name} = {value}{',' * (k + 1 < len(rows))} /* {text} */"
+        for k, (name, value, text) in enumerate(rows)
+    ]
+    return "\n".join(["enum {", *lines, "};"])

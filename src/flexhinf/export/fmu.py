@@ -1,0 +1,319 @@
+"""FMUs of FMI 2.0 for co-simulation: a controller, or the plant itself, for Simulink, OpenModelica and others.
+
+An FMU is an archive: a description of its variables, the sources, and the library that this machine's C compiler makes
+of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import platform
+import sys
+import uuid
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from flexhinf import __version__
+from flexhinf.codegen.c import Real, Translator
+from flexhinf.errors import InvalidInput
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
+from flexhinf.export.library import shared_library
+from flexhinf.export.names import checked_identifier
+from flexhinf.export.package import code_of
+from flexhinf.files import write_file
+from flexhinf.loop import Controller
+from flexhinf.loop.controller.options import checked_period
+from flexhinf.plant import Plant, sub_steps
+from flexhinf.untrusted import checked_path, real_array, value_text
+
+__all__ = ["export_fmu", "export_plant_fmu"]
+
+DOUBLE = Real("double")
+
+#: What a file is dated in the archive, so that the same model gives the same bytes.
+DATE = (2020, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of a model; its reference is its place among those of its kind."""
+
+    name: str
+    causality: Literal["input", "output", "parameter"]
+    start: float
+    unit: str = ""
+    kind: Literal["Real", "Integer", "Boolean"] = "Real"
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Model:
+    """What an FMU is made of.
+
+    Attributes
+    ----------
+    name : str
+    about : str
+    period : float
+        Smallest communication step, s; others are whole multiples.
+    variables : tuple of Variable
+        Those of a kind in the order of their references.
+    sources : dict of str to str
+        Files of C without the shell; GUID is still to be put in.
+    """
+
+    name: str
+    about: str
+    period: float
+    variables: tuple[Variable, ...]
+    sources: dict[str, str]
+
+
+def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str = "controller") -> Path:
+    """Write a controller as an FMU for co-simulation (FMI 2.0).
+
+    One communication step is one sample, or several with the inputs held: measurements and commands are read at its
+    beginning, and ``u`` after it is what acts from there on. Limits of the input are parameters.
+
+    Parameters
+    ----------
+    controller : Controller
+    path : path
+        Of the file, ``.fmu`` by custom; replaced if it is there.
+    name : str
+        A C identifier.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    InvalidInput
+        As `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
+    """
+    return _write(_controller_model(code_of(controller, name, "double")), path)
+
+
+def export_plant_fmu(
+    plant: Plant,
+    path: str | os.PathLike[str],
+    name: str = "plant",
+    period: float = 1e-3,
+    state: Any = None,
+    input: Any = None,
+) -> Path:
+    """Write a plant as an FMU for co-simulation (FMI 2.0): the elastic robot itself.
+
+    Integrated as in `Loop`, by the classical Runge–Kutta method with as many steps per period as its fastest mode asks
+    for. Inputs are those of the motors and the disturbances, outputs the measured signals and the state; the plant's
+    parameters and the first state can be set.
+
+    Parameters
+    ----------
+    plant : Plant
+    path, name
+        As for `export_fmu`.
+    period : float
+        Smallest communication step, s.
+    state, input : (n,) and (m,) arrays, optional
+        Where it starts, and what acts there before anything is set; zero by default.
+
+    Raises
+    ------
+    InvalidInput
+        As `export_fmu`; or the plant is too fast for the period.
+    """
+    rest = [_start(state, plant.states, "state"), _start(input, plant.inputs, "input")]
+    return _write(_plant_model(plant, checked_identifier(name), checked_period(period), *rest), path)
+
+
+def _start(given: Any, names: Sequence[str], what: str) -> np.ndarray:
+    values = np.zeros(len(names)) if given is None else real_array(given)
+    if values.shape != (len(names),) or not np.isfinite(values).all():
+        raise InvalidInput(
+            f"The first {what} does not fit the plant.",
+            f"expected a finite number for each of {list(names)}, got {value_text(given)}",
+            f"{what}=None for zeros",
+        )
+    return values
+
+
+# Models -----------------------------------------------------------------------------------------------
+def _controller_model(code: ControllerCode) -> Model:
+    c, signals, units = code.controller, code.signals, code.units
+    point = dict(zip(c.states, np.asarray(c.law.operating_point)[: len(c.states)], strict=True))
+    first = code.initial_memory[c.memory.places["u"]]
+    variables = [
+        *(Variable(f"measured.{s}", "input", float(point.get(s, 0.0)), units.get(s, "")) for s in signals["Y"]),
+        *(Variable(f"command.{s}", "input", float(v), units.get(s, ""))
+          for s, v in zip(signals["R"], c.operating_reference, strict=True)),
+        *(Variable(f"lower.{s}", "parameter", float(v), units.get(s, ""), about="least input")
+          for s, v in zip(signals["U"], np.maximum(c.limits.lower, -1e300), strict=True)),
+        *(Variable(f"upper.{s}", "parameter", float(v), units.get(s, ""), about="largest input")
+          for s, v in zip(signals["U"], np.minimum(c.limits.upper, 1e300), strict=True)),
+        *(Variable(f"u.{s}", "output", float(v), units.get(s, "")) for s, v in zip(signals["U"], first, strict=True)),
+        *(Variable(f"estimate.{s}", "output", 0.0, units.get(s, "")) for s in signals["X"]),
+        Variable("missing_limit", "parameter", MISSING_LIMIT if code.predicts else 0, kind="Integer",
+                 about="samples without a measurement until the output is held"),
+        Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
+        Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
+    ]  # fmt: skip
+    starts = [variable.start for variable in variables if variable.kind == "Real"]
+    model = fill(
+        template("fmu_controller.h"), code.name, DOUBLE,
+        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}", START=code.numbers(starts, "        "),
+    )  # fmt: skip
+    sources = {
+        f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model,
+    }  # fmt: skip
+    return Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources)
+
+
+def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acting: np.ndarray) -> Model:
+    parameters = plant.parameters.vector()
+    translator = Translator(name, DOUBLE)
+    flow, output = translator.function(plant.traced_flow), translator.function(plant.traced_output)
+    sizes = (len(plant.inputs), len(plant.disturbances), len(parameters), plant.n)
+    begin = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+    first = plant.traced_output(start, acting, parameters)
+    measured = np.ravel(np.asarray(first, dtype=float))
+    variables = [
+        *(Variable(f"u.{s}", "input", float(v), plant.unit(s)) for s, v in zip(plant.inputs, acting, strict=True)),
+        *(Variable(f"disturbance.{s}", "input", 0.0, plant.unit(s)) for s in plant.disturbances),
+        *(Variable(f"parameter.{label}", "parameter", float(v))
+          for label, v in zip(_labels(plant), parameters, strict=True)),
+        *(Variable(f"start.{s}", "parameter", float(v), plant.unit(s))
+          for s, v in zip(plant.states, start, strict=True)),
+        *(Variable(f"measured.{s}", "output", float(v), plant.unit(s))
+          for s, v in zip(plant.outputs, measured, strict=True)),
+        *(Variable(f"state.{s}", "output", float(v), plant.unit(s)) for s, v in zip(plant.states, start, strict=True)),
+    ]  # fmt: skip
+    settable = [variable.start for variable in variables][: begin[-1]]
+    steps = sub_steps(period, plant.fastest_mode(start))
+    given = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
+    model = fill(
+        template("fmu_plant.h"), name, DOUBLE,
+        PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps, N=plant.n, M=sizes[0], D=sizes[1],
+        P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
+        FLOW=_called(flow, plant.traced_flow, ["x", *given], "slope"),
+        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", given[0], given[2]], "r + FIRST_Y"),
+        START=",\n".join(f"        {v!r}" for v in settable),
+    )  # fmt: skip
+    about = f"plant in {steps} steps per {period:g} s"
+    return Model(name, about, period, tuple(variables), {f"{name}_model.h": model})
+
+
+def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> str:
+    """The call of a traced function without the arguments that have no elements."""
+    kept = [text for k, text in enumerate(arguments) if function.numel_in(k)]
+    return f"{name}({', '.join([*kept, result])});"
+
+
+def _labels(plant: Plant) -> Iterator[str]:
+    """A name for each number of the parameters, in the order of their vector."""
+    for name, value in plant.parameters.values.items():
+        size = int(np.size(value))
+        yield from [name] if size == 1 else [f"{name}[{k + 1}]" for k in range(size)]
+
+
+# The archive ------------------------------------------------------------------------------------------
+def _write(model: Model, path: str | os.PathLike[str]) -> Path:
+    target = checked_path("The FMU", path)
+    guid = "{" + str(uuid.UUID(hashlib.sha256(repr(model).encode()).hexdigest()[:32])) + "}"
+    sources = {name: text.replace("@GUID@", guid) for name, text in model.sources.items()}
+    sources[f"{model.name}_fmi2.h"] = fill(template("fmi2.h"), model.name, DOUBLE)
+    sources[f"{model.name}_fmu.c"] = fill(template("fmu.c"), model.name, DOUBLE, VERSION=__version__)
+    files: dict[str, bytes] = {"modelDescription.xml": description(model, guid).encode()}
+    files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
+    folder, ending = _platform()
+    files[f"binaries/{folder}/{model.name}.{ending}"] = shared_library(sources)
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in files.items():
+            packed.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
+    write_file(target, "FMU", lambda part: Path(part).write_bytes(archive.getvalue()))
+    return target
+
+
+def description(model: Model, guid: str) -> str:
+    """The text of modelDescription.xml."""
+    units = sorted({variable.unit for variable in model.variables if variable.unit})
+    files = [
+        name for name in (f"{model.name}.c", f"{model.name}_fmu.c") if name in model.sources or "_fmu" in name
+    ]
+    outputs = [k for k, variable in enumerate(model.variables, 1) if variable.causality == "output"]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(model.name)} guid="{guid}" '
+        f'description={quoteattr(model.about)} generationTool="flexhinf {__version__}" '
+        'variableNamingConvention="flat" numberOfEventIndicators="0">',
+        f'  <CoSimulation modelIdentifier="{model.name}" canHandleVariableCommunicationStepSize="true" '
+        'canGetAndSetFMUstate="true" canSerializeFMUstate="false" canBeInstantiatedOnlyOncePerProcess="false">',
+        "    <SourceFiles>",
+        *(f'      <File name="{name}"/>' for name in files),
+        "    </SourceFiles>",
+        "  </CoSimulation>",
+    ]
+    if units:
+        lines += [
+            "  <UnitDefinitions>",
+            *(f"    <Unit name={quoteattr(u)}/>" for u in units),
+            "  </UnitDefinitions>",
+        ]
+    lines += [
+        '  <LogCategories><Category name="logStatusError"/></LogCategories>',
+        f'  <DefaultExperiment startTime="0" stopTime="1" stepSize="{model.period!r}"/>',
+        "  <ModelVariables>",
+        *_variable_lines(model.variables),
+        "  </ModelVariables>",
+        "  <ModelStructure>",
+        "    <Outputs>",
+        *(f'      <Unknown index="{k}"/>' for k in outputs),
+        "    </Outputs>",
+        "  </ModelStructure>",
+        "</fmiModelDescription>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _variable_lines(variables: Sequence[Variable]) -> Iterator[str]:
+    references = {"Real": 0, "Integer": 0, "Boolean": 0}
+    for variable in variables:
+        whole = variable.kind != "Real"
+        variability = {
+            "input": "discrete" if whole else "continuous",
+            "output": "discrete",
+            "parameter": "fixed",
+        }
+        initial = {"input": "", "output": ' initial="exact"', "parameter": ' initial="exact"'}[
+            variable.causality
+        ]
+        start = {
+            "Real": repr(float(variable.start)), "Integer": str(int(variable.start)),
+            "Boolean": str(bool(variable.start)).lower(),
+        }[variable.kind]  # fmt: skip
+        unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
+        about = f" description={quoteattr(variable.about)}" if variable.about else ""
+        yield (
+            f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{references[variable.kind]}" '
+            f'causality="{variable.causality}" variability="{variability[variable.causality]}"{initial}{about}>'
+            f'<{variable.kind} start="{start}"{unit}/></ScalarVariable>'
+        )
+        references[variable.kind] += 1
+
+
+def _platform() -> tuple[str, str]:
+    """The folder of this machine's binaries in an FMU, and the ending of a shared library."""
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
+    short, ending = system.get(platform.system(), ("linux", "so"))
+    return f"{short}{bits}", ending

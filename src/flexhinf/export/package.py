@@ -1,0 +1,309 @@
+"""All files of an exported controller, and where they are written."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf import __version__
+from flexhinf.codegen.c import Real, constant
+from flexhinf.errors import InvalidInput
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
+from flexhinf.export.names import checked_identifier, comment
+from flexhinf.export.recording import Recording, record
+from flexhinf.files import write_file
+from flexhinf.loop import Controller
+from flexhinf.untrusted import checked_path, value_text
+
+__all__ = ["controller_files", "export_c", "write_files"]
+
+#: Largest error of the test vector relative to a signal's largest value. In double it is zero where the processor has a
+#: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen);
+#: in float, covariances of 24 bits leave two to three digits of an estimate (0.1 to 2 % were seen).
+TOLERANCE = {"double": 1e-9, "float": 5e-2}
+
+
+def export_c(
+    controller: Controller,
+    folder: str | os.PathLike[str],
+    name: str = "controller",
+    real: str = "double",
+    force: bool = False,
+) -> Path:
+    """Write a controller as dependency-free C99: header, source, test vector, and what firmware needs around them.
+
+    Parameters
+    ----------
+    controller : Controller
+        What it remembers of samples is not exported.
+    folder : path
+        Made if it is not there.
+    name : str
+        A C identifier: of the two files, and the beginning of every name in them.
+    real : {"double", "float"}
+        The type of all numbers. In float, code is smaller and faster on a microcontroller, and the estimate has some
+        three to five digits.
+    force : bool
+        Write into a folder that is not empty: files of the same names are replaced, others stay.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    InvalidInput
+        If the name is none for C, the type is unknown, the folder is not empty, or a number does not fit the type.
+    Unsupported
+        If law or estimator need an operation that has no form in C.
+    """
+    target = checked_folder(folder, force)
+    files = controller_files(controller, name, real)
+    write_files(target, files)
+    return target
+
+
+def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
+    """The absolute path of a folder that may be written.
+
+    Raises
+    ------
+    InvalidInput
+        If it is a file, or is not empty and `force` is not set.
+    """
+    path = checked_path("The folder", folder).absolute()
+    if path.exists() and not path.is_dir():
+        raise InvalidInput(
+            "The output is no folder.", f"expected a folder, got the file {path}", "another name"
+        )
+    if not force and path.is_dir() and any(path.iterdir()):
+        raise InvalidInput(
+            "The output folder is not empty.",
+            f"expected a new or empty folder, got {path}",
+            "another folder, or force=True (--force): files of the same names are then replaced",
+        )
+    return path
+
+
+def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write every file whole or not at all; the folders are made."""
+    for name, content in files.items():
+        path = folder / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidInput(
+                "The output folder cannot be made.",
+                f"{path.parent}: {error.strerror or error}",
+                "another folder",
+            ) from error
+        data = content.encode("utf-8") if isinstance(content, str) else content
+        write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
+
+
+def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> None:
+    """Refuse a controller that does not fit a firmware.
+
+    Parameters
+    ----------
+    controller : Controller
+    real : {"double", "float"}
+    period : str
+        Of the firmware's loop, such as "1ms"; empty for any.
+    flash, ram : str
+        Room for constants and for the state, such as "32kB"; empty for any.
+
+    Raises
+    ------
+    InvalidInput
+        If the period is another one, or constants or state are larger.
+    """
+    if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
+        raise InvalidInput(
+            "The firmware's period is not the controller's.",
+            f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
+            "a design with --period of that length",
+        )
+    code = code_of(controller, "controller", real)
+    for what, room, needed in (("constants", flash, code.constant_bytes), ("state", ram, code.state_bytes)):
+        if room and needed > _quantity(room, BYTES):
+            option, advice = ("--flash", "--degrees 2 at the design, --real float")
+            if what == "state":
+                option, advice = (
+                    "--ram",
+                    "--real float, an extended Kalman filter (--estimator ekf), --degrees 2",
+                )
+            raise InvalidInput(
+                f"The controller does not fit: its {what} need{'s' * (what == 'state')} more room.",
+                f"expected at most {value_text(room)} ({option}), got {needed} bytes in the type {real}",
+                advice,
+            )
+
+
+#: Units of times and sizes.
+SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+BYTES = {"": 1.0, "b": 1.0, "kb": 1e3, "kib": 1024.0, "mb": 1e6, "mib": 1024.0**2}
+
+
+def _quantity(text: str, units: Mapping[str, float]) -> float:
+    found = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
+    try:
+        value = float(found.group(1)) * units[found.group(2)] if found else -1.0
+    except (ValueError, KeyError):
+        value = -1.0
+    if not 0.0 < value < 1e30:
+        raise InvalidInput(
+            "This is no positive quantity.",
+            f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
+            f"1{list(units)[2]}",
+        )
+    return value
+
+
+def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
+    """The code of a controller in a type, checked."""
+    if real not in ("double", "float"):
+        raise InvalidInput(
+            "There is no such type of numbers.", f"expected double or float, got {value_text(real)}", "double"
+        )
+    if not isinstance(controller, Controller):
+        raise InvalidInput(
+            "There is no controller to export.",
+            f"expected a flexhinf.Controller, got {type(controller).__name__}",
+            "design(...).controller(), or load_controller(file)",
+        )
+    if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
+        controller = controller.in_pieces()
+    return ControllerCode(controller, checked_identifier(name), Real(real))
+
+
+def controller_files(
+    controller: Controller, name: str = "controller", real: str = "double"
+) -> dict[str, str]:
+    """The files of `export_c`: relative path to text; raises as it does."""
+    code = code_of(controller, name, real)
+    return {
+        f"{name}.h": code.header,
+        f"{name}.c": code.source,
+        f"{name}_test.c": _test(code, record(code.controller)),
+        "README.md": _readme(code),
+        **{file: _filled(code, file) for file in ("main.c", "Makefile", "CMakeLists.txt")},
+        f"templates/{name}.ino": _filled(code, "sketch.ino"),
+        f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
+    }
+
+
+def _filled(code: ControllerCode, file: str) -> str:
+    c, signals = code.controller, code.signals
+    return fill(
+        template(file), code.name, code.real,
+        VERSION=__version__, PERIOD_US=round(1e6 * c.period), R=code.sizes["r"],
+        REFERENCE=", ".join(constant(float(v), code.real) for v in _reference(code)),
+        COMMAND_INTERFACES=_strings(signals["U"]), STATE_INTERFACES=_strings(signals["Y"]),
+    )  # fmt: skip
+
+
+def _reference(code: ControllerCode) -> np.ndarray:
+    rest = code.controller.operating_reference
+    return rest if len(rest) else np.zeros(1)
+
+
+def _strings(names: Sequence[str]) -> str:
+    texts = (comment(name).replace('"', "'") for name in names)
+    return ", ".join(f'"{text}"' for text in texts)
+
+
+def _test(code: ControllerCode, run: Recording) -> str:
+    """The test vector: what is stored of the inputs is exact, so that both compute with the same numbers."""
+    size = np.maximum(np.abs(run.u).max(axis=0), 1e-30)
+    codes = [str(code.codes[kind][0]) for kind in run.codes]
+
+    def rows(values: np.ndarray) -> str:
+        return ",\n".join(f"    {{{', '.join(_number(float(v), code.real) for v in row)}}}" for row in values)
+
+    return fill(
+        template("test.c"), code.name, code.real,
+        VERSION=__version__, SAMPLES=len(codes), TOLERANCE=constant(TOLERANCE[code.real.name], code.real),
+        R=code.sizes["r"], Y=rows(run.y), COMMANDS=rows(run.r), U=rows(run.u),
+        SIZES="    " + ", ".join(constant(float(v), code.real) for v in size),
+        CODES=",\n".join("    " + ", ".join(codes[k : k + 20]) for k in range(0, len(codes), 20)),
+        ZERO=constant(0.0, code.real), FABS=f"fabs{code.real.suffix}",
+        MISSING=code.codes["STOPPED"][0] if not code.predicts else code.codes["PREDICTED"][0],
+    )  # fmt: skip
+
+
+def _number(value: float, real: Real) -> str:
+    return "(@NAME@_real)NAN" if np.isnan(value) else constant(value, real)
+
+
+def _readme(code: ControllerCode) -> str:
+    c = code.controller
+    facts = {
+        **c.summary(),
+        "type": code.real.name,
+        "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
+        "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
+        "operations of one step": f"about {code.operations}",
+    }
+    return fill(
+        template("README.md"), code.name, code.real,
+        VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=200, OLDEST=f"{code.oldest:g}",
+        MISSING=MISSING_LIMIT if code.predicts else 0,
+        FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
+        SIGNALS=_table(("array", "element", "signal", "unit"), _signal_rows(code)),
+        CODES=_table(
+            ("constant", "value", "meaning"),
+            [(f"`{code.upper(key)}`", str(value), text) for key, (value, text) in code.codes.items()],
+        ),
+        PARAMETERS=_table(
+            ("first element", "numbers", "what"),
+            [
+                (f"`{code.upper(f'P_{part.upper()}')}`", str(place.stop - place.start), PARTS[part])
+                for part, place in c.data.places.items()
+                if place.stop > place.start
+            ],
+        ),
+    )  # fmt: skip
+
+
+#: What the numbers of a controller are.
+PARTS = {
+    "period": "sampling period, s; the code is made for this one",
+    "law": "coefficients of the law",
+    "operating_point": "state, then integrals, about which the law is",
+    "operating_input": "input there",
+    "lower": "least input",
+    "upper": "largest input",
+    "integral_gain": "slope of the input by the integrals, for the anti-windup",
+    "parameters": "parameters of the estimator's model",
+    "process_noise": "covariance of the process noise per sample",
+    "measurement_noise": "covariance of the measurement noise",
+    "inverse_slope": "integrals by input, where a law takes over",
+    "decay": "factor per sample of what no integral reaches after a law took over",
+    "closer": "how much closer another law's point must be before it takes over",
+    "input_rate": "largest change of the input, per s",
+    "command_lower": "least command",
+    "command_upper": "largest command",
+    "command_rate": "largest change of the command, per s",
+    "integral_dead_zone": "errors up to this size are not integrated",
+}
+
+
+def _signal_rows(code: ControllerCode) -> list[tuple[str, ...]]:
+    arrays = {"Y": "input.y", "R": "input.r", "U": "output.u", "X": "output.estimate"}
+    return [
+        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")))
+        for kind, array in arrays.items()
+        for k, name in enumerate(code.signals[kind])
+    ]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |" for line in lines)

@@ -1,0 +1,182 @@
+/* @NAME@: see @NAME@.h. Made by flexhinf @VERSION@; not to be edited. */
+#include "@NAME@.h"
+
+#include <math.h>
+
+#if defined(__FAST_MATH__)
+#error "@NAME@ must see numbers that are not finite: compile without -ffast-math"
+#endif
+
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
+ * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. */
+#if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FP_FAST_FMA@SUFFIX@) || defined(__x86_64__))
+#define FUSED
+#define FMA(a, b, c) fma@F@(a, b, c)
+#else
+#define FMA(a, b, c) ((a) * (b) + (c))
+#endif
+
+typedef @NAME@_real real;
+
+const @NAME@_param @NAME@_defaults = {
+    {
+@DEFAULTS@
+    },
+    @OLDEST@,
+    @MISSING@
+};
+
+static const real initial_memory[@BIG@_MEMORY] = {
+@INITIAL@
+};
+
+/* The operating input within its limits. */
+static const real safe_input[@BIG@_INPUTS] = {
+@SAFE@
+};
+
+@FUNCTIONS@
+/* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
+static void copied(const real *source, real *target, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        target[i] = source[i];
+    }
+}
+
+static int all_finite(const real *numbers, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        if (!isfinite(numbers[i])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static int same(const real *one, const real *other, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        if (one[i] < other[i] || one[i] > other[i]) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static void begin(@NAME@_state *state)
+{
+    copied(state->start, state->memory, @BIG@_MEMORY);
+    copied(state->start, state->newer, @BIG@_MEMORY);
+    copied(state->start, state->older, @BIG@_MEMORY);
+    copied(state->start + @U@, state->held, @BIG@_INPUTS);
+    state->missing = 0;
+    state->failed = 0;
+    state->began_again = 0;
+    state->samples = 0;
+}
+
+void @NAME@_init(@NAME@_state *state)
+{
+    copied(initial_memory, state->start, @BIG@_MEMORY);
+    for (int i = 0; i < @BIG@_STATES; ++i) {
+        state->estimate[i] = @ZERO@;
+    }
+    begin(state);
+}
+
+void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
+                  const @NAME@_real *input)
+{
+    @NAME@_init(state);
+@START@
+    if (input != 0 && all_finite(input, @BIG@_INPUTS)) {
+        for (int i = 0; i < @BIG@_INPUTS; ++i) {
+            const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
+            const real above = (input[i] > low) ? input[i] : low;
+            state->start[@U@ + i] = (above < high) ? above : high;
+        }
+    }
+    begin(state);
+}
+
+/* After a step that failed: where one did before from the same memory, go back to an earlier one, and say so. */
+static int went_back(@NAME@_state *state)
+{
+    int start;
+    if (!state->failed) {
+        state->failed = 1;
+        return 0;
+    }
+    if (!all_finite(state->start, @BIG@_MEMORY)) {
+        copied(initial_memory, state->start, @BIG@_MEMORY);
+    }
+    if (!all_finite(state->older, @BIG@_MEMORY)) {
+        copied(state->start, state->older, @BIG@_MEMORY);
+    }
+    start = same(state->older, state->start, @BIG@_MEMORY);
+    if (start && state->began_again) { /* the start itself is bad: it can only be that memory was overwritten */
+        copied(initial_memory, state->start, @BIG@_MEMORY);
+        copied(initial_memory, state->older, @BIG@_MEMORY);
+    }
+    for (int i = 0; i < @BIG@_MEMORY; ++i) {
+        const int command = i >= @REFERENCE@ && i < @REFERENCE@ + @COMMANDED@;
+        const int keep = command && start && !state->began_again && isfinite(state->memory[i]);
+        if (!keep) {
+            state->memory[i] = state->older[i];
+        }
+    }
+    state->began_again = start;
+    copied(state->start, state->older, @BIG@_MEMORY);
+    copied(state->start, state->newer, @BIG@_MEMORY);
+    return 1;
+}
+
+/* What is applied: the last good input; where even that was lost, the safe one. */
+static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
+{
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        const real u = state->held[i];
+        const int good = u >= param->value[@BIG@_P_LOWER + i] && u <= param->value[@BIG@_P_UPPER + i] && isfinite(u);
+        output->u[i] = good ? u : safe_input[i];
+    }
+    for (int i = 0; i < @BIG@_STATES; ++i) {
+        output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;
+    }
+}
+
+int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output)
+{
+    const int in_time = input->measured != 0 && input->age <= param->oldest;
+    int code;
+    if (in_time) {
+        code = @MEASURED@;
+        if (code != @BIG@_BAD_MEASUREMENT) {
+            state->missing = 0;
+        }
+    } else if (state->missing < param->missing_limit && state->missing >= 0) {
+        state->missing += 1;
+        code = @PREDICTED@;
+    } else {
+        code = @BIG@_STOPPED;
+    }
+    if (code == @BIG@_OK@OR_PREDICTED@) {
+        state->failed = 0;
+        copied(state->u, state->held, @BIG@_INPUTS);
+        state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
+        if (state->samples == @SPACING@) {
+            copied(state->newer, state->older, @BIG@_MEMORY);
+            copied(state->memory, state->newer, @BIG@_MEMORY);
+            state->began_again = 0;
+            state->samples = 0;
+        }
+    } else if (code == @BIG@_BAD_RESULT && went_back(state)) {
+        code = @BIG@_WENT_BACK;
+    }
+    hold(state, param, output);
+    return code;
+}

@@ -1,0 +1,87 @@
+/* @NAME@: a sampled controller of @PERIOD_TEXT@ s, made by flexhinf @VERSION@.
+ *
+ * @SUMMARY@
+ *
+ * Call @NAME@_init once, then @NAME@_step once per sample, from one thread. No memory is allocated, nothing is
+ * static but constants; several controllers are several states. Do not compile with -ffast-math.
+ */
+#ifndef @BIG@_H
+#define @BIG@_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef @REAL@ @NAME@_real;
+
+/* Sampling period, s. */
+#define @BIG@_PERIOD @PERIOD@
+
+enum {
+    @BIG@_MEASUREMENTS = @P@,
+    @BIG@_COMMANDS = @K@,
+    @BIG@_INPUTS = @M@,
+    @BIG@_STATES = @N@,
+    @BIG@_PARAMETERS = @DATA@,
+    @BIG@_MEMORY = @MEMORY@,
+    @BIG@_WORK = @WORK@
+};
+
+/* Elements of the arrays below. */
+@SIGNALS@
+
+/* First elements of the parameters, with how many there are. */
+@OFFSETS@
+
+/* What a step returns. */
+@CODES@
+
+/* Numbers of the controller. Those of @NAME@_defaults are the design's. */
+typedef struct {
+    @NAME@_real value[@BIG@_PARAMETERS];
+    @NAME@_real oldest;     /* s: an older measurement counts as missing */
+    int missing_limit;      /* samples without a measurement, one after the other, until the output is held */
+} @NAME@_param;
+
+extern const @NAME@_param @NAME@_defaults;
+
+/* What one sample is given. */
+typedef struct {
+    @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements */
+    @NAME@_real r[@R@]; /* commands */
+    @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known */
+    int measured;                      /* 0 where there is no measurement */
+} @NAME@_input;
+
+/* What it gives. */
+typedef struct {
+    @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
+    @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
+} @NAME@_output;
+
+/* What is remembered between samples, and memory to work in. Its parts are not for the caller. */
+typedef struct {
+    @NAME@_real memory[@BIG@_MEMORY], newer[@BIG@_MEMORY], older[@BIG@_MEMORY], start[@BIG@_MEMORY];
+    @NAME@_real after[@BIG@_MEMORY];
+    @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
+    @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
+    @NAME@_real work[@BIG@_WORK];
+    int missing, failed, began_again, samples;
+} @NAME@_state;
+
+/* Forget everything: the state at rest at the operating point. */
+void @NAME@_init(@NAME@_state *state);
+
+/* As @NAME@_init, about another state and from another input; either may be a null pointer. The first output then
+ * continues from that input as far as the design says (rate limit, bumpless start). */
+void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
+                  const @NAME@_real *input);
+
+/* One sample. Returns one of the codes above; the output is safe to apply whatever the code. */
+int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

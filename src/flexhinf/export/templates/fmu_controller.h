@@ -1,0 +1,83 @@
+/* The controller @NAME@ as the model of an FMU: one sample per period, at its beginning. */
+#ifndef @BIG@_MODEL_H
+#define @BIG@_MODEL_H
+
+#include "@NAME@.h"
+
+#define MODEL_NAME "@NAME@"
+#define MODEL_GUID "@GUID@"
+#define MODEL_PERIOD @PERIOD@
+#define MODEL_PERIOD_TEXT "@PERIOD_TEXT@"
+
+enum {
+    FIRST_Y = 0,
+    FIRST_R = FIRST_Y + @BIG@_MEASUREMENTS,
+    FIRST_LOWER = FIRST_R + @BIG@_COMMANDS,
+    FIRST_UPPER = FIRST_LOWER + @BIG@_INPUTS,
+    MODEL_SETTABLE = FIRST_UPPER + @BIG@_INPUTS,
+    FIRST_U = MODEL_SETTABLE,
+    FIRST_X = FIRST_U + @BIG@_INPUTS,
+    MODEL_REALS = FIRST_X + @BIG@_STATES,
+    MISSING_LIMIT = 0,
+    MODEL_SETTABLE_INTEGERS = 1,
+    CODE = 1,
+    MODEL_INTEGERS = 2,
+    MEASURED = 0,
+    MODEL_BOOLEANS = 1
+};
+
+typedef struct {
+    @NAME@_state state;
+    @NAME@_param param;
+    double real[MODEL_REALS];
+    int integer[MODEL_INTEGERS];
+    int boolean[MODEL_BOOLEANS];
+} model_instance;
+
+static void model_reset(model_instance *model)
+{
+    static const double start[MODEL_REALS] = {
+@START@
+    };
+    for (int i = 0; i < MODEL_REALS; ++i) {
+        model->real[i] = start[i];
+    }
+    model->param = @NAME@_defaults;
+    model->integer[MISSING_LIMIT] = model->param.missing_limit;
+    model->integer[CODE] = @BIG@_OK;
+    model->boolean[MEASURED] = 1;
+    @NAME@_init(&model->state);
+}
+
+static void model_begin(model_instance *model)
+{
+    model->param.missing_limit = model->integer[MISSING_LIMIT];
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        model->param.value[@BIG@_P_LOWER + i] = model->real[FIRST_LOWER + i];
+        model->param.value[@BIG@_P_UPPER + i] = model->real[FIRST_UPPER + i];
+    }
+}
+
+/* Whatever the sample, the output is safe: there is nothing to refuse. */
+static int model_step(model_instance *model)
+{
+    @NAME@_input input = {0};
+    @NAME@_output output = {0};
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        input.y[i] = model->real[FIRST_Y + i];
+    }
+    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+        input.r[i] = model->real[FIRST_R + i];
+    }
+    input.measured = model->boolean[MEASURED];
+    model->integer[CODE] = @NAME@_step(&model->state, &model->param, &input, &output);
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        model->real[FIRST_U + i] = output.u[i];
+    }
+    for (int i = 0; i < @BIG@_STATES; ++i) {
+        model->real[FIRST_X + i] = output.estimate[i];
+    }
+    return 1;
+}
+
+#endif

@@ -1,0 +1,29 @@
+/* How @NAME@ is used: one call before the loop, one call in it. Replace the functions that are marked. */
+#include "@NAME@.h"
+
+/* Of your board: wait for the next sample; read sensors and command; drive the motors; warn. */
+extern void wait_for_sample(void);
+extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
+extern void read_command(@NAME@_real *r);
+extern void drive_motors(const @NAME@_real *u);
+extern void report(int code);
+
+static @NAME@_state state; /* too large for most stacks */
+
+int main(void)
+{
+    @NAME@_input input = {0};
+    @NAME@_output output = {0};
+    @NAME@_init(&state);
+    for (;;) {
+        int code;
+        wait_for_sample();
+        input.measured = read_sensors(input.y);
+        read_command(input.r);
+        code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+        drive_motors(output.u);
+        if (code != @BIG@_OK) {
+            report(code);
+        }
+    }
+}

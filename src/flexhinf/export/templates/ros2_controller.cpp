@@ -1,0 +1,63 @@
+// @NAME@ as a ros2_control controller. A template: compiled against stubs only; names of joints and interfaces are to
+// be adapted to your hardware description.
+#include <string>
+#include <vector>
+
+#include "controller_interface/controller_interface.hpp"
+#include "pluginlib/class_list_macros.hpp"
+
+#include "@NAME@.h"
+
+namespace @NAME@_controller
+{
+
+class Controller : public controller_interface::ControllerInterface
+{
+public:
+    controller_interface::CallbackReturn on_init() override
+    {
+        return controller_interface::CallbackReturn::SUCCESS;
+    }
+
+    controller_interface::InterfaceConfiguration command_interface_configuration() const override
+    {
+        return {controller_interface::interface_configuration_type::INDIVIDUAL, {@COMMAND_INTERFACES@}};
+    }
+
+    controller_interface::InterfaceConfiguration state_interface_configuration() const override
+    {
+        return {controller_interface::interface_configuration_type::INDIVIDUAL, {@STATE_INTERFACES@}};
+    }
+
+    controller_interface::CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
+    {
+        @NAME@_init(&state_);
+        return controller_interface::CallbackReturn::SUCCESS;
+    }
+
+    controller_interface::return_type update(const rclcpp::Time &, const rclcpp::Duration &) override
+    {
+        for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+            input_.y[i] = static_cast<@NAME@_real>(state_interfaces_[static_cast<std::size_t>(i)].get_value());
+        }
+        input_.measured = 1;
+        for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+            input_.r[i] = reference_[i];
+        }
+        @NAME@_step(&state_, &@NAME@_defaults, &input_, &output_);
+        for (int i = 0; i < @BIG@_INPUTS; ++i) {
+            command_interfaces_[static_cast<std::size_t>(i)].set_value(static_cast<double>(output_.u[i]));
+        }
+        return controller_interface::return_type::OK;
+    }
+
+private:
+    @NAME@_state state_;
+    @NAME@_input input_{};
+    @NAME@_output output_{};
+    @NAME@_real reference_[@R@] = {@REFERENCE@}; // to be written by a topic or an action of yours
+};
+
+}  // namespace @NAME@_controller
+
+PLUGINLIB_EXPORT_CLASS(@NAME@_controller::Controller, controller_interface::ControllerInterface)

@@ -1,0 +1,52 @@
+// @NAME@ in an Arduino-style sketch. A template: compiled against stubs only. Put @NAME@.h and @NAME@.c beside it.
+#include "@NAME@.h"
+
+static @NAME@_state state;
+static @NAME@_input input;
+static @NAME@_output output;
+static unsigned long due_us;
+
+static const unsigned long PERIOD_US = @PERIOD_US@UL;
+
+// Of your board, in the order and the units of @NAME@.h.
+static bool read_sensors(@NAME@_real *y);
+static void read_command(@NAME@_real *r);
+static void drive_motors(const @NAME@_real *u);
+
+void setup()
+{
+    @NAME@_init(&state);
+    due_us = micros();
+}
+
+void loop()
+{
+    if ((long)(micros() - due_us) < 0) {
+        return;
+    }
+    due_us += PERIOD_US;
+    input.measured = read_sensors(input.y) ? 1 : 0;
+    read_command(input.r);
+    @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+    drive_motors(output.u);
+}
+
+static bool read_sensors(@NAME@_real *y)
+{
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        y[i] = 0; // an encoder, in the unit of @NAME@.h
+    }
+    return true;
+}
+
+static void read_command(@NAME@_real *r)
+{
+    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+        r[i] = 0;
+    }
+}
+
+static void drive_motors(const @NAME@_real *u)
+{
+    (void)u; // a PWM or a current controller
+}

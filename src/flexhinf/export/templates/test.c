@@ -1,0 +1,60 @@
+/* Test vector of @NAME@: a run recorded by flexhinf @VERSION@, with samples that are missing or not finite.
+ * Exit code 0 if every answer is that of the recording. */
+#include "@NAME@.h"
+
+#include <math.h>
+#include <stdio.h>
+
+enum { SAMPLES = @SAMPLES@ };
+
+/* Largest error, relative to the largest value of each signal. */
+#define TOLERANCE @TOLERANCE@
+
+/* Measurements and commands; what must come of them; and the code of each step. */
+static const @NAME@_real given_y[SAMPLES][@BIG@_MEASUREMENTS] = {
+@Y@
+};
+static const @NAME@_real given_r[SAMPLES][@R@] = {
+@COMMANDS@
+};
+static const @NAME@_real expected_u[SAMPLES][@BIG@_INPUTS] = {
+@U@
+};
+static const @NAME@_real size_of_u[@BIG@_INPUTS] = {
+@SIZES@
+};
+static const int expected_code[SAMPLES] = {
+@CODES@
+};
+
+static @NAME@_state state;
+
+int main(void)
+{
+    @NAME@_input input = {0};
+    @NAME@_output output = {0};
+    @NAME@_real worst = @ZERO@;
+    int wrong_codes = 0;
+    @NAME@_init(&state);
+    for (int k = 0; k < SAMPLES; ++k) {
+        for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+            input.y[i] = given_y[k][i];
+        }
+        for (int i = 0; i < @R@; ++i) {
+            input.r[i] = given_r[k][i];
+        }
+        input.measured = expected_code[k] != @MISSING@;
+        if (@NAME@_step(&state, &@NAME@_defaults, &input, &output) != expected_code[k]) {
+            wrong_codes += 1;
+        }
+        for (int i = 0; i < @BIG@_INPUTS; ++i) {
+            const @NAME@_real error = @FABS@(output.u[i] - expected_u[k][i]) / size_of_u[i];
+            if (!(error <= worst)) {
+                worst = error;
+            }
+        }
+    }
+    printf("@NAME@: %d samples, largest relative error %.3g (allowed %.3g), wrong codes %d: %s\n", (int)SAMPLES,
+           (double)worst, (double)TOLERANCE, wrong_codes, (worst <= TOLERANCE && wrong_codes == 0) ? "passed" : "FAILED");
+    return (worst <= TOLERANCE && wrong_codes == 0) ? 0 : 1;
+}

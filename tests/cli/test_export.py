@@ -1,0 +1,70 @@
+"""``flexhinf export``: from a report, from a controller's file, from a design file alone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import flexhinf as fh
+from flexhinf import report
+from flexhinf.cli import main
+
+
+@pytest.fixture
+def controller(tmp_path: Path) -> Path:
+    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
+    fh.Controller(law, None, 1e-3, 48.0).save(tmp_path / "controller")
+    return tmp_path / "controller"
+
+
+def test_the_file_of_a_controller(
+    controller: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "c", str(controller), "--out", str(tmp_path / "c"), "--name", "arm"]) == 0
+    assert {"arm.c", "arm.h", "arm_test.c", "README.md"} <= {path.name for path in (tmp_path / "c").iterdir()}
+    assert "make -C" in capsys.readouterr().out
+
+
+def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
+    """The controller of a report is taken while the design file beside it is the one that it was made of."""
+    design = '[design]\nrobot = "paper"\n'
+    folder = report.write(tmp_path / "arm", {"design.toml": design, "controller": controller.read_bytes()})
+    assert report.unchanged(folder, ("design.toml", "controller"))
+    for source in (folder, folder / "design.toml"):
+        out = tmp_path / f"of-{source.name}"
+        assert main(["export", "c", str(source), "--out", str(out)]) == 0
+        assert (out / "paper.c").exists() or len(list(out.glob("*.c"))) == 3
+    (folder / "design.toml").write_text(design + "bandwidth = 2.0\n")
+    assert not report.unchanged(folder, ("design.toml", "controller"))
+    assert not report.unchanged(folder, ("design.toml", "missing"))
+    assert not report.unchanged(tmp_path, ("controller",))
+
+
+@pytest.mark.slow
+def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
+    (tmp_path / "design.toml").write_text('[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\n')
+    out = tmp_path / "c"
+    assert main(["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm"]) == 0
+    assert (out / "arm.c").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["nothing-here"], "cannot be read"),
+        ([], "DESIGN"),
+        (["CONTROLLER", "--name", "while"], "no name for C"),
+        (["CONTROLLER", "--real", "half"], "type of numbers"),
+        (["CONTROLLER", "--period", "1 s"], "period is not the controller's"),
+        (["CONTROLLER", "--flash", "10B"], "more room"),
+    ],
+)
+def test_a_mistake_writes_nothing(
+    words: list[str], text: str, controller: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(controller) if word == "CONTROLLER" else word for word in words]
+    assert main(["export", "c", *words, "--out", str(tmp_path / "c")]) == 2
+    assert text in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()

@@ -1,0 +1,84 @@
+"""Exported controllers, compiled and called from here."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import export_c
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
+
+#: Calls the step sample by sample, on arrays.
+SHIM = """
+#include "arm.h"
+void replay(int samples, const arm_real *y, const arm_real *r, const int *measured, arm_real *u, arm_real *x,
+            int *codes)
+{
+    static arm_state state;
+    arm_init(&state);
+    for (int k = 0; k < samples; ++k) {
+        arm_input input = {0};
+        arm_output output = {0};
+        for (int i = 0; i < ARM_MEASUREMENTS; ++i) input.y[i] = y[k * ARM_MEASUREMENTS + i];
+        for (int i = 0; i < ARM_COMMANDS; ++i) input.r[i] = r[k * ARM_COMMANDS + i];
+        input.measured = measured[k];
+        codes[k] = arm_step(&state, &arm_defaults, &input, &output);
+        for (int i = 0; i < ARM_INPUTS; ++i) u[k * ARM_INPUTS + i] = output.u[i];
+        for (int i = 0; i < ARM_STATES; ++i) x[k * ARM_STATES + i] = output.estimate[i];
+    }
+}
+"""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """An exported controller in a shared library."""
+
+    library: ctypes.CDLL
+    folder: Path
+    kind: np.dtype
+
+    def replay(
+        self, y: np.ndarray, r: np.ndarray, measured: np.ndarray, inputs: int, states: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inputs, estimates and codes of these samples."""
+        y, r = (np.ascontiguousarray(array, dtype=self.kind) for array in (y, r))
+        measured = np.ascontiguousarray(measured, dtype=np.intc)
+        u, x = (np.zeros((len(y), size), dtype=self.kind) for size in (inputs, states))
+        codes = np.zeros(len(y), dtype=np.intc)
+        pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in (y, r, measured, u, x, codes))
+        self.library.replay(len(y), *pointers)
+        return u, x, codes
+
+
+@pytest.fixture(scope="session")
+def compiler() -> str:
+    """A C compiler; without one there is nothing to compare."""
+    found = shutil.which("gcc") or shutil.which("cc")
+    if found is None:
+        pytest.skip("no C compiler")
+    return found
+
+
+@pytest.fixture(scope="session")
+def build(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
+    """Export a controller as "arm" and compile it without a warning."""
+
+    def made(controller: fh.Controller, real: str = "double", flags: tuple[str, ...] = ("-O1",)) -> Compiled:
+        folder = export_c(controller, tmp_path_factory.mktemp("exported") / "c", "arm", real)
+        (folder / "shim.c").write_text(SHIM)
+        command = [compiler, *STRICT, *flags, "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so"]
+        subprocess.run(command, cwd=folder, check=True)
+        kind = np.dtype(np.float64 if real == "double" else np.float32)
+        return Compiled(ctypes.CDLL(str(folder / "arm.so")), folder, kind)
+
+    return made

@@ -1,0 +1,251 @@
+"""What exported C must be: clean under every warning, without memory of its own, safe whatever it is fed, small."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import export_c
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
+
+#: A sample of what templates need of their frameworks.
+STUBS = {
+    "controller_interface/controller_interface.hpp": """
+#pragma once
+#include <cstddef>
+#include <string>
+#include <vector>
+namespace rclcpp { struct Time {}; struct Duration {}; }
+namespace rclcpp_lifecycle { struct State {}; }
+namespace controller_interface {
+enum class CallbackReturn { SUCCESS };
+enum class return_type { OK };
+enum class interface_configuration_type { INDIVIDUAL };
+struct InterfaceConfiguration { interface_configuration_type type; std::vector<std::string> names; };
+struct Handle { double value; double get_value() const { return value; } void set_value(double v) { value = v; } };
+class ControllerInterface {
+public:
+    virtual ~ControllerInterface() = default;
+    virtual CallbackReturn on_init() = 0;
+    virtual InterfaceConfiguration command_interface_configuration() const = 0;
+    virtual InterfaceConfiguration state_interface_configuration() const = 0;
+    virtual CallbackReturn on_activate(const rclcpp_lifecycle::State &) = 0;
+    virtual return_type update(const rclcpp::Time &, const rclcpp::Duration &) = 0;
+protected:
+    std::vector<Handle> state_interfaces_, command_interfaces_;
+};
+}
+""",
+    "pluginlib/class_list_macros.hpp": "#define PLUGINLIB_EXPORT_CLASS(one, other) typedef one Plugin;\n",
+}
+ARDUINO = "unsigned long micros();\nvoid setup();\nvoid loop();\n"
+
+#: Steps with random bytes for numbers; every answer must be finite and within ±48.
+FUZZ = """
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include "arm.h"
+static uint64_t seed = 88172645463325252u;
+static uint64_t next(void) { seed ^= seed << 13; seed ^= seed >> 7; seed ^= seed << 17; return seed; }
+static arm_real any(arm_real usual)
+{
+    arm_real value = usual;
+    const uint64_t kind = next() % 100u;
+    if (kind < 4u) { const uint64_t bits = next(); memcpy(&value, &bits, sizeof value); }
+    else if (kind < 5u) { value = (arm_real)NAN; }
+    else if (kind < 8u) { value = usual * (arm_real)ldexp(1.0, (int)(next() % 60u)); }
+    return value;
+}
+int main(void)
+{
+    static arm_state state;
+    const long steps = STEPS;
+    long codes[7] = {0};
+    int missing = 0;
+    arm_init(&state);
+    for (long k = 0; k < steps; ++k) {
+        arm_input input = {0};
+        arm_output output = {0};
+        for (int i = 0; i < ARM_MEASUREMENTS; ++i) input.y[i] = any((arm_real)(0.1 * sin(1e-3 * (double)k)));
+        for (int i = 0; i < ARM_COMMANDS; ++i) input.r[i] = any((arm_real)0.1);
+        missing = missing > 0 ? missing - 1 : (next() % 500u == 0u ? (int)(next() % 30u) : 0);
+        input.measured = missing == 0;
+        input.age = any((arm_real)0);
+        if (next() % 100000u == 0u) memset(&state, (int)(next() % 256u), sizeof state);
+        codes[arm_step(&state, &arm_defaults, &input, &output)] += 1;
+        for (int i = 0; i < ARM_INPUTS; ++i) {
+            const double u = (double)output.u[i];
+            if (!isfinite(u) || fabs(u) > 48.0) { printf("step %ld: %g\\n", k, u); return 1; }
+        }
+        for (int i = 0; i < ARM_STATES; ++i) if (!isfinite(output.estimate[i])) { printf("estimate\\n"); return 1; }
+    }
+    for (int i = 0; i < 7; ++i) printf("%ld ", codes[i]);
+    return codes[0] < steps / 2;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def controller() -> fh.Controller:
+    arm = fh.paper_arm()
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
+
+
+@pytest.fixture(scope="module")
+def exported(controller: fh.Controller, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("c")
+    return {real: export_c(controller, folder / real, "arm", real) for real in ("double", "float")}
+
+
+def run(*words: object, folder: Path, **options: Any) -> str:
+    done = subprocess.run(
+        list(map(str, words)), cwd=folder, capture_output=True, text=True, check=False, **options
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def tool(name: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"no {name}")
+    return found
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_no_compiler_warns(compiler: str, real: str, exported: dict[str, Path]) -> None:
+    for file in ("arm.c", "arm_test.c", "main.c"):
+        run(tool(compiler), *STRICT, "-O1", "-c", file, "-o", "out.o", folder=exported[real])
+
+
+def test_the_fragment_of_the_documentation_compiles(
+    controller: fh.Controller, compiler: str, repository: Path, tmp_path: Path
+) -> None:
+    page = (repository / "docs/deployment.md").read_text(encoding="utf-8")
+    fragment = page.split("```c\n")[1].split("```")[0]
+    declared = "extern double encoder(void), command(void);\nextern void drive(double);\n"
+    folder = export_c(controller, tmp_path / "c", "my_arm")
+    text = f'#include "my_arm.h"\n{declared}int main(void)\n{{\n{fragment}}}\n'
+    (folder / "use.c").write_text(text)
+    run(compiler, "-std=c99", "-Wall", "-Wextra", "-Wno-unused-variable", "-Wno-unused-but-set-variable", "-Werror",
+        "-c", "use.c", folder=folder)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_cppcheck_finds_nothing(real: str, exported: dict[str, Path]) -> None:
+    checks = ("--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet")
+    assert run(tool("cppcheck"), *checks, "arm.c", folder=exported[real]) == ""
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_it_has_no_memory_of_its_own_and_needs_the_mathematical_library_alone(
+    real: str, exported: dict[str, Path], compiler: str
+) -> None:
+    run(compiler, "-std=c99", "-O2", "-c", "arm.c", "-o", "arm.o", folder=exported[real])
+    lines = [line.split() for line in run(tool("nm"), "arm.o", folder=exported[real]).splitlines()]
+    kinds = {line[-2] for line in lines}
+    assert not kinds & set("dDbBC"), "static memory that can change"
+    public = {line[-1] for line in lines if line[-2].isupper() and line[-2] != "U"}
+    assert public == {"arm_init", "arm_start", "arm_step", "arm_defaults"}
+    needed = {line[-1] for line in lines if line[-2] == "U"} - {
+        "memset",
+        "memcpy",
+        "memmove",
+        "__stack_chk_fail",
+    }
+    assert needed <= {"fma", "sin", "cos", "fmaf", "sinf", "cosf", "sqrt", "sqrtf"}, needed
+    text = (exported[real] / "arm.c").read_text()
+    assert re.findall(r"#include\s+(\S+)", text) == ['"arm.h"', "<math.h>"]
+
+
+def test_a_float_build_computes_nothing_in_double(exported: dict[str, Path]) -> None:
+    text = (exported["float"] / "arm.c").read_text()
+    assert "double" not in text
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    numbers = re.findall(r"(?<![\w.])\d+(?:\.\d*)?(?:e[-+]?\d+)?f?", code)
+    assert [text for text in numbers if ("." in text or "e" in text) and not text.endswith("f")] == []
+
+
+def test_the_templates_compile_against_stubs(exported: dict[str, Path], tmp_path: Path) -> None:
+    compiler = tool("g++")
+    for name, text in STUBS.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    folder = exported["double"]
+    sketch = (folder / "templates/arm.ino").read_text()
+    (tmp_path / "sketch.cpp").write_text(ARDUINO + sketch)
+    flags = (
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        f"-I{folder}",
+        f"-I{tmp_path}",
+        "-c",
+        "-o",
+        tmp_path / "out.o",
+    )
+    run(compiler, *flags, folder / "templates/arm_ros2_controller.cpp", folder=tmp_path)
+    run(compiler, *flags, tmp_path / "sketch.cpp", folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("real", "steps"),
+    [("double", 100_000), pytest.param("double", 10_000_000, marks=pytest.mark.slow),
+     pytest.param("float", 10_000_000, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_no_sample_makes_the_output_unsafe(
+    real: str, steps: int, exported: dict[str, Path], compiler: str, tmp_path: Path
+) -> None:
+    (tmp_path / "fuzz.c").write_text(FUZZ.replace("STEPS", str(steps)))
+    flags = ("-std=c99", "-O2", f"-I{exported[real]}")
+    run(compiler, *flags, "fuzz.c", exported[real] / "arm.c", "-lm", "-o", "fuzz", folder=tmp_path)
+    codes = [int(word) for word in run("./fuzz", folder=tmp_path).split()]
+    assert sum(codes) == steps
+    assert all(codes), f"every code is returned: {codes}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_sanitizers_find_nothing(
+    real: str, exported: dict[str, Path], compiler: str, tmp_path: Path
+) -> None:
+    (tmp_path / "fuzz.c").write_text(FUZZ.replace("STEPS", "200000"))
+    flags = ("-std=c99", "-O1", "-g", "-fsanitize=undefined,address", "-fno-sanitize-recover=all")
+    for source in (tmp_path / "fuzz.c", exported[real] / "arm_test.c"):
+        words = (
+            compiler,
+            *flags,
+            f"-I{exported[real]}",
+            source,
+            exported[real] / "arm.c",
+            "-lm",
+            "-o",
+            "checked",
+        )
+        run(*words, folder=tmp_path)
+        run("./checked", folder=tmp_path)
+
+
+@pytest.mark.slow
+def test_one_link_fits_a_cortex_m4(exported: dict[str, Path], tmp_path: Path) -> None:
+    compiler = tool("arm-none-eabi-gcc")
+    core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+    folder = exported["float"]
+    run(compiler, *core, "-std=c99", "-O2", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
+    sizes = run(tool("arm-none-eabi-size"), "arm.o", folder=tmp_path).splitlines()[1].split()
+    assert int(sizes[0]) < 32_000
+    assert sizes[1:3] == ["0", "0"]

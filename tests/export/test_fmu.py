@@ -1,0 +1,185 @@
+"""FMUs, judged and run by fmpy: the controller answers as in Python, the plant moves as it is integrated here."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.export import export_fmu, export_plant_fmu
+from flexhinf.export.recording import record
+
+fmpy = pytest.importorskip("fmpy")
+
+ARM = fh.paper_arm()
+
+
+@pytest.fixture(scope="module")
+def controller() -> fh.Controller:
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    return fh.Controller(fh.solve_hji(ARM.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
+
+
+@pytest.fixture(scope="module")
+def files(
+    controller: fh.Controller, compiler: str, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("fmu")
+    robot = fh.load_robot("planar-two-link")
+    state = 0.1 * np.arange(1, 9)
+    return {
+        "controller": export_fmu(controller, folder / "arm.fmu", "arm"),
+        "plant": export_plant_fmu(robot.plant(), folder / "two_link.fmu", "two_link", state=state),
+    }
+
+
+def instance(path: Path, folder: Path) -> Any:
+    """An FMU's instance that is initialised at time 0, and its references by name."""
+    from fmpy.fmi2 import FMU2Slave
+
+    description = fmpy.read_model_description(str(path))
+    unpacked = fmpy.extract(str(path), unzipdir=str(folder))
+    model = FMU2Slave(
+        guid=description.guid, unzipDirectory=unpacked, instanceName="one",
+        modelIdentifier=description.coSimulation.modelIdentifier,
+    )  # fmt: skip
+    model.instantiate()
+    begin(model)
+    return model, {variable.name: variable.valueReference for variable in description.modelVariables}
+
+
+def begin(model: Any) -> None:
+    model.setupExperiment(startTime=0.0)
+    model.enterInitializationMode()
+    model.exitInitializationMode()
+
+
+def end(model: Any) -> None:
+    model.terminate()
+    model.freeInstance()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["controller", "plant"])
+def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(files[name])) == []
+    description = fmpy.read_model_description(str(files[name]))
+    units = {variable.unit for variable in description.modelVariables if variable.type == "Real"}
+    assert {"rad", "V", "rad/s"} <= units
+    assert all(variable.start is not None for variable in description.modelVariables)
+
+
+def test_the_controller_answers_as_in_python(
+    controller: fh.Controller, files: dict[str, Path], tmp_path: Path
+) -> None:
+    run = record(controller, 120)
+    model, at = instance(files["controller"], tmp_path)
+    found: list[list[float]] = []
+
+    def samples() -> None:
+        for y, r, code in zip(run.y, run.r, run.codes, strict=True):
+            model.setReal(
+                [at["measured.link_position"], at["command.link_position"]], [float(y[0]), float(r[0])]
+            )
+            model.setBoolean([at["is_measured"]], [code != "PREDICTED"])
+            model.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e-3)
+            found.append(model.getReal([at["u.motor_voltage"], at["estimate.link_velocity"]]))
+
+    samples()
+    expected = np.column_stack([run.u[:, 0], run.estimate[:, 2 - 1]])
+    velocity = controller.states.index("link_velocity")
+    expected[:, 1] = run.estimate[:, velocity]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    model.reset()
+    begin(model)
+    first, found = found[:], []
+    samples()
+    assert found == first
+    end(model)
+
+
+def test_instances_do_not_know_each_other_and_a_state_comes_back(
+    files: dict[str, Path], tmp_path: Path
+) -> None:
+    (one, at), (other, _) = (instance(files["controller"], tmp_path / name) for name in ("a", "b"))
+    one.setReal([at["measured.link_position"]], [0.3])
+    kept = one.getFMUState()
+    for _ in range(5):
+        one.doStep(0.0, 1e-3)
+        other.doStep(0.0, 1e-3)
+    u = [at["u.motor_voltage"]]
+    assert one.getReal(u) != other.getReal(u)
+    after = one.getReal(u)
+    one.setFMUState(kept)
+    one.freeFMUState(kept)
+    one.doStep(0.0, 5e-3)  # five samples with the inputs held
+    assert one.getReal(u) == after
+    end(one)
+    end(other)
+
+
+@pytest.mark.parametrize("step", [0.4e-3, 1.5e-3, 0.0, -1e-3, math.nan])
+def test_a_step_that_is_no_whole_number_of_periods(
+    step: float, files: dict[str, Path], tmp_path: Path
+) -> None:
+    model, _ = instance(files["controller"], tmp_path)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        model.doStep(currentCommunicationPoint=0.0, communicationStepSize=step)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        model.getReal([10_000])
+    end(model)
+
+
+@pytest.mark.oracle
+def test_the_plant_moves_as_an_independent_integration(files: dict[str, Path], tmp_path: Path) -> None:
+    from scipy.integrate import solve_ivp
+
+    plant = fh.load_robot("planar-two-link").plant()
+    model, at = instance(files["plant"], tmp_path)
+    inputs, load = [3.0, -1.0], 0.4
+    model.setReal([at[f"u.{name}"] for name in plant.inputs], inputs)
+    model.setReal([at[f"disturbance.{plant.disturbances[0]}"]], [load])
+    for k in range(200):
+        model.doStep(1e-3 * k, 1e-3)
+    states = model.getReal([at[f"state.{name}"] for name in plant.states])
+    measured = model.getReal([at[f"measured.{name}"] for name in plant.outputs])
+    end(model)
+    d = np.array([load, *[0.0] * (len(plant.disturbances) - 1)])
+    p = plant.parameters.vector()
+
+    def slope(t: float, x: np.ndarray) -> np.ndarray:
+        return np.ravel(np.asarray(plant.traced_flow(x, inputs, d, p), dtype=float))
+
+    truth = solve_ivp(slope, (0.0, 0.2), 0.1 * np.arange(1, 9), method="DOP853", rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(states, truth.y[:, -1], rtol=0, atol=1e-6 * np.abs(truth.y[:, -1]).max())
+    assert measured == [states[plant.states.index(name)] for name in plant.outputs]
+
+
+def test_the_same_model_gives_the_same_bytes_but_for_the_library(
+    controller: fh.Controller, files: dict[str, Path], tmp_path: Path
+) -> None:
+    again = export_fmu(controller, tmp_path / "again.fmu", "arm")
+    with zipfile.ZipFile(files["controller"]) as one, zipfile.ZipFile(again) as other:
+        assert one.namelist() == other.namelist()
+        for name in one.namelist():
+            assert name.startswith("binaries/") or one.read(name) == other.read(name)
+
+
+def test_without_a_compiler_nothing_is_written(
+    controller: fh.Controller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(InvalidInput, match="no C compiler"):
+        export_fmu(controller, tmp_path / "arm.fmu")
+    with pytest.raises(InvalidInput, match="first state"):
+        export_plant_fmu(ARM.plant(), tmp_path / "arm.fmu", state=[1.0])
+    assert list(tmp_path.iterdir()) == []

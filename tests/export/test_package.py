@@ -1,0 +1,97 @@
+"""What is refused before anything is written, and what cannot be smuggled into C."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.export import check_room, export_c
+from flexhinf.export.names import comment, constants, identifier_of
+
+
+@pytest.fixture(scope="module")
+def controller() -> fh.Controller:
+    return fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=math.inf), None, 1e-3, 48.0)
+
+
+@pytest.mark.parametrize("name", ["3arm", "my-arm", "while", "a" * 32, "", "é", "x;y", None, 7])
+def test_a_name_that_is_none_for_c(name: object, controller: fh.Controller, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no name for C"):
+        export_c(controller, tmp_path / "c", name)  # type: ignore[arg-type]
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_with_files_is_left_alone_unless_it_is_meant(
+    controller: fh.Controller, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InvalidInput, match="not empty"):
+        export_c(controller, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    export_c(controller, tmp_path, force=True)
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+    assert (tmp_path / "controller.c").exists()
+    with pytest.raises(InvalidInput, match="no folder"):
+        export_c(controller, tmp_path / "mine.txt")
+
+
+def test_types_and_things_that_are_no_controller(controller: fh.Controller, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="type of numbers"):
+        export_c(controller, tmp_path / "c", real="half")
+    with pytest.raises(InvalidInput, match="no controller"):
+        export_c(controller.law, tmp_path / "c")  # type: ignore[arg-type]
+
+
+def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
+    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
+    controller = fh.Controller(law, None, 1e-3, 1e300)
+    with pytest.raises(InvalidInput, match="does not fit C's type float"):
+        export_c(controller, tmp_path / "c", real="float")
+    assert not (tmp_path / "c").exists()
+    export_c(controller, tmp_path / "c", real="double")
+
+
+def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
+    check_room(controller, "float", period="1ms", flash="32kB", ram="8 kB")
+    with pytest.raises(InvalidInput, match="period is not the controller's"):
+        check_room(controller, "double", period="2ms")
+    with pytest.raises(InvalidInput, match=r"(?s)constants need more room.*--flash.*bytes"):
+        check_room(controller, "double", flash="40")
+    with pytest.raises(InvalidInput, match="state needs more room"):
+        check_room(controller, "double", ram="0.1kB")
+    for text in ("-1kB", "1 parsec", "nan", "kB"):
+        with pytest.raises(InvalidInput, match="no positive quantity"):
+            check_room(controller, "double", ram=text)
+
+
+def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
+    text = comment('*/ int main(){} /* \\ \n ??/ "é')
+    assert "*/" not in text
+    assert "\\" not in text
+    assert "\n" not in text
+    assert "??" not in text
+    assert text.isascii()
+    assert constants("ARM_Y", ["q*/1", "q 1", "é", "é"]) == ["ARM_Y_Q_1", "ARM_Y_Q_1_1", "ARM_Y_2", "ARM_Y_3"]
+    assert identifier_of("Näive 3-link; rm -rf") == "n_ive_3_link_rm_rf"
+    assert identifier_of("7 links") == "arm_7_links"
+    assert identifier_of("while") == "arm_while"
+
+
+def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
+    """A robot's file may name a joint almost anything; the C that comes of it has the same tokens."""
+    import re
+
+    def exported(joint: str) -> str:
+        robot = fh.load_robot("paper")
+        law = fh.linear_law(robot.problem(), gamma=math.inf)
+        controller = fh.Controller(law, None, 1e-3, 48.0)
+        controller.states = tuple(f"{name}{joint}" for name in controller.states)
+        folder = export_c(controller, tmp_path / str(len(joint)), "arm")
+        text = (folder / "arm.h").read_text()
+        return re.sub(r"/\*.*?\*/", "", re.sub(r"ARM_[A-Z]_\w+", "NAME", text), flags=re.DOTALL)
+
+    assert exported("*/ int x; /*") == exported("plain")
