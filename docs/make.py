@@ -205,10 +205,12 @@ def _printed(command: str) -> str:
 def presets() -> str:
     """The designs of the paper's arm by each preset, at 90° and 180°."""
     import flexhinf as fh
+    from flexhinf.analysis import destabilising_scale
     from flexhinf.design import Specification, design
 
     head = (
         "goal, preset", "smallest damping: law, running loop", "peak sensitivity, gain margin, delay margin",
+        "stable up to: times the tolerances", "noise at the motor",
         "unstable corners: as designed, other R^v", "step: overshoot, settling, peak input",
         "sampled robots: worst overshoot, not settled", "link under load", "requirements not met",
     )  # fmt: skip
@@ -234,6 +236,8 @@ def presets() -> str:
             f"{goal}°, {preset}",
             f"{min(mode.damping for mode in found.law_modes if mode.damping < 1.0):.2f}, {m['damping']:.3f}",
             f"{m['peak_sensitivity']:.2f}, {m['gain_margin']:.2f}, {1e3 * m['delay_margin_s']:.0f} ms",
+            f"{destabilising_scale(found.evaluation.loop, robot.corner, robot.uncertain)[0]:.2f}",
+            f"{1e3 * m['input_noise']:.0f} mV",
             f"{corners.unstable}, at most {other} of {corners.count}",
             f"{m['step_overshoot_percent']:.1f} %, {m['step_settling_s']:.2f} s, {m['step_peak_input']:.1f} V",
             f"{_finite(samples.overshoot.max(), '%')}, {samples.unsettled} of {len(samples)}",

@@ -22,7 +22,7 @@ from flexhinf.analysis.population import Population, corner_population
 from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
 
 __all__ = [
-    "GrowthRates", "ToleranceCorners", "corner_plants", "destabilising_scale", "growth_rates", "tolerance_corners",
+    "GrowthRates", "ToleranceCorners", "corner_plants", "growth_rates", "tolerance_corners",
 ]  # fmt: skip
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
@@ -47,9 +47,6 @@ PROMINENT = 1e-4
 
 #: Stands for an infinite growth rate where rates are compared, 1/s.
 LARGEST = 1e300
-
-#: Doublings of the tolerances until a corner is unstable, and bisections afterwards.
-DOUBLINGS, BISECTIONS = 4, 12
 
 
 # Growth rates ------------------------------------------------------------------------------------------
@@ -330,64 +327,3 @@ def _between(
         peaks = np.flatnonzero((higher > rates[:-2]) & (higher > rates[2:])) + 1
         found += [tried[k] for k in peaks[np.argsort(-rates[peaks], kind="stable")][:PEAKS]]
     return found
-
-
-def destabilising_scale(
-    loop: EquilibriumLoop,
-    at: Callable[[Sequence[float]], Mapping[str, Any]],
-    uncertain: int | Sequence[Any],
-    process_noise: np.ndarray | None = None,
-    *,
-    most: float = 2.0**DOUBLINGS,
-    seed: int = 0,
-) -> tuple[float, int]:
-    """Smallest common factor of all tolerances with which some corner is unstable, and this corner.
-
-    Parameters of the plant are moved from the nominal ones along the straight line through each corner. The factor is
-    found by doubling and bisection: at it one corner is on the edge. A corner that would change a parameter's sign is
-    left out from there on.
-
-    Parameters
-    ----------
-    loop, at, uncertain, seed
-        As for `tolerance_corners`.
-    process_noise : (n, n) array, optional
-        R^v instead of the filter's.
-    most : float
-        Where the search ends.
-
-    Returns
-    -------
-    scale : float
-        Infinite if no corner is unstable up to `most`; zero if the nominal loop is unstable.
-    corner : int
-        Number of the corner, as of `tolerance_corners`' population; −1 where there is none.
-    """
-    population, _ = corner_plants(loop, at, uncertain, seed)
-    table = loop.plant.parameters
-    *ends, middle = loop.vectors([table.known(values) for values in population.values])
-    away = np.array(ends) - middle
-    if loop.modes(middle[None, :], process_noise).rate[0] >= 0.0:
-        return 0.0, -1
-
-    def unstable(scale: float, which: np.ndarray) -> np.ndarray:
-        moved = middle + scale * away[which]
-        possible = np.all((moved * middle > 0.0) | (away[which] == 0.0), axis=1)
-        found = which[possible]
-        if not len(found):
-            return found
-        return found[loop.modes(moved[possible], process_noise).rate >= 0.0]
-
-    low, high, which = 0.0, 1.0, np.arange(len(away))
-    while not len(found := unstable(high, which)):
-        if high >= most:
-            return np.inf, -1
-        low, high = high, min(2.0 * high, most)
-    for _ in range(BISECTIONS):
-        centre = 0.5 * (low + high)
-        now = unstable(centre, which)
-        if len(now):
-            high, found = centre, now
-        else:
-            low = centre
-    return high, int(found[0])

@@ -151,7 +151,7 @@ class Specification:
     preset: Annotated[Annotated[Preset, BeforeValidator(choice), Allowed(", ".join(PRESETS))] | None,
         About(BEHAVIOUR,
         "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
-        "robust (as damped, with the tolerances as disturbances).", "damped",
+        "robust (searched on the running loop for its tolerances).", "damped",
         default="the robot's own weights, or damped where a bandwidth or a damping is required")] = None
     bandwidth: Annotated[Frequencies | None, About(BEHAVIOUR,
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "

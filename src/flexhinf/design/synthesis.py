@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import tolerance_corners
 from flexhinf.design.along_move import AlongMove, Least, scheduled
 from flexhinf.design.degree_rule import choose_degree
 from flexhinf.design.degrees import DegreeChoice, rays_of, solve_degrees, tried_degrees, with_region
@@ -22,9 +21,11 @@ from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import default_start
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
-from flexhinf.design.weights.choose import DesignProblem, choose, required_damping
+from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
+from flexhinf.design.weights.design_problem import DesignProblem
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
+from flexhinf.design.weights.robust_preset import WholeLoopSearch, at_pose, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -36,10 +37,6 @@ from flexhinf.robot.plausibility import check_delay, check_fast
 __all__ = ["Synthesis", "synthesise"]
 
 Progress = Callable[[str], None]
-
-#: The damping that weights are searched for grows by this factor while corners of the tolerances are unstable, at most
-#: so many times, up to this value: only for the preset robust.
-GROWTH, TURNS, LARGEST_DAMPING = 1.25, 6, 0.95
 
 #: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
 #: bandwidth, the noise at the motors with this power of the damping.
@@ -68,6 +65,8 @@ class Synthesis:
         The chosen solution, or a schedule with those of other poses.
     along : AlongMove or None
         Margins of the running loop along the stated move; None without one.
+    robust : WholeLoopSearch or None
+        How weights and noise levels were found for the tolerances; of the preset robust.
     """
 
     goal: np.ndarray
@@ -79,6 +78,7 @@ class Synthesis:
     rays: int
     law: Law
     along: AlongMove | None = None
+    robust: WholeLoopSearch | None = None
 
     @property
     def solution(self) -> HJISolution:
@@ -140,15 +140,14 @@ class _Steps:
 
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
-        s = self.s
-        problem, noise = self.robust_problem()
-        levels = None if noise is None else noise.chosen.levels
-        slower = problem_within_effort(self.robot, self.goal, self.start, s, problem, levels, self.progress)
-        if slower is not problem:
-            problem, noise = slower, self.noise_search(slower)
+        found = None
+        if preset_of(self.robot, self.s) == "robust":
+            problem, noise, found = self.robust_problem()
+        else:
+            problem, noise = self.searched_problem()
         chosen, choices, rays = self.degrees(problem, noise)
-        law = self.law_of(problem, chosen.solution)
-        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law)
+        law = self.law_of(problem, chosen.solution, found)
+        return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
 
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None
@@ -187,41 +186,39 @@ class _Steps:
         )
 
         def another(pose: np.ndarray) -> Law:
-            return self.law_at(made.design_problem, solution.degree, pose)
+            return self.law_at(made.design_problem, solution.degree, pose, made.robust)
 
         law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
         return replace(made, law=law, along=along)
 
-    def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
-        """The problem, and the noise levels for it; of the preset robust, the first with no unstable corner.
+    def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
+        """The problem within the limits of the running loop and of the joints, and the noise levels for it."""
+        problem, noise = self.affordable(choose(self.robot, self.goal, self.start, self.s))
+        levels = None if noise is None else noise.chosen.levels
+        slower = problem_within_effort(
+            self.robot, self.goal, self.start, self.s, problem, levels, self.progress
+        )
+        return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
-        A robust law is robust with the true state. That the loop with its estimator is stable at the corners too is
-        looked at here, and the damping that weights are searched for grows until it is. Without success, the best is
-        returned.
-        """
-        problem = choose(self.robot, self.goal, self.start, self.s)
-        best = self.affordable(problem)
-        problem = best[0]
-        if problem.robustness is None or self.s.estimator == "none":
-            return best
-        fewest = self.unstable(*best)
-        damping = required_damping(self.s)
-        for _ in range(TURNS):
-            if not fewest:
-                break
-            damping = min(LARGEST_DAMPING, GROWTH * damping)
-            self.progress(
-                f"{fewest} corners of the tolerances unstable: weights for a damping of {damping:.2g}"
-            )
-            try:
-                problem = choose(self.robot, self.goal, self.start, replace(self.s, damping=damping))
-            except FlexhinfError:
-                break
-            noise = self.noise_search(problem)
-            unstable = self.unstable(problem, noise)
-            if unstable < fewest:
-                fewest, best = unstable, (problem, noise)
-        return best
+    def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
+        """The preset robust: from what the preset damped comes to, weights and noise levels for the tolerances."""
+        tolerance_channels(self.robot, [self.goal, self.start])
+        plain = replace(self, s=replace(self.s, preset="damped", rays=0))
+        damped, noise = plain.searched_problem()
+        assert damped.target is not None
+        self.progress("channels of the tolerances")
+        same = replace(self.s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
+        covered = choose(self.robot, self.goal, self.start, same)
+        levels = None if noise is None else noise.chosen.levels
+        problem, levels, found = search_whole_loop(
+            self.robot, self.goal, self.start, self.s, damped, covered, levels,
+            plain.degrees(damped, noise)[0].degree, self.progress,
+        )  # fmt: skip
+        if noise is None or levels is None or not found.better:
+            return problem, noise, found
+        setup, damping = self.linear_setup(problem), required_damping(self.s, damped.target)
+        own = search_noise(setup, damping, self.progress, levels)
+        return (damped, noise, replace(found, found=found.damped)) if own is None else (problem, own, found)
 
     def affordable(self, problem: DesignProblem) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem with its noise levels; a default bandwidth or damping lowered where no levels keep the limits.
@@ -232,7 +229,7 @@ class _Steps:
         noise = self.noise_search(problem)
         best = problem, noise
         for _ in range(LOWERINGS):
-            if noise is None or problem.target is None or self.s.preset == "robust":
+            if noise is None or problem.target is None:
                 break
             target, missed = problem.target, noise.chosen.missed
             short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
@@ -276,35 +273,32 @@ class _Steps:
         damping = None if problem.target is None else required_damping(self.s, problem.target)
         return search_noise(self.linear_setup(problem), damping, self.progress)
 
-    def unstable(self, problem: DesignProblem, noise: NoiseSearch | None) -> int:
-        """Unstable corners with the noise levels that were found or stated."""
-        if noise is not None and noise.chosen.unstable is not None:
-            return noise.chosen.unstable
-        setup = self.linear_setup(problem)
-        if noise is not None:
-            setup = replace(setup, estimator_noise=noise.chosen.levels)
-        return tolerance_corners(
-            setup.equilibrium_loop(), self.robot.corner, self.robot.uncertain, ()
-        ).unstable
-
-    def law_of(self, problem: DesignProblem, solution: HJISolution) -> Law:
+    def law_of(
+        self, problem: DesignProblem, solution: HJISolution, found: WholeLoopSearch | None = None
+    ) -> Law:
         """The solution at the goal; with ``via`` a `Schedule` of it and of the same design at each of these poses.
 
         Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each. Penalties that are
         stated are the same everywhere.
         """
-        laws = [self.law_at(problem, solution.degree, pose) for pose in self.s.via]
+        laws = [self.law_at(problem, solution.degree, pose, found) for pose in self.s.via]
         return Schedule([solution, *laws]) if laws else solution
 
-    def law_at(self, problem: DesignProblem, degree: int, pose: Any) -> HJISolution:
-        """The same design at another pose."""
+    def law_at(
+        self, problem: DesignProblem, degree: int, pose: Any, found: WholeLoopSearch | None = None
+    ) -> HJISolution:
+        """The same design at another pose; of the preset robust, with the same factors on the weights."""
         self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
         place = self.robot.operating_point(pose)[0][: len(self.start)]
         bandwidth = None if problem.target is None else problem.target.bandwidth.tolist()
         damping = self.s.damping
         if problem.target is not None:
             damping = min(required_damping(self.s, problem.target), problem.target.damping)
-        there = choose(self.robot, place, self.start, replace(self.s, bandwidth=bandwidth, damping=damping))
+        same = replace(self.s, bandwidth=bandwidth, damping=damping)
+        there = choose(self.robot, place, self.start, same)
+        if found is not None:
+            damped = choose(self.robot, place, self.start, replace(same, preset="damped"))
+            return solve_hji(*at_pose(there, damped, found), degree)
         return solve_hji(there.problem, there.gamma, degree)
 
 

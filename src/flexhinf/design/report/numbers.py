@@ -22,7 +22,7 @@ from flexhinf.design.report.sections.estimator_noise import is_used
 from flexhinf.design.report.sections.region import budget_rows
 from flexhinf.design.report.sections.requirements import input_rows
 from flexhinf.design.report.sections.ringing import ring_down_rows
-from flexhinf.design.report.sections.weights import state_weights
+from flexhinf.design.report.sections.weights import state_weights, whole_loop_rows
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
@@ -130,7 +130,7 @@ def _mode(m: Mode) -> dict[str, Any]:
 
 def _weights(design: Design) -> dict[str, Any]:
     problem = design.design_problem
-    search, target, r = problem.search, problem.target, problem.robustness
+    search, target, r, whole = problem.search, problem.target, problem.robustness, design.synthesis.robust
     return {
         "preset": problem.preset,
         "source": problem.source,
@@ -147,6 +147,16 @@ def _weights(design: Design) -> dict[str, Any]:
             for c in (() if search is None else search.candidates)
         ],
         "robust": None if r is None else {**vars(r), "share": r.fraction},
+        "whole_loop": whole
+        and {
+            **_picked(
+                whole, "better", "count", "corner", "frequency", "damping", "links", "motors", "fraction"
+            ),
+            "figures": [
+                {"what": what, "damped": damped, "robust": robust}
+                for what, _, damped, robust in whole_loop_rows(whole)
+            ],
+        },
     }
 
 

@@ -15,14 +15,20 @@ its own; otherwise `paper`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import LinearCorners
 from flexhinf.design.specification import RINGS, Specification
+from flexhinf.design.weights.design_problem import (
+    Covering,
+    DesignProblem,
+    Robustness,
+    command_of,
+    nominal_problem,
+)
 from flexhinf.design.weights.linear_family import (
     Families,
     LinearDesign,
@@ -30,13 +36,13 @@ from flexhinf.design.weights.linear_family import (
     LinearProblem,
     worst_members,
 )
-from flexhinf.design.weights.robust import PREFIX, RobustProblem, Scalings, find_scalings, with_channels
+from flexhinf.design.weights.robust import RobustProblem, find_scalings
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, TargetBehaviour, search
-from flexhinf.design.weights.uncertainty import acting_corners, channels, covering_products, dissipation_of
+from flexhinf.design.weights.uncertainty import Channel, acting_corners, channels, covering_products
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import Penalty
 
 __all__ = [
     "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
@@ -47,81 +53,6 @@ YIELDS = 4
 
 #: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Robustness:
-    """What the channels of the tolerances cost and cover.
-
-    Attributes
-    ----------
-    fraction : float
-        Of the tolerances, for which the problem has a solution.
-    channels : int
-    gamma_star : float
-        Smallest level for every robot within that fraction.
-    nominal_gamma_star : float
-        Of the same penalty without tolerances.
-    nominal_gain, robust_gain : float
-        Level that the nominal robot attains (linear part) with the gain made without channels, and with them.
-    scalings : mapping of str to (float, float)
-        Smallest and largest s of the channels of each quantity.
-    enlarged : float
-        Factor by which the tolerances of the channels were enlarged, so that products of tolerances are covered too.
-    corners, failing_corners : int
-        Corners of the tolerances at which the inequality of the linear part was checked, each at its own equilibrium,
-        and how many of them break it: with any, each tolerance alone is covered, and not all of them together.
-    all_corners : bool
-        Whether these are all corners; otherwise they are sampled.
-    """
-
-    fraction: float
-    channels: int
-    gamma_star: float
-    nominal_gamma_star: float
-    nominal_gain: float
-    robust_gain: float
-    scalings: Mapping[str, tuple[float, float]]
-    enlarged: float
-    corners: int
-    failing_corners: int
-    all_corners: bool
-
-
-@dataclass(frozen=True, eq=False)
-class DesignProblem:
-    """What is solved, and who states it.
-
-    Attributes
-    ----------
-    preset : {"paper", "damped", "robust", "given"}
-    penalty : Penalty
-        In the robot's names.
-    source, effort_source : str
-    problem : GeneralisedPlant
-        What is solved, about the goal.
-    nominal : GeneralisedPlant
-        The same without channels of the tolerances.
-    gamma_star, gamma : float
-    target, search : TargetBehaviour, SearchResult or None
-        What weights were searched for, and how; of a preset that searches.
-    robustness : Robustness or None
-    families : Families or None
-        Of the robot within its tolerances, for which weights were searched.
-    """
-
-    preset: str
-    penalty: Penalty
-    source: str
-    effort_source: str
-    problem: GeneralisedPlant
-    nominal: GeneralisedPlant
-    gamma_star: float
-    gamma: float
-    target: TargetBehaviour | None = None
-    search: SearchResult | None = None
-    robustness: Robustness | None = None
-    families: Families | None = None
 
 
 def preset_of(robot: Any, s: Specification) -> str:
@@ -197,7 +128,7 @@ def choose(
                     raise
                 begun, tried = None, replace(s, damping=refused.reached)
     penalty, source, priced = _stated(robot, goal, s)
-    problem = _problem(robot, goal, s, penalty)
+    problem = nominal_problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
     return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
 
@@ -228,16 +159,6 @@ def _number(values: np.ndarray) -> Any:
     return values.tolist() if len(values) > 1 else float(values[0])
 
 
-def _problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
-    return robot.problem(
-        penalty, pose=goal, measured=s.measured, command=_command(s), disturbances=s.disturbances
-    )
-
-
-def _command(s: Specification) -> str | None:
-    return "disturbance" if s.command or s.disturbances is None else None
-
-
 def _searched(
     families: Families, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
@@ -246,13 +167,13 @@ def _searched(
     target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
     torques = None
     if s.disturbances is not None:
-        names = _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
+        names = nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)).disturbances or ()
         every = robot.plant().disturbances
         torques = np.eye(len(every))[:, [every.index(name) for name in names]]
 
     def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
         return LinearProblem.of(
-            family, scales.rows(target_frequency, damping), _command(s) is not None, torques
+            family, scales.rows(target_frequency, damping), command_of(s) is not None, torques
         )
 
     def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
@@ -264,42 +185,57 @@ def _searched(
     source = f"found for {target.words}"
     if preset == "damped":
         penalty = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
-        problem = _problem(robot, goal, s, penalty)
+        problem = nominal_problem(robot, goal, s, penalty)
         star = smallest_gamma(problem)
         return DesignProblem(
             preset, penalty, source, "ours", problem, problem, star, s.gamma_ratio * star, target, found
         )
 
-    tolerances = channels(robot, [goal, start])
-    if not tolerances:
+    tolerances = tolerance_channels(robot, [goal, start])
+    scalings = find_scalings(
+        RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
+    )
+
+    covering = Covering(
+        robot, goal, s, scales, family, torques, tolerances, scalings,
+        acting_corners(robot, goal, nominal_problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0))),
+    )  # fmt: skip
+
+    def covered(factor: float) -> DesignProblem:
+        """With all tolerances enlarged by a factor."""
+        larger = replace(covering, enlarged=factor)
+
+        def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
+            return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.channels_at(1.0))
+
+        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
+        source = f"found for {target.words}, beside the channels of the tolerances"
+        return larger.problem(found.chosen.target_frequency, found.chosen.damping_weights, 1.0).checked(
+            target, found, source
+        )
+
+    first = covered(1.0)
+    if scalings.fraction < 1.0:
+        return first
+    return covering_products(first, covered, _failing)
+
+
+def tolerance_channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The channels of a robot's tolerances, each at that of the poses where it does most.
+
+    Raises
+    ------
+    InvalidInput
+        If there are none.
+    """
+    found = channels(robot, poses)
+    if not found:
         raise InvalidInput(
             f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
             "expected parameters with a tolerance that changes how the robot moves, got none",
             "tolerance = 10 beside a value in the robot's file, or preset='damped'",
         )
-    scalings = find_scalings(
-        RobustProblem(_linear_problem(found, nominal), family.torques, tolerances), s.gamma_ratio
-    )
-
-    corners = acting_corners(robot, goal, _problem(robot, goal, s, scales.penalty(target.bandwidth, 0.0)))
-
-    def covering(factor: float) -> DesignProblem:
-        """With all tolerances enlarged by a factor."""
-        larger = replace(scalings, fraction=factor * scalings.fraction)
-
-        def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
-            return RobustProblem(nominal(target_frequency, damping), family.torques, tolerances).design(
-                s.gamma_ratio, larger
-            )
-
-        found, _ = _widened(families, target, family, robust_synthesis, scales.held)
-        robust = RobustProblem(_linear_problem(found, nominal), family.torques, tolerances)
-        return _robust(robot, goal, s, scales, target, found, robust, larger, factor, corners)
-
-    first = covering(1.0)
-    if scalings.fraction < 1.0:
-        return first
-    return covering_products(first, covering, _failing)
+    return found
 
 
 def _failing(made: DesignProblem) -> int:
@@ -326,63 +262,6 @@ def _widened(
 
 def _linear_problem(found: SearchResult, nominal: Any) -> LinearProblem:
     return nominal(found.chosen.target_frequency, found.chosen.damping_weights)
-
-
-def _robust(
-    robot: Any,
-    goal: np.ndarray,
-    s: Specification,
-    scales: JointScales,
-    target: TargetBehaviour,
-    found: SearchResult,
-    robust: RobustProblem,
-    scalings: Scalings,
-    enlarged: float,
-    corners: LinearCorners,
-) -> DesignProblem:
-    """The nonlinear problem of the robust preset."""
-    star = robust.gamma_star(scalings, 1e-6)
-    gamma = s.gamma_ratio * star
-    enter, seen, price = robust.parts(scalings)
-    base = scales.penalty(found.chosen.target_frequency, found.chosen.damping_weights)
-    nominal = _problem(robot, goal, s, base)
-    rows = np.vstack([scales.rows(found.chosen.target_frequency, found.chosen.damping_weights), seen])
-    physical = (nominal.disturbances or ()) if s.disturbances is not None else ()
-    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
-    problem = with_channels(nominal.plant, gamma * enter).with_objective(
-        Penalty(rows, nominal.r2 + price),
-        command=_command(s),
-        integrate=nominal.integrate,
-        disturbances=(*physical, *names),
-        equilibrium=robot.operating_point(goal),
-    )
-    checked = dissipation_of(corners, nominal, problem, gamma)
-    lowest = robust.nominal.gamma_star()
-    plain = robust.nominal.design(s.gamma_ratio * lowest, lowest)
-    robustness = Robustness(
-        scalings.fraction / enlarged,
-        len(robust.channels),
-        star,
-        lowest,
-        robust.nominal.attained(plain.gain),
-        robust.nominal.attained(found.chosen.design.gain),
-        _by_quantity(robust, scalings),
-        enlarged,
-        checked.count,
-        checked.failing,
-        checked.complete,
-    )
-    source = f"found for {target.words}, beside the channels of the tolerances"
-    stated = "robust", base, source, "ours"
-    return DesignProblem(*stated, problem, nominal, star, gamma, target, found, robustness)
-
-
-def _by_quantity(robust: RobustProblem, scalings: Scalings) -> dict[str, tuple[float, float]]:
-    """Smallest and largest s of the channels of each quantity."""
-    values: dict[str, list[float]] = {}
-    for channel, log in zip(robust.channels, scalings.log):
-        values.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
-    return {group: (min(found), max(found)) for group, found in values.items()}
 
 
 def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:

@@ -113,7 +113,10 @@ def is_free(setup: LoopSetup) -> bool:
 
 
 def search_noise(
-    setup: LoopSetup, damping: float | None = None, progress: Callable[[str], None] = lambda text: None
+    setup: LoopSetup,
+    damping: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+    levels: EstimatorNoise | None = None,
 ) -> NoiseSearch | None:
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
@@ -124,6 +127,8 @@ def search_noise(
     damping : float, optional
         Required of every oscillation of the running loop.
     progress : callable
+    levels : EstimatorNoise, optional
+        Found elsewhere: they are taken, and shown beside those of the search.
 
     Returns
     -------
@@ -133,9 +138,12 @@ def search_noise(
     if not is_free(setup):
         return None
     try:
-        found = _Search(setup, damping).run()
+        search = _Search(setup, damping)
+        found, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
+    if found is not None and own is not None:
+        found = replace(found, chosen=search.with_corners(own))
     if found is not None:
         progress(f"noise levels of the estimator: {found.count} tried")
     return found
@@ -194,9 +202,8 @@ class _Search:
     def leave_out(self) -> None:
         """What every candidate so far misses, or the law, is counted only in part; see the head of this file."""
         for limit in LIMITS:
-            least = max(
-                min(one.missed.get(limit, 0.0) for one in self.tried), self.unavoidable.get(limit, 0.0)
-            )
+            best = min(one.missed.get(limit, 0.0) for one in self.tried)
+            least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
                 far = limit == "damping" and least > FAR
                 ringing = float(np.log((self.damping or 0.0) / RINGS)) if far else 0.0
@@ -204,9 +211,8 @@ class _Search:
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
         """The candidate with what it misses beyond what is not counted."""
-        left = {
-            limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
-        }
+        missed = candidate.missed.items()
+        left = {limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in missed}
         kept = {limit: excess for limit, excess in left.items() if excess > np.log1p(0.5 * TOLERANCE)}
         return replace(candidate, avoidable=kept)
 
@@ -228,9 +234,8 @@ class _Search:
     def place(self, levels: EstimatorNoise) -> np.ndarray:
         """x (2 joints,) of levels on the velocities."""
         n = len(self.unit)
-        both = np.concatenate(
-            [np.broadcast_to(each, n) for each in (levels.link_velocities, levels.motor_velocities)]
-        )
+        sides = levels.link_velocities, levels.motor_velocities
+        both = np.concatenate([np.broadcast_to(each, n) for each in sides])
         return 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
 
     def families(self) -> Iterator[np.ndarray]:
@@ -320,16 +325,11 @@ class _Search:
         """What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
         within the law's bandwidth, ask of the strongest motor."""
         setup, scales, rate = self.setup, self.scales, self.bandwidth
-        held = np.max(
-            [np.abs(setup.robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0
-        )
+        poses = setup.start, setup.goal
+        held = np.max([np.abs(setup.robot.operating_point(at)[1]) for at in poses], axis=0)
         inertia = scales.link_inertia + scales.motor_inertia
-        moved = (
-            rate
-            * np.hypot(inertia * rate, scales.damping)
-            / scales.per_input
-            * np.abs(setup.goal - setup.start)
-        )
+        per_way = rate * np.hypot(inertia * rate, scales.damping) / scales.per_input
+        moved = per_way * np.abs(setup.goal - setup.start)
         limits = setup.limits.effort
         return np.minimum(float((held + moved).max()), limits)
 

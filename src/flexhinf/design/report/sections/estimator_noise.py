@@ -27,7 +27,7 @@ def blocks(design: Design) -> list[Any]:
         return []
     if design.noise_search is None:
         return [Paragraph(_levels_text(design))]
-    found: list[Any] = [Paragraph(f"{_levels_text(design)} {_outcome(design.noise_search)}"), _figure(design)]
+    found: list[Any] = [Paragraph(f"{_levels_text(design)} {_outcome(design)}"), _figure(design)]
     found.append(_candidates(design))
     if (why := _hardly_seen(design)) is not None:
         found.append(Paragraph(why))
@@ -53,8 +53,12 @@ def _levels_text(design: Design) -> str:
     )
 
 
-def _outcome(search: NoiseSearch) -> str:
+def _outcome(design: Design) -> str:
     """What the search reached."""
+    search, robust = design.noise_search, design.synthesis.robust
+    assert search is not None
+    if robust is not None and robust.better:
+        return "They were found together with the weights, for the tolerances: see there. The curve is of the same law."
     chosen, beyond, other = search.chosen, "", ""
     if search.unreachable:
         missed = " and the ".join(search.unreachable)

@@ -11,6 +11,8 @@ from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertica
 from flexhinf.design.report.formatting import count_text, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
+from flexhinf.design.weights.robust_preset import WholeLoopSearch
+from flexhinf.design.weights.whole_loop import NOISE
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names
@@ -23,12 +25,14 @@ __all__ = [
     "robust_rows",
     "selected_candidates",
     "state_weights",
+    "whole_loop_blocks",
+    "whole_loop_rows",
 ]
 
 PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
     "damped": "Preset damped: weights found by a search for bandwidth and damping",
-    "robust": "Preset robust: weights found by a search, with a disturbance channel for every tolerance of the robot",
+    "robust": "Preset robust: weights and noise levels searched on the running loop for the tolerances of the robot",
     "given": "Weights as given",
 }
 
@@ -47,6 +51,11 @@ def blocks(design: Design) -> list[Any]:
     found: list[Any] = [Paragraph(_preset(design))]
     if problem.search is not None:
         found += [Paragraph(_search(design)), _search_figure(design), _candidates(design)]
+    if design.synthesis.robust is not None:
+        found += [
+            Paragraph(_whole_loop_text(design.synthesis.robust)),
+            _whole_loop(design, design.synthesis.robust),
+        ]
     if problem.robustness is not None:
         found += [_robust(design), Paragraph(_robust_text(design))]
     return [*found, *_weights(design)]
@@ -174,6 +183,64 @@ def _search_figure(design: Design) -> Figure:
     )  # fmt: skip
 
 
+def whole_loop_blocks(design: Design) -> list[Any]:
+    """What the preset robust searched for on the running loop; nothing with other presets."""
+    found = design.synthesis.robust
+    return [] if found is None else [Paragraph(_whole_loop_text(found)), _whole_loop(design, found)]
+
+
+def _whole_loop_text(found: WholeLoopSearch) -> str:
+    """What was searched, under which conditions, and what came of it."""
+    searched = (
+        f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
+        "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
+        "of them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
+        f"loop, and at most {NOISE:g} times the noise at each motor. "
+    )
+    if not found.better:
+        return f"{searched}None was better, so the design is that of the preset damped."
+    return (
+        f"{searched}Of those of damped the target frequencies were multiplied by {number(found.frequency, 3)}, ζ by "
+        f"{number(found.damping, 3)}, the noise levels of the links by {number(found.links, 3)} and of the motors by "
+        f"{number(found.motors, 3)}. "
+        + (f"First unstable: {found.corner}." if found.corner else "No corner became unstable.")
+    )
+
+
+def whole_loop_rows(found: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
+    """What, its unit or "input", with the preset damped, and as found."""
+    return [
+        ("factor of all tolerances at which a corner is unstable", "", found.damped.scale, found.found.scale),
+        ("largest overshoot of the corners that stepped", "%", found.damped.overshoot, found.found.overshoot),
+        (
+            "noise at the loudest motor, rms",
+            "input",
+            float(found.damped.noises.max()),
+            float(found.found.noises.max()),
+        ),
+        *(
+            (what, "", getattr(found.damped.margins, name), getattr(found.found.margins, name))
+            for what, name in (
+                ("peak sensitivity", "peak_sensitivity"),
+                ("gain margin", "gain_margin"),
+                ("smallest damping ratio", "damping"),
+            )
+        ),
+    ]
+
+
+def _whole_loop(design: Design, found: WholeLoopSearch) -> Table:
+    volts = design.setup.model.unit(design.setup.model.inputs[0])
+    rows = [
+        (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
+        for what, unit, damped, robust in whole_loop_rows(found)
+    ]
+    columns = ("running loop", "preset damped", "preset robust", "unit")
+    return Table(
+        columns, rows, "What the search for the tolerances gained, and what it cost", "table-whole-loop"
+    )
+
+
 def robust_rows(design: Design) -> list[tuple[str, float, float]]:
     """What, without the channels of the tolerances, and with them."""
     r = design.design_problem.robustness
@@ -218,9 +285,9 @@ def _robust_text(design: Design) -> str:
     covered = (
         "the whole of the stated tolerances"
         if r.fraction >= 1.0
-        else f"{number(100.0 * r.fraction, 3)} % of them"
+        else f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
     )
-    beyond = "" if r.fraction >= 1.0 else ", and nothing follows for robots beyond that fraction"
+    beyond = "" if r.fraction >= 1.0 else ", and nothing follows from them for robots beyond that fraction"
     return (
         f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
         "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, for "
