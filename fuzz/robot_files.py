@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.robot.arm import Arm
-from flexhinf.robot.quantities import per_joint
+from flexhinf.robot.quantities import QUANTITIES, per_joint
 from fuzz.tally import Tally
 
 ATTEMPTS = 3000
@@ -155,6 +155,20 @@ def _doubled(content: bytes, rng: np.random.Generator) -> bytes:
     return content[: place.end()] + other + content[place.end() :]
 
 
+def _ranged(content: bytes, rng: np.random.Generator) -> bytes:
+    """A range about a number instead of its tolerance; its ends may be anything."""
+    places = list(re.finditer(rb"(value = (\d[\d.e+-]*))(, tolerance = \d+)?", content))
+    if not places:
+        return content
+    place = places[rng.integers(len(places))]
+    value = float(place[2])
+    ends = [repr(value * rng.uniform(0.5, 1.0)), repr(value * rng.uniform(1.0, 2.0))]
+    if rng.random() < 0.5:
+        ends[rng.integers(2)] = NUMBERS[rng.integers(len(NUMBERS))]
+    stated = f"{place[1].decode()}, range = [{ends[0]}, {ends[1]}]".encode()
+    return content[: place.start()] + stated + content[place.end() :]
+
+
 MUTATIONS = (
     _bytes,
     _replaced(r"-?\d+\.?\d*(e-?\d+)?", NUMBERS),
@@ -164,6 +178,7 @@ MUTATIONS = (
     _structure,
     _swapped,
     _doubled,
+    _ranged,
 )
 
 
@@ -175,6 +190,11 @@ def _fault(robot: Robot) -> str:
         return f"joints {names!r}"
     if not all(np.isfinite(p.value) and 0.0 <= p.tolerance < 100.0 for p in robot.parameters):
         return "a parameter that is not finite"
+    for one in robot.parameters:
+        quantity = max((name for name in QUANTITIES if one.name.startswith(name)), key=len)
+        sign, lowest = QUANTITIES[quantity].sign, min(one.interval)
+        if (sign == "positive" and not lowest > 0.0) or (sign != "any" and lowest < 0.0):
+            return f"{one.name} may be {lowest}"
     p: Any = robot.plant().parameters.named(robot.plant().parameters.vector())
     q = np.asarray(robot.home)
     x, u = robot.operating_point()

@@ -32,11 +32,9 @@ def tasks(before: Path | None = None) -> dict[str, dict[str, Any]]:
             if robot in LIMITED:
                 options = {"measured": measured, "measurement_noise": FINE}
                 found[f"{robot}-{sensors}-fine"] = {"name": robot, "options": options}
-        found[f"{robot}-motor-linear"] = {
-            "name": robot,
-            "options": {"measured": SENSORS["motor"]},
-            "linear": True,
-        }
+            if before is None:  # weights and noise levels alone, of this version
+                task = {"name": robot, "options": {"measured": measured}, "linear": True}
+                found[f"{robot}-{sensors}-linear"] = task
     if before is None:
         for name, (payload, _, masses) in PAYLOADS.items():
             options = {"measured": SENSORS["link"], "measurement_noise": FINE}

@@ -48,8 +48,12 @@ def robots(folder: Path) -> str:
     lines = _head(head)
     for name, measured in _measured():
         now, before = (_row(folder, f"{name}{end}") for end in ("", "-before"))
+        linear = _row(folder, f"{name}-linear")
         if now is not None:
             lines.append(_cells(_line(now, before, measured)))
+        elif linear is not None:
+            found = _damping(linear["damping"]), "", _percent(100.0 * linear["noise_share"]), *[""] * 4
+            lines.append(_cells([f"{linear['robot']}: {measured}, linear loop alone", *found]))
     return "\n".join(lines)
 
 

@@ -64,9 +64,9 @@ def test_rows_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: pyt
             (tmp_path / f"{row}.json").write_text("{}", encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["hardware", "--kept", str(tmp_path)])
     assert program.main() == 130  # interrupted in the second row, and the first is kept
-    assert made == ["spatial-link", "spatial-torque"]
+    assert made == ["spatial-link", "spatial-link-linear"]
     assert json.loads((tmp_path / "spatial-link.json").read_text(encoding="utf-8")) == {"row": "spatial-link"}
-    assert not (tmp_path / "spatial-torque.json").exists()
+    assert not (tmp_path / "spatial-link-linear.json").exists()
 
 
 @pytest.mark.slow
