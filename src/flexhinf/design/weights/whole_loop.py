@@ -8,9 +8,10 @@ scalings of a μ-synthesis, with the fraction of the tolerances that the channel
     ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
 
 for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
-overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak sensitivity, gain margin, damping, bandwidth,
-and the joints' limits in the step are kept, or missed by no more than with `damped`; and each motor has at most `NOISE`
-times its noise. `damped` itself is the first candidate, so by this criterion the outcome cannot be worse.
+overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak
+sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step are kept, or missed by no more than
+with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
+criterion the outcome cannot be worse.
 
 A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
 best is looked at on all, and those that it fails on join them.
