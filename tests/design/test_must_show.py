@@ -260,7 +260,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
     result = design(robot_of("seven-link"), s)
     # The law damps every oscillation as required. The error of the estimator, which measures links alone, would ring at
     # 190 Hz with 0.0016; what damping the noise that the effort allows buys is told, and need not be all that is asked.
-    check(result, 5.0, 120.0, 200, missed=frozenset({"damping of oscillations"}))
+    check(result, 5.0, 120.0, 200, missed=frozenset({"damping of oscillations", "damping in the ring-down"}))
     law = [mode.damping for mode in result.law_modes if mode.eigenvalue.imag > 0.0]
     assert min(law) >= 0.98 * 0.15
     assert result.evaluation.margins.damping > 0.02
@@ -271,7 +271,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
 def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> None:
     """The law of degree 3 is not made for half a turn: it overshoots by 4.5 % (degree 5: 0.1 %), and is judged so."""
     s = Specification(
-        preset="robust", pose=(np.pi,), start=(0.0,), overshoot=3.0, degrees=(4,), rays=400, draws=0,
+        preset="damped", pose=(np.pi,), start=(0.0,), overshoot=3.0, degrees=(4,), rays=400, draws=0,
         compare_rigid=False,
     )  # fmt: skip
     result = design(robot_of("paper"), s)

@@ -7,10 +7,10 @@ scalings of a μ-synthesis, with the fraction of the tolerances that the channel
 
     ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
 
-for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the step
-overshoots at no corner by more than with `damped`; peak sensitivity, gain margin, damping, bandwidth, and the joints'
-limits in the step are kept, or missed by no more than with `damped`; and each motor has at most `NOISE` times its
-noise. `damped` itself is the first candidate, so by this criterion the outcome cannot be worse.
+for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
+overshoot of the corners is at most `LESS` times that with `damped`; peak sensitivity, gain margin, damping, bandwidth,
+and the joints' limits in the step are kept, or missed by no more than with `damped`; and each motor has at most `NOISE`
+times its noise. `damped` itself is the first candidate, so by this criterion the outcome cannot be worse.
 
 A candidate is looked at on few corners: those that are nearest to instability or overshoot most. One that would be the
 best is looked at on all, and those that it fails on join them.
@@ -55,6 +55,9 @@ STEPPED = 200
 
 #: First moves of ln ω, ln ζ, ln of both noise levels, and of the fraction of the tolerances in the channels.
 MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
+
+#: Worst overshoot that is allowed, over that of `damped`: corners that are not stepped differ by a few per cent.
+LESS = 0.95
 
 #: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding.
 MISSED, ALLOWED = 20.0, 2e-3
@@ -295,7 +298,7 @@ class Search:
 
     def missed_in_steps(self, judged: WholeLoop) -> float:
         """The same of overshoot and joints' limits."""
-        over = max(0.0, judged.overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
+        over = max(0.0, judged.overshoot - LESS * self.own.overshoot) / max(self.own.overshoot, 0.5)
         limit = max(1.0, self.own.used)
         return min(over, 1.0) + max(0.0, float(np.log(max(judged.used, 1e-9) / limit)))
 
@@ -309,7 +312,7 @@ class Search:
         return replace(judged, scale=scale, corner=corner)
 
     def confirmed(self) -> tuple[Made, WholeLoop, np.ndarray]:
-        """The best candidate that overshoots at no corner by more than `damped`, of all that `damped` stepped at."""
+        """The best candidate that keeps its overshoot at all corners at which `damped` stepped; else `damped`."""
         for _, made, judged, x in reversed(self.kept[1:]):
             overshoots, used = self.stepped(made, self.compared)
             judged = replace(judged, overshoot=float(overshoots.max()), used=used)

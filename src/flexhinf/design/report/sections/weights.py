@@ -194,7 +194,7 @@ def _whole_loop_text(found: WholeLoopSearch) -> str:
     searched = (
         f"From the preset damped, {count_text(found.count, 'loop')} with other weights, noise levels and channels of "
         "the tolerances were tried, with the estimator, for the largest factor of all tolerances up to which no corner "
-        "of them is unstable; with no more overshoot at the corners than with damped, the same limits of the running "
+        "of them is unstable; with less overshoot at the corners than with damped, the same limits of the running "
         f"loop, and at most {NOISE:g} times the noise at each motor. "
     )
     if not found.better:
