@@ -249,12 +249,17 @@ def _unit(synthesis: Synthesis) -> str:
     return synthesis.problem.plant.unit(synthesis.problem.input_names[0])
 
 
+#: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
+ROBUST_STAGES = 3
+
+
 def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
     solved = synthesis_stages(states, s)
-    searched, limits = preset_of(robot, s) in ("damped", "robust"), joint_limits(robot, s)
-    more = (searched and (limits.limits_peak or limits.limits_speed)) + s.mujoco
+    preset, limits = preset_of(robot, s), joint_limits(robot, s)
+    more = (preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)) + s.mujoco
+    more += ROBUST_STAGES * (preset == "robust")
     return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 
