@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -58,6 +59,14 @@ class Compiled:
         pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in (y, r, measured, u, x, codes))
         self.library.replay(len(y), *pointers)
         return u, x, codes
+
+
+@pytest.fixture(scope="session")
+def controller() -> fh.Controller:
+    """The paper's arm with a cubic law and the unscented filter."""
+    arm = fh.paper_arm()
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
 
 
 @pytest.fixture(scope="session")

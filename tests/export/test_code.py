@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shutil
 import subprocess
@@ -93,13 +92,6 @@ int main(void)
     return codes[0] < steps / 2;
 }
 """
-
-
-@pytest.fixture(scope="module")
-def controller() -> fh.Controller:
-    arm = fh.paper_arm()
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
 
 
 @pytest.fixture(scope="module")

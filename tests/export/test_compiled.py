@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import pickle
 import subprocess
 import sys
@@ -16,14 +15,6 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export.recording import record
-
-ARM = fh.paper_arm()
-
-
-@pytest.fixture(scope="module")
-def controller() -> fh.Controller:
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.solve_hji(ARM.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
 
 
 @pytest.fixture(scope="module")

@@ -22,12 +22,6 @@ ARM = fh.paper_arm()
 
 
 @pytest.fixture(scope="module")
-def controller() -> fh.Controller:
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.solve_hji(ARM.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
-
-
-@pytest.fixture(scope="module")
 def files(
     controller: fh.Controller, compiler: str, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Path]:

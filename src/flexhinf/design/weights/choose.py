@@ -43,6 +43,7 @@ from flexhinf.design.weights.uncertainty import Channel, acting_corners, channel
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import Penalty
+from flexhinf.robot import Robot
 
 __all__ = [
     "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
@@ -55,7 +56,7 @@ YIELDS = 4
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
 
 
-def preset_of(robot: Any, s: Specification) -> str:
+def preset_of(robot: Robot, s: Specification) -> str:
     """The preset that is meant.
 
     Raises
@@ -97,7 +98,7 @@ def _contradiction(both: str, advice: str) -> InvalidInput:
 
 
 def choose(
-    robot: Any, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
+    robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
     """The problem of a specification.
 
@@ -133,7 +134,7 @@ def choose(
     return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
 
 
-def _stated(robot: Any, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
+def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
     """A penalty that is stated, with the sources of its weights and of R2."""
     own = robot.penalty
     if s.penalty is not None:
@@ -220,7 +221,7 @@ def _searched(
     return covering_products(first, covered, _failing)
 
 
-def tolerance_channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """The channels of a robot's tolerances, each at that of the poses where it does most.
 
     Raises

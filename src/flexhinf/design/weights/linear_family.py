@@ -19,6 +19,7 @@ from flexhinf.hinf import linear_law
 from flexhinf.hinf.gamma import linear_smallest_gamma
 from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant import PolynomialPlant
+from flexhinf.robot import Robot
 
 __all__ = [
     "MEMBERS", "Behaviour", "Families", "LinearDesign", "LinearFamily", "LinearProblem", "behaviour_of",
@@ -81,7 +82,7 @@ class LinearFamily:
 
     @staticmethod
     def of(
-        robot: Any, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
+        robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
         """Of a robot, corners sampled with a fixed seed.
 
@@ -145,7 +146,7 @@ class Families:
         return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
 
 
-def _corners(robot: Any, count: int, seed: int = 0) -> list[dict[str, Any]]:
+def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
     """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
     names = sorted(parameter.name for parameter in robot.uncertain)
     if not names or not count:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from flexhinf.design.weights.linear_family import LinearDesign, behaviour_of
 from flexhinf.design.weights.search import Candidate, SearchResult
 from flexhinf.design.weights.whole_loop import Made, Search, WholeLoop
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.robot import Robot
 
 __all__ = ["WholeLoopSearch", "at_pose", "search_whole_loop"]
 
@@ -56,7 +56,7 @@ class WholeLoopSearch:
 
 
 def search_whole_loop(
-    robot: Any,
+    robot: Robot,
     goal: np.ndarray,
     start: np.ndarray,
     s: Specification,

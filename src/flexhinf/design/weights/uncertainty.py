@@ -28,6 +28,7 @@ from flexhinf.analysis import DissipationCorners, LinearCorners
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import linear_law
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.robot import Robot
 
 __all__ = ["ENLARGED", "Channel", "acting_corners", "channels", "covering_products", "dissipation_of"]
 
@@ -70,7 +71,7 @@ class Channel:
         return self.quantity, "input" if np.any(self.by_input) else "state"
 
 
-def channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """Of all uncertain parameters, each at that of the poses where it does most."""
     plant = robot.plant()
     plant.traced_jacobians  # noqa: B018  traced once, shared by all corners
@@ -82,7 +83,7 @@ def channels(robot: Any, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def _changes(robot: Any, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
+def _changes(robot: Robot, plant: Any, name: str, pose: np.ndarray) -> np.ndarray:
     """[T_x T_u] from the nominal robot to each end of the interval, (2, 2 joints, n + m), each at its own
     equilibrium."""
     a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
@@ -117,7 +118,7 @@ def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
 
 
 # Products of tolerances ---------------------------------------------------------------------------------
-def acting_corners(robot: Any, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
+def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
     """The problem's plant at the corners of those tolerances that change it, each at its own equilibrium at the goal.
 
     Parameters

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from flexhinf.design.weights.design_problem import ChannelledProblem, Covering, 
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import solve_hji
 from flexhinf.plant import GeneralisedPlant
+from flexhinf.robot import Robot
 
 __all__ = ["LEAST_FRACTION", "Made", "Search", "WholeLoop"]
 
@@ -115,7 +115,7 @@ class Search:
 
     def __init__(
         self,
-        robot: Any,
+        robot: Robot,
         goal: np.ndarray,
         start: np.ndarray,
         s: Specification,
