@@ -90,7 +90,10 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
     assert np.abs(difference).max() < 1e-6
     assert result.rigid is None
     robust = fh.Specification(preset="robust", measured=("motor_position",), degrees=(2,), rays=0, draws=0)
-    assert fh.design(mixed, robust).design_problem.robustness is not None
+    found = fh.design(mixed, robust).synthesis.robust
+    assert found is not None
+    assert found.found.scale >= found.damped.scale > 0.0
+    assert found.count > 1
 
 
 def test_weights_by_a_plain_name_stand_for_the_joints_that_have_the_signal(mixed: Robot) -> None:

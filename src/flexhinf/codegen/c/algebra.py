@@ -15,13 +15,36 @@ PIVOT_ULPS = 45.0
 PARTS, TOGETHER = 8, 8
 
 
-def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool) -> str:
-    """Σ_k w_k l_kᵀ r_k + plus of (count, rows) and (count, columns), see `flexhinf.codegen.steps.OuterSum`."""
+def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: bool) -> str:
+    """Σ_k w_k l_kᵀ r_k + plus of (count, rows) and (count, columns), see `flexhinf.codegen.steps.OuterSum`.
+
+    With `wide` there are at least `TOGETHER` columns, and a loop of that many for compilers to make vectors of.
+    """
     arguments = ["const {R} *left", "const {R} *right"]
     arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
     sizes = "int count, int rows, int columns"
     factor = "left[k * rows + i] * weights[k]" if weighted else "left[k * rows + i]"
     plus = " + plus[i * columns + j + e]" if added else ""
+
+    def terms(width: str) -> str:
+        return f"""            for (int k = 0; k < count; ++k) {{
+                const {{R}} factor = {factor};
+                for (int e = 0; e < {width}; ++e) {{
+                    part[k % {PARTS}][e] = FMA(factor, right[k * columns + j + e], part[k % {PARTS}][e]);
+                }}
+            }}"""
+
+    body = terms("width")
+    if wide:
+        body = "\n".join(
+            [
+                f"            if (width == {TOGETHER}) {{",
+                terms(str(TOGETHER)),
+                "            } else {",
+                body,
+                "            }",
+            ]
+        )
     mirror = """
     for (int i = 0; i < rows; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -34,21 +57,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool) -> str:
         const int width = (columns - j < {TOGETHER}) ? columns - j : {TOGETHER};
         for (int i = {"j" if symmetric else "0"}; i < rows; ++i) {{
             {{R}} part[{PARTS}][{TOGETHER}] = {{{{{{0}}}}}};
-            if (width == {TOGETHER}) {{
-                for (int k = 0; k < count; ++k) {{
-                    const {{R}} factor = {factor};
-                    for (int e = 0; e < {TOGETHER}; ++e) {{
-                        part[k % {PARTS}][e] = FMA(factor, right[k * columns + j + e], part[k % {PARTS}][e]);
-                    }}
-                }}
-            }} else {{
-                for (int k = 0; k < count; ++k) {{
-                    const {{R}} factor = {factor};
-                    for (int e = 0; e < width; ++e) {{
-                        part[k % {PARTS}][e] = FMA(factor, right[k * columns + j + e], part[k % {PARTS}][e]);
-                    }}
-                }}
-            }}
+{body}
             for (int e = 0; e < width; ++e) {{
                 target[i * columns + j + e] = (((part[0][e] + part[1][e]) + (part[2][e] + part[3][e]))
                     + ((part[4][e] + part[5][e]) + (part[6][e] + part[7][e]))){plus};

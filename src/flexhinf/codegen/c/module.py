@@ -123,8 +123,9 @@ class Translator:
         yield "}"
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
-        flags = step.weights is not None, step.plus is not None, step.symmetric
-        short = "sum" + "".join(letter for letter, flag in zip("wps", flags) if flag)
+        wide = step.shape[1] >= algebra.TOGETHER
+        flags = step.weights is not None, step.plus is not None, step.symmetric, wide
+        short = "sum" + "".join(letter for letter, flag in zip("wpsv", flags) if flag)
         name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags))
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
