@@ -220,7 +220,9 @@ class Translator:
     def _rows(self, calls: dict[int, str]) -> dict[int, str]:
         """The same of rows."""
         return {
-            code: self._helper(f"{one}_row", row_function(f"{one}_row", one, self.lanes))
+            code: self._helper(
+                f"{one}_row", row_function(f"{one}_row", one, code == casadi.OP_COS, self.real, self.lanes)
+            )
             for code, one in calls.items()
         }
 

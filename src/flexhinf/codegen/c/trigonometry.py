@@ -22,7 +22,44 @@ SHORT_REACH = 1e6
 
 
 def function(name: str, cosine: bool, real: Real) -> str:
-    """``name_near(x)`` for what is reduced here, and ``name(x)`` for all numbers; of the type double."""
+    """``name(x)``: sin or cos; of the type double."""
+    lines = "\n".join(f"    {line}" for line in _statements(cosine, real, "x", "return"))
+    return f"""static {{R}} {name}({{R}} x)
+{{
+#ifdef FUSED
+    const {{R}} reach = {constant(REACH, real)};
+#else
+    const {{R}} reach = {constant(SHORT_REACH, real)};
+#endif
+    if (!({{fabs}}(x) <= reach)) {{
+        return {"cos" if cosine else "sin"}(x);
+    }}
+{lines}
+}}""".replace("    #", "#")
+
+
+def row_function(name: str, one: str, cosine: bool, real: Real, lanes: int) -> str:
+    """``void name(x, out)``: sin or cos of a row of lanes, as the function `one` of a number."""
+    lines = "\n".join(f"        {line}" for line in _statements(cosine, real, "x[l]", "out[l] ="))
+    return f"""static void {name}(const {{R}} *restrict x, {{R}} *restrict out)
+{{
+    int far = 0;
+    for (int l = 0; l < {lanes}; ++l) {{
+{lines}
+    }}
+    for (int l = 0; l < {lanes}; ++l) {{
+        far += !({{fabs}}(x[l]) <= {SHORT_REACH!r});
+    }}
+    if (far > 0) {{
+        for (int l = 0; l < {lanes}; ++l) {{
+            out[l] = {one}(x[l]);
+        }}
+    }}
+}}""".replace("        #", "#")
+
+
+def _statements(cosine: bool, real: Real, x: str, result: str) -> list[str]:
+    """What is done with an x within the reach: reduced, two polynomials, one of them by the quadrant."""
 
     def number(value: float) -> str:
         return constant(value, real)
@@ -41,51 +78,20 @@ def function(name: str, cosine: bool, real: Real) -> str:
 
     rounder = number(ROUNDER)
     odd, even = ("s", "c") if cosine else ("c", "s")
-    negative = (
-        f"m > {number(0.5)} && m < {number(2.5)}" if cosine else f"(m > {number(1.5)}) != (x < {number(0.0)})"
-    )
-    return f"""static {{R}} {name}_near({{R}} x)
-{{
-    const {{R}} size = {{fabs}}(x);
-    const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};
-    const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});
-#ifdef FUSED
-    const {{R}} r = {rest(HALF_PI)};
-#else
-    const {{R}} r = {rest(SHORT_HALF_PI)};
-#endif
-    const {{R}} z = r * r;
-    const {{R}} s = FMA({horner(SINE)}, z * r, r);
-    const {{R}} c = FMA({horner(COSINE)}, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));
-    const {{R}} value = (m * (m - {number(2.0)}) < {number(0.0)} || m > {number(2.5)}) ? {odd} : {even};
-    return ({negative}) ? -value : value;
-}}
-
-static {{R}} {name}({{R}} x)
-{{
-#ifdef FUSED
-    const {{R}} reach = {number(REACH)};
-#else
-    const {{R}} reach = {number(SHORT_REACH)};
-#endif
-    return ({{fabs}}(x) <= reach) ? {name}_near(x) : {"cos" if cosine else "sin"}(x);
-}}"""
-
-
-def row_function(name: str, one: str, lanes: int) -> str:
-    """``void name(x, out)``: the function `one` of a row of lanes."""
-    return f"""static void {name}(const {{R}} *restrict x, {{R}} *restrict out)
-{{
-    int far = 0;
-    for (int l = 0; l < {lanes}; ++l) {{
-        out[l] = {one}_near(x[l]);
-    }}
-    for (int l = 0; l < {lanes}; ++l) {{
-        far += !({{fabs}}(x[l]) <= {SHORT_REACH!r});
-    }}
-    if (far > 0) {{
-        for (int l = 0; l < {lanes}; ++l) {{
-            out[l] = {one}(x[l]);
-        }}
-    }}
-}}"""
+    half, low, high = number(0.5), number(1.5), number(2.5)
+    negative = f"m > {half} && m < {high}" if cosine else f"(m > {low}) != ({x} < {number(0.0)})"
+    return [
+        f"const {{R}} size = {{fabs}}({x});",
+        f"const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};",
+        f"const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});",
+        "#ifdef FUSED",
+        f"const {{R}} r = {rest(HALF_PI)};",
+        "#else",
+        f"const {{R}} r = {rest(SHORT_HALF_PI)};",
+        "#endif",
+        "const {R} z = r * r;",
+        f"const {{R}} s = FMA({horner(SINE)}, z * r, r);",
+        f"const {{R}} c = FMA({horner(COSINE)}, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
+        f"const {{R}} value = (m * (m - {number(2.0)}) < {number(0.0)} || m > {high}) ? {odd} : {even};",
+        f"{result} ({negative}) ? -value : value;",
+    ]
