@@ -65,6 +65,16 @@ def test_copies_and_pickles_go_on_alone(library: Path) -> None:
     assert "arm.so" in repr(one)
 
 
+def test_a_compiler_that_does_not_know_the_machine(
+    controller: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = tmp_path / "plain-cc"
+    plain.write_text(f'#!/bin/sh\ncase "$*" in *-march=*) exit 1;; esac\nexec {compiler} "$@"\n')
+    plain.chmod(0o755)
+    monkeypatch.setenv("CC", str(plain))
+    assert fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so")).step([0.1]).shape == (1,)
+
+
 def test_what_does_not_fit(library: Path, tmp_path: Path) -> None:
     arm = fh.load_compiled(library)
     for y in ([0.1, 0.2], "x", [1j]):

@@ -75,7 +75,10 @@ def compile_controller(controller: Controller, path: str | os.PathLike[str]) -> 
     target = checked_path("The library", path)
     code = code_of(controller, "controller", "double")
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": _entry(code)}
-    image = shared_library(sources, ("-O3", "-march=native"))
+    try:
+        image = shared_library(sources, ("-O3", "-march=native"))
+    except InvalidInput:  # some compilers do not know this machine by that name
+        image = shared_library(sources, ("-O3",))
     write_file(target, "library", lambda part: Path(part).write_bytes(image))
     return target
 
