@@ -18,6 +18,7 @@ from flexhinf.design.report.drawing import (
 )
 from flexhinf.design.report.formatting import Units, joint_table, units_of
 from flexhinf.design.report.sections.step import effort_limit, peak_text
+from flexhinf.design.responses import LoadResponse
 from flexhinf.design.result import Design
 from flexhinf.report import (
     Column,
@@ -29,13 +30,20 @@ from flexhinf.report import (
     new_figure,
 )
 
-__all__ = ["load_blocks", "load_remarks", "move_blocks", "move_remarks"]
+__all__ = ["load_blocks", "load_figure", "load_remarks", "move_blocks", "move_remarks"]
 
 
 def load_blocks(design: Design) -> list[Any]:
     """Figure and table."""
     e = design.evaluation
-    return [_load_figure(e, units_of(e)), _load_table(e, units_of(e))]
+    loaded = e.load_response
+    figure = load_figure(
+        e, loaded, "load",
+        f"The robot is in equilibrium at the goal. At {loaded.at:g} s (dotted) constant torques begin to act on all "
+        "links at once. Neither law nor estimator knows of them.",
+        "Torques on the links",
+    )  # fmt: skip
+    return [figure, _load_table(e, units_of(e))]
 
 
 def load_remarks(design: Design) -> Iterator[str]:
@@ -53,27 +61,23 @@ def load_remarks(design: Design) -> Iterator[str]:
         )
 
 
-def _load_figure(e: LawEvaluation, units: Units) -> Figure:
-    loaded, joints = e.load_response, e.setup.robot.joint_names
-    run, (unit, scale) = loaded.response.run, units.small
+def load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
+    """Deviations of the links from the goal, and inputs, before and under constant torques on the links."""
+    units, joints, response = units_of(e), loaded.response.joints, loaded.response
+    run, (unit, scale) = response.run, units.small
     figure, axes = new_figure(2)
-    joint_lines(axes[0], run.time, scale * (loaded.response.positions - loaded.response.goal), joints)
-    joint_lines(axes[1], run.time, loaded.response.inputs, joints)
+    joint_lines(axes[0], run.time, scale * (response.positions - response.goal), joints)
+    joint_lines(axes[1], run.time, response.inputs, joints)
     reference_line(axes[0])
-    limit, name = effort_limit(e, units)
-    limit_lines(axes[1], limit, loaded.response.inputs, name)
+    limit, limited = effort_limit(e, units)
+    limit_lines(axes[1], limit, response.inputs, limited)
     for axis in axes:
         vertical_line(axis, loaded.at)
     label(axes[0], "link position − goal", unit)
     label(axes[1], "input", units.effort)
     if len(joints) > 1:
         legend(axes[0])
-    return figure_block(
-        "load", figure,
-        f"The robot is in equilibrium at the goal. At {loaded.at:g} s (dotted) constant torques begin to act on all "
-        "links at once. Neither law nor estimator knows of them.",
-        "Torques on the links",
-    )  # fmt: skip
+    return figure_block(name, figure, caption, title)
 
 
 def _load_table(e: LawEvaluation, units: Units) -> Table:

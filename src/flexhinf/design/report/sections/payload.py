@@ -9,19 +9,12 @@ import numpy as np
 
 from flexhinf.analysis import Margins
 from flexhinf.design.carrying import Carried
-from flexhinf.design.report.drawing import (
-    figure_block,
-    joint_lines,
-    limit_lines,
-    reference_line,
-    vertical_line,
-)
-from flexhinf.design.report.formatting import listed, units_of
-from flexhinf.design.report.sections.step import effort_limit
+from flexhinf.design.report.formatting import finite, listed, units_of
+from flexhinf.design.report.sections.load_and_move import load_figure
 from flexhinf.design.requirements import RINGS, carrying_requirements
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
-from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
+from flexhinf.report import Column, Figure, Paragraph, Table, number
 
 __all__ = ["blocks", "carrying_text", "remarks"]
 
@@ -110,25 +103,11 @@ def _what(design: Design) -> str:
 
 def _figure(design: Design, one: Carried) -> Figure:
     """Deviations of the links and inputs while the heaviest payload is gripped."""
-    e, units, gripped = design.evaluation, units_of(design.evaluation), one.gripped
-    assert gripped is not None
-    run, joints, (unit, scale) = gripped.response.run, gripped.response.joints, units.small
-    figure, axes = new_figure(2)
-    joint_lines(axes[0], run.time, scale * (gripped.response.positions - gripped.response.goal), joints)
-    joint_lines(axes[1], run.time, gripped.response.inputs, joints)
-    reference_line(axes[0])
-    limit, name = effort_limit(e, units)
-    limit_lines(axes[1], limit, gripped.response.inputs, name)
-    for axis in axes:
-        vertical_line(axis, gripped.at)
-    label(axes[0], "link position − goal", unit)
-    label(axes[1], "input", units.effort)
-    if len(joints) > 1:
-        legend(axes[0])
-    return figure_block(
-        "payload", figure,
-        f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {gripped.at:g} s (dotted): the weight beyond "
-        "what the model carries acts on all links at once. Neither law nor estimator knows of it.",
+    assert one.gripped is not None
+    return load_figure(
+        design.evaluation, one.gripped, "payload",
+        f"At rest at the goal the robot grips {number(one.mass, 3)} kg at {one.gripped.at:g} s (dotted): the weight "
+        "beyond what the model carries acts on all links at once. Neither law nor estimator knows of it.",
         "Gripping the heaviest payload",
     )  # fmt: skip
 
@@ -150,7 +129,7 @@ def _table(design: Design) -> Table:
     for one in design.carried:
         sags: tuple[float | None, ...] = (None, None, None)
         if one.gripped is not None:
-            sags = scale * one.sag.value, _finite(one.recovery.value), scale * one.remaining.value
+            sags = scale * one.sag.value, finite(one.recovery.value), scale * one.remaining.value
         name = f"{number(one.mass, 3)} kg"
         rows.append((name, *_step(design, one.step), *sags, *_margins(one.margins)))
     columns = (
@@ -170,12 +149,8 @@ def _step(design: Design, response: Response) -> tuple[float | None, ...]:
     """Overshoot, settling and peak input."""
     limits = design.setup.limits
     used = limits.input_use(response).value if limits.limits_peak else response.peak_input
-    return tuple(_finite(value) for value in (response.overshoot.value, response.settling.value, used))
+    return tuple(finite([response.overshoot.value, response.settling.value, used]))
 
 
 def _margins(found: Margins) -> tuple[float | None, ...]:
-    return tuple(_finite(value) for value in (found.damping, found.peak_sensitivity, found.gain_margin))
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    return tuple(finite([found.damping, found.peak_sensitivity, found.gain_margin]))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
-from flexhinf.design.report.formatting import count_text, range_text
+from flexhinf.design.report.formatting import count_text, finite, range_text
 from flexhinf.design.result import Design
 from flexhinf.design.weights.choose import Robustness
 from flexhinf.design.weights.robust_preset import WholeLoopSearch
@@ -124,13 +124,7 @@ def selected_candidates(rows: list[Any]) -> list[Any]:
 
 def _candidates(design: Design) -> Table:
     every = candidate_rows(design)
-    rows = [
-        (
-            *(_finite(value) if isinstance(value, float) else value for value in row[:-1]),
-            "used" if row[-1] else "",
-        )
-        for row in selected_candidates(every)
-    ]
+    rows = [(*finite(row[:-1]), "used" if row[-1] else "") for row in selected_candidates(every)]
     columns = (
         Column("largest damping weight ζ", "", 3),
         Column("target frequency ω", "rad/s"),
@@ -142,10 +136,6 @@ def _candidates(design: Design) -> Table:
     )
     caption = f"{len(rows)} of {count_text(len(every), 'candidate')}, by ζ; design.json has all"
     return Table(columns, rows, caption, "table-tries")
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _search_figure(design: Design) -> Figure:
