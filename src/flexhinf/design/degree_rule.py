@@ -9,7 +9,7 @@ as it is deployed:
 2. Otherwise it is run with each degree. A higher one takes the place of a lower one if its step costs less, and keeps
    the limits of the specification that the lower one keeps, also on a few robots within their tolerances.
 
-The study behind it is `benchmarks/degrees.py`; docs/design.md shows what it found.
+The study behind it is `benchmarks/degrees.py`; docs/degrees.md shows what it found.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from flexhinf.design.weights.design_problem import DesignProblem
 from flexhinf.design.weights.estimator_noise import search_noise
 from flexhinf.design.weights.noise_candidates import NoiseSearch
 from flexhinf.design.weights.robust_preset import WholeLoopSearch, at_pose, search_whole_loop
+from flexhinf.design.weights.whole_loop import Search
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -210,10 +211,9 @@ class _Steps:
         same = replace(self.s, bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         covered = choose(self.robot, self.goal, self.start, same)
         levels = None if noise is None else noise.chosen.levels
-        problem, levels, found = search_whole_loop(
-            self.robot, self.goal, self.start, self.s, damped, covered, levels,
-            plain.degrees(damped, noise)[0].degree, self.progress,
-        )  # fmt: skip
+        degree = plain.degrees(damped, noise)[0].degree
+        search = Search(self.robot, self.goal, self.start, self.s, damped, covered, levels, degree)
+        problem, levels, found = search_whole_loop(search, self.progress)
         if noise is None or levels is None or not found.better:
             return problem, noise, found
         setup, damping = self.linear_setup(problem), required_damping(self.s, damped.target)

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexhinf.design.estimators import EstimatorNoise
-from flexhinf.design.specification import Specification
 from flexhinf.design.weights.design_problem import DesignProblem
 from flexhinf.design.weights.linear_family import LinearDesign, behaviour_of
 from flexhinf.design.weights.search import Candidate, SearchResult
 from flexhinf.design.weights.whole_loop import Made, Search, WholeLoop
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.robot import Robot
 
 __all__ = ["WholeLoopSearch", "at_pose", "search_whole_loop"]
 
@@ -56,32 +54,10 @@ class WholeLoopSearch:
 
 
 def search_whole_loop(
-    robot: Robot,
-    goal: np.ndarray,
-    start: np.ndarray,
-    s: Specification,
-    damped: DesignProblem,
-    covered: DesignProblem,
-    levels: EstimatorNoise | None,
-    degree: int,
-    progress: Callable[[str], None] = lambda text: None,
+    found: Search, progress: Callable[[str], None] = lambda text: None
 ) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
-    """The problem of the preset robust, its noise levels, and how they were found.
-
-    Parameters
-    ----------
-    robot, goal, start, s
-    damped : DesignProblem
-        Of the preset damped.
-    covered : DesignProblem
-        Whose channels cover the tolerances with the true state fed back.
-    levels : EstimatorNoise or None
-        Of `damped`; None where they are not free.
-    degree : int
-        Of V of the law that steps at the corners.
-    progress : callable
-    """
-    found = Search(robot, goal, start, s, damped, covered, levels, degree)
+    """The problem of the preset robust, its noise levels, and how they were found: runs a search."""
+    damped, levels = found.damped, found.levels
     best, judged, point = found.run()
     progress(f"weights and noise levels for the tolerances: {found.count} loops tried")
     assert damped.target is not None

@@ -111,7 +111,20 @@ class Made:
 
 
 class Search:
-    """Candidates by x = (ln ω, ln ζ, ln of links' and motors' levels, over those of damped; fraction)."""
+    """Candidates by x = (ln ω, ln ζ, ln of links' and motors' levels, over those of damped; fraction).
+
+    Parameters
+    ----------
+    robot, goal, start, s
+    damped : DesignProblem
+        Of the preset damped.
+    covered : DesignProblem
+        Whose channels cover the tolerances with the true state fed back.
+    levels : EstimatorNoise or None
+        Of `damped`; None where they are not free.
+    degree : int
+        Of V of the law that steps at the corners.
+    """
 
     def __init__(
         self,
