@@ -196,12 +196,8 @@ class ControllerCode:
     def source(self) -> str:
         """The text of ``NAME.c``."""
         memory = self.controller.memory.places
-        start = f"""    if (estimate != 0 && all_finite(estimate, {self.upper("STATES")})) {{
-        copied(estimate, state->start, {self.upper("STATES")});
-        copied(estimate, state->estimate, {self.upper("STATES")});
-    }}"""
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
-        predicted = self._call("predicted") if self.predicts else self.upper("STOPPED")
+        predicted = self.upper("STOPPED")
         if self.predicts:
             functions += PREDICTION
             predicted = f"{self.name}_predict(state, param, input)"
@@ -215,7 +211,7 @@ class ControllerCode:
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            START=start if self.starts_anywhere else "    (void)estimate;", ZERO=constant(0.0, self.real),
+            START=START if self.starts_anywhere else "    (void)estimate;", ZERO=constant(0.0, self.real),
             F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
 
@@ -244,6 +240,12 @@ class ControllerCode:
             return False
         return all(np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True))
 
+
+#: The estimate at the start, where it can be set.
+START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
+        @NAME@_copy(estimate, state->start, @BIG@_STATES);
+        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);
+    }"""
 
 #: The step without a measurement, where a finite result has a code of its own.
 PREDICTION = """

@@ -12,50 +12,13 @@ from typing import Any
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import ControllerCode, fill
+from flexhinf.export.controller_c import ControllerCode, fill, template
 from flexhinf.export.package import code_of
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path
 
 __all__ = ["compile_controller", "shared_library"]
-
-#: What a loader calls, beside init, start and step.
-ENTRY = """#include "@NAME@.h"
-#include <stddef.h>
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-EXPORT const char *flexhinf_description(void) { return @DESCRIPTION@; }
-EXPORT size_t flexhinf_state_size(void) { return sizeof(@NAME@_state); }
-EXPORT void flexhinf_start(void *state, const double *estimate, const double *input)
-{
-    @NAME@_start(state, &@NAME@_defaults, estimate, input);
-}
-EXPORT int flexhinf_step(void *state, const double *y, const double *r, int measured, double *u, double *estimate)
-{
-    @NAME@_input input = {0};
-    @NAME@_output output;
-    int code;
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        input.y[i] = y[i];
-    }
-    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
-        input.r[i] = r[i];
-    }
-    input.measured = measured;
-    code = @NAME@_step(state, &@NAME@_defaults, &input, &output);
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        u[i] = output.u[i];
-    }
-    for (int i = 0; i < @BIG@_STATES; ++i) {
-        estimate[i] = output.estimate[i];
-    }
-    return code;
-}
-"""
 
 
 def compile_controller(controller: Controller, path: str | os.PathLike[str]) -> Path:
@@ -92,7 +55,7 @@ def _entry(code: ControllerCode) -> str:
         "starts_anywhere": code.starts_anywhere,
     }  # fmt: skip
     text = json.dumps(json.dumps(about))  # twice: a string of C is one of JSON in ASCII
-    return fill(ENTRY, code.name, code.real, DESCRIPTION=text.replace("??", '?""?'))
+    return fill(template("library.c"), code.name, code.real, DESCRIPTION=text.replace("??", '?""?'))
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:

@@ -29,8 +29,8 @@ def function_text(
     moving: tuple[bool, ...] = (),
     calls: Mapping[int, str] | None = None,
     rows: Mapping[int, str] | None = None,
-) -> tuple[str, int]:
-    """The definition of ``static void name(in₀, …, out₀, …)``, and its number of operations.
+) -> str:
+    """The definition of ``static void name(in₀, …, out₀, …)``.
 
     Parameters
     ----------
@@ -59,8 +59,7 @@ def function_text(
     used = {op.arguments[0] for op in flow.operations if op is not None and op.code == casadi.OP_INPUT}
     unused = [f"{INDENT}(void)in{k};" for k in range(function.n_in()) if k not in used]
     body = writer.single() if lanes == 1 else writer.several()
-    text = "\n".join([f"static void {name}({', '.join(arguments)})", "{", *body, *unused, "}"])
-    return text, len(flow.operations) * lanes
+    return "\n".join([f"static void {name}({', '.join(arguments)})", "{", *body, *unused, "}"])
 
 
 def _is(operation: Operation | None, code: int) -> bool:

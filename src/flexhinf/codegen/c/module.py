@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Translator"]
 
+#: Functions that are written here instead of called, by CasADi's opcode.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+
 
 class Translator:
     """Collects the functions of one or more programs; what two of them share is written once.
@@ -37,14 +40,11 @@ class Translator:
     ----------
     functions : dict of str to str
         Name to text, in an order in which C can read it.
-    operations : int
-        Operations in the traced functions so far.
     """
 
     def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
         self.prefix, self.real, self.lanes = prefix, real, lanes
         self.functions: dict[str, str] = {}
-        self.operations = 0
         self._names: dict[tuple[Any, ...], str] = {}
 
     def __str__(self) -> str:
@@ -202,18 +202,18 @@ class Translator:
             name = f"{self.prefix}_{function.name()}{len(self._names)}"
             calls = self._calls(function)
             rows = self._rows(calls) if lanes > 1 else {}
-            text, operations = function_text(name, function, self.real, lanes, moving, calls, rows)
-            self.functions[name] = text
+            self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
             self._names[key] = name
-            self.operations += operations
         return self._names[key]
 
     def _calls(self, function: casadi.Function) -> dict[int, str]:
         """Sine and cosine of our own, where they are used; a float build calls the library."""
         used = {function.instruction_id(k) for k in range(function.n_instructions())}
         return {
-            code: self._helper(short, sine_function(f"{self.prefix}_{short}", short == "cos", self.real))
-            for code, short in ((casadi.OP_SIN, "sin"), (casadi.OP_COS, "cos"))
+            code: self._helper(
+                short, sine_function(f"{self.prefix}_{short}", code == casadi.OP_COS, self.real)
+            )
+            for code, short in SINES.items()
             if code in used and self.real.name == "double"
         }
 
@@ -221,7 +221,8 @@ class Translator:
         """The same of rows."""
         return {
             code: self._helper(
-                f"{one}_row", row_function(f"{one}_row", one, code == casadi.OP_COS, self.real, self.lanes)
+                f"{SINES[code]}_row",
+                row_function(f"{one}_row", one, code == casadi.OP_COS, self.real, self.lanes),
             )
             for code, one in calls.items()
         }
@@ -238,7 +239,7 @@ class Translator:
         return self._helper(short, algebra.columns(f"{self.prefix}_{short}", read, lanes))
 
     def _helper(self, short: str, text: str) -> str:
-        name = short if short.startswith(f"{self.prefix}_") else f"{self.prefix}_{short}"
+        name = f"{self.prefix}_{short}"
         if name not in self.functions:
             real = self.real
             for mark, meant in (

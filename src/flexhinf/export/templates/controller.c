@@ -41,23 +41,6 @@ static const real safe_input[@BIG@_INPUTS] = {
 
 @FUNCTIONS@
 /* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
-static void copied(const real *source, real *target, int count)
-{
-    for (int i = 0; i < count; ++i) {
-        target[i] = source[i];
-    }
-}
-
-static int all_finite(const real *numbers, int count)
-{
-    for (int i = 0; i < count; ++i) {
-        if (!isfinite(numbers[i])) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
 static int same(const real *one, const real *other, int count)
 {
     for (int i = 0; i < count; ++i) {
@@ -70,10 +53,10 @@ static int same(const real *one, const real *other, int count)
 
 static void begin(@NAME@_state *state)
 {
-    copied(state->start, state->memory, @BIG@_MEMORY);
-    copied(state->start, state->newer, @BIG@_MEMORY);
-    copied(state->start, state->older, @BIG@_MEMORY);
-    copied(state->start + @U@, state->held, @BIG@_INPUTS);
+    @NAME@_copy(state->start, state->memory, @BIG@_MEMORY);
+    @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
+    @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
+    @NAME@_copy(state->start + @U@, state->held, @BIG@_INPUTS);
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -82,7 +65,7 @@ static void begin(@NAME@_state *state)
 
 void @NAME@_init(@NAME@_state *state)
 {
-    copied(initial_memory, state->start, @BIG@_MEMORY);
+    @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
     for (int i = 0; i < @BIG@_STATES; ++i) {
         state->estimate[i] = @ZERO@;
     }
@@ -94,7 +77,7 @@ void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_r
 {
     @NAME@_init(state);
 @START@
-    if (input != 0 && all_finite(input, @BIG@_INPUTS)) {
+    if (input != 0 && @NAME@_finite(input, @BIG@_INPUTS)) {
         for (int i = 0; i < @BIG@_INPUTS; ++i) {
             const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
             const real above = (input[i] > low) ? input[i] : low;
@@ -112,16 +95,16 @@ static int went_back(@NAME@_state *state)
         state->failed = 1;
         return 0;
     }
-    if (!all_finite(state->start, @BIG@_MEMORY)) {
-        copied(initial_memory, state->start, @BIG@_MEMORY);
+    if (!@NAME@_finite(state->start, @BIG@_MEMORY)) {
+        @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
     }
-    if (!all_finite(state->older, @BIG@_MEMORY)) {
-        copied(state->start, state->older, @BIG@_MEMORY);
+    if (!@NAME@_finite(state->older, @BIG@_MEMORY)) {
+        @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
     start = same(state->older, state->start, @BIG@_MEMORY);
     if (start && state->began_again) { /* the start itself is bad: it can only be that memory was overwritten */
-        copied(initial_memory, state->start, @BIG@_MEMORY);
-        copied(initial_memory, state->older, @BIG@_MEMORY);
+        @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
+        @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
         const int command = i >= @REFERENCE@ && i < @REFERENCE@ + @COMMANDED@;
@@ -131,8 +114,8 @@ static int went_back(@NAME@_state *state)
         }
     }
     state->began_again = start;
-    copied(state->start, state->older, @BIG@_MEMORY);
-    copied(state->start, state->newer, @BIG@_MEMORY);
+    @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
+    @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
     return 1;
 }
 
@@ -166,11 +149,11 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     if (code == @BIG@_OK@OR_PREDICTED@) {
         state->failed = 0;
-        copied(state->u, state->held, @BIG@_INPUTS);
+        @NAME@_copy(state->u, state->held, @BIG@_INPUTS);
         state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
         if (state->samples == @SPACING@) {
-            copied(state->newer, state->older, @BIG@_MEMORY);
-            copied(state->memory, state->newer, @BIG@_MEMORY);
+            @NAME@_copy(state->newer, state->older, @BIG@_MEMORY);
+            @NAME@_copy(state->memory, state->newer, @BIG@_MEMORY);
             state->began_again = 0;
             state->samples = 0;
         }

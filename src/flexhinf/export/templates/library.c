@@ -1,0 +1,35 @@
+/* What `flexhinf.load_compiled` calls of @NAME@. */
+#include "@NAME@.h"
+#include <stddef.h>
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+EXPORT const char *flexhinf_description(void) { return @DESCRIPTION@; }
+EXPORT size_t flexhinf_state_size(void) { return sizeof(@NAME@_state); }
+EXPORT void flexhinf_start(void *state, const double *estimate, const double *input)
+{
+    @NAME@_start(state, &@NAME@_defaults, estimate, input);
+}
+EXPORT int flexhinf_step(void *state, const double *y, const double *r, int measured, double *u, double *estimate)
+{
+    @NAME@_input input = {0};
+    @NAME@_output output;
+    int code;
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        input.y[i] = y[i];
+    }
+    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+        input.r[i] = r[i];
+    }
+    input.measured = measured;
+    code = @NAME@_step(state, &@NAME@_defaults, &input, &output);
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        u[i] = output.u[i];
+    }
+    for (int i = 0; i < @BIG@_STATES; ++i) {
+        estimate[i] = output.estimate[i];
+    }
+    return code;
+}
