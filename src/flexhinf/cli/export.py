@@ -124,7 +124,7 @@ def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
     from flexhinf.design import load_design
     from flexhinf.design.design_file import is_design_file
 
-    path = Path(source) / "design.toml" if Path(source).is_dir() else Path(source)
+    path = _file_of(source)
     if not is_design_file(path):
         raise InvalidInput(
             "A plant is that of a design file.",
@@ -147,9 +147,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
     from flexhinf.loop import load_controller
     from flexhinf.report import unchanged
 
-    path = Path(source)
-    if path.is_dir():
-        path = path / "design.toml"
+    path = _file_of(source)
     if not is_design_file(path):
         return load_controller(path), "controller"
     beside = path.parent / "controller"
@@ -158,6 +156,12 @@ def controller_of(source: str) -> tuple[Controller, str]:
     if beside.exists():
         note("design.toml was changed since the report: it is designed anew.")
     return _designed(path)
+
+
+def _file_of(source: str) -> Path:
+    """The file that is meant: of a report's folder its design file."""
+    path = Path(source)
+    return path / "design.toml" if path.is_dir() else path
 
 
 def _robot_name(path: Path) -> str:
