@@ -125,6 +125,7 @@ class Certificate(Summarised):
         distinct(
             "The certificate's signal", [s.name for s in (*self.states, *self.inputs, *self.disturbances)]
         )
+        require(len(self.value) > 0, "a V that is not zero", "no monomial")
         distinct("The certificate's parameter", [p.name for p in self.parameters])
         checked_text("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
