@@ -27,6 +27,9 @@ __all__ = ["controller_files", "export_c", "write_files"]
 #: in float, covariances of 24 bits leave two to three digits of an estimate (0.1 to 2 % were seen).
 TOLERANCE = {"double": 1e-9, "float": 5e-2}
 
+#: Files around the controller that take its name and sizes alone.
+AROUND = ("main.c", "Makefile", "CMakeLists.txt", "cortex_m4/board.c", "cortex_m4/board.ld")
+
 
 def export_c(
     controller: Controller,
@@ -193,7 +196,7 @@ def controller_files(
         f"{name}.c": code.source,
         f"{name}_test.c": _test(code, record(code.controller)),
         "README.md": _readme(code),
-        **{file: _filled(code, file) for file in ("main.c", "Makefile", "CMakeLists.txt")},
+        **{file: _filled(code, file) for file in AROUND},
         f"templates/{name}.ino": _filled(code, "sketch.ino"),
         f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
     }
