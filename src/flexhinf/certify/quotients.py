@@ -17,11 +17,23 @@ from math import comb
 
 import flint
 import numpy as np
-from flint import arb, arb_series, fmpq
+from flint import arb, arb_series
+
+from flexhinf.certify.terms import Function
 
 __all__ = ["QuotientTable", "quotient_table"]
 
 Series = Callable[[arb_series], arb_series]
+
+#: The functions of certificates on power series over intervals, which bound their own derivatives.
+SERIES: dict[str, Series] = {
+    "sin": lambda s: s.sin(),
+    "cos": lambda s: s.cos(),
+    "exp": lambda s: s.exp(),
+    "tanh": lambda s: 1 - 2 / ((2 * s).exp() + 1),
+    "arctan": lambda s: s.atan(),
+    "log": lambda s: s.log(),
+}
 
 _SPACING = 2.0**-6  # of the nodes
 _PIECE = 2.0**-3  # length of the intervals on which derivatives are bounded
@@ -41,12 +53,15 @@ class QuotientTable:
         s_m; nan where the function is not defined.
     above, below : ndarray
         C on [0, (i + 1) pieces] and on [−(i + 1) pieces, 0].
+    largest : float
+        Bound of |S| in the whole table.
     """
 
     first: int
     rows: np.ndarray
     above: np.ndarray
     below: np.ndarray
+    largest: float
 
     @property
     def order(self) -> int:
@@ -72,35 +87,33 @@ def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
 
 
-def quotient_table(function: Series, value: fmpq, reach: float, order: int) -> QuotientTable:
-    """The table of a function for |ℓ| ≤ `reach`.
-
-    Parameters
-    ----------
-    function : callable
-    value : fmpq
-        Φ(0), to 300 bits.
-    reach : float
-    order : int
-        M.
-    """
+def quotient_table(function: Function, reach: float, order: int) -> QuotientTable:
+    """The table of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`."""
+    series = _shifted(function)
     count = int(np.ceil(reach / _SPACING)) + 1
     pieces = int(np.ceil(reach / _PIECE)) + 2
     cap, bits = flint.ctx.cap, flint.ctx.prec
     try:
         flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
-        rows = [_row(function, value, node, order) for node in range(-count, count + 1)]
+        rows = [_row(series, node, order) for node in range(-count, count + 1)]
         flint.ctx.prec = 64
         sides = []
         for sign in (1, -1):
-            bounds = [_derivative(function, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
+            bounds = [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
             sides.append(np.maximum.accumulate(bounds))
+        ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), *sides)
+    return QuotientTable(-count, np.array(rows), *sides, max(ends))
 
 
-def _row(function: Series, value: fmpq, node: int, order: int) -> list[float]:
+def _shifted(function: Function) -> Series:
+    """Φ on power series over intervals."""
+    elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
+    return lambda s: elementary(s + (arb(offset) + arb.pi() * halves / 2))
+
+
+def _row(function: Series, node: int, order: int) -> list[float]:
     """The Taylor polynomial of the quotient about a node, in powers of ℓ, rounded to doubles."""
     a = arb(node) * _SPACING
     series = function(arb_series([a, 1], prec=order + 3))
@@ -108,7 +121,7 @@ def _row(function: Series, value: fmpq, node: int, order: int) -> list[float]:
     if node == 0:
         taylor = taken[1 : order + 2]
     else:  # S_0 = (Φ(a) − Φ(0))/a, S_m = (Φ_m − S_{m−1})/a
-        taylor = [(taken[0] - arb(value)) / a]
+        taylor = [(taken[0] - function(arb_series([0, 1], prec=1))[0]) / a]
         for m in range(1, order + 1):
             taylor.append((taken[m] - taylor[-1]) / a)
     result = []

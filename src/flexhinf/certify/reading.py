@@ -1,110 +1,66 @@
-"""The fields of a problem as exact polynomials in the state and in elementary functions of one linear form each.
+"""The fields of a problem in the terms of a certificate: exact, with the plant's parameters by name.
 
-The model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on exact elements: every
-double is the rational number it is, sums and products are those of polynomials over the rationals, and a function such
-as sin becomes an `Atom`, a function of one linear form of the state. So f, g1, g2 and h are exact; nothing is expanded.
-
-What has no such form is refused by name: a function of two linear forms, `where`, `sign`, and inputs that do not enter
-affinely.
+A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
+rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
+as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
+form is refused by name: a function of something else than a linear form, `where`, an input that does not enter affinely.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from math import pi
 from typing import Any
 
 import casadi as ca
-import flint
 import numpy as np
-from flint import arb, arb_series, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Term
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 
-__all__ = ["Atom", "ExactFields", "exact_fields", "rational", "terms_of"]
+__all__ = ["PlantTerms", "nearest_double", "plant_terms", "rational", "terms_of"]
 
-Series = Callable[[arb_series], arb_series]
+Row = tuple[Term, ...]
+Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
 
-#: Elementary functions on power series over intervals, by CasADi's operation: each bounds its own derivatives.
-FUNCTIONS: dict[int, tuple[str, Series]] = {
-    ca.OP_SIN: ("sin", lambda s: s.sin()),
-    ca.OP_COS: ("cos", lambda s: s.cos()),
-    ca.OP_TAN: ("tan", lambda s: s.tan()),
-    ca.OP_EXP: ("exp", lambda s: s.exp()),
-    ca.OP_EXPM1: ("expm1", lambda s: s.exp() - 1),
-    ca.OP_LOG: ("log", lambda s: s.log()),
-    ca.OP_LOG1P: ("log1p", lambda s: (s + 1).log()),
-    ca.OP_SQRT: ("sqrt", lambda s: s.sqrt()),
-    ca.OP_ATAN: ("arctan", lambda s: s.atan()),
-    ca.OP_ASIN: ("arcsin", lambda s: s.asin()),
-    ca.OP_ACOS: ("arccos", lambda s: s.acos()),
-    ca.OP_SINH: ("sinh", lambda s: (s.exp() - (-s).exp()) / 2),
-    ca.OP_COSH: ("cosh", lambda s: (s.exp() + (-s).exp()) / 2),
-    ca.OP_TANH: ("tanh", lambda s: 1 - 2 / ((2 * s).exp() + 1)),
-    ca.OP_ERF: ("erf", lambda s: s.erf()),
+#: Operations of CasADi that are functions of a certificate.
+ELEMENTARY = {
+    getattr(ca, code): name
+    for code, name in zip(
+        ("OP_SIN", "OP_COS", "OP_EXP", "OP_TANH", "OP_ATAN", "OP_LOG"),
+        ("sin", "cos", "exp", "tanh", "arctan", "log"),
+        strict=True,
+    )
+    if name in FUNCTIONS
 }
 SUMS = {ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b}
-_HIGHEST_POWER = 16
+_HIGHEST_POWER = 10
+_MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
+
+#: φ(o) where it is rational: by function and, of multiples of π/2, their number.
+_QUARTERS = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0)}
+_AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
 
 
-@dataclass(frozen=True, eq=False)
-class Atom:
-    """A function of one linear form: x ↦ function(direction · x).
+@dataclass(frozen=True)
+class PlantTerms:
+    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`."""
 
-    Attributes
-    ----------
-    direction : tuple of fmpq
-        The linear form, its first coefficient that is not zero being 1.
-    function : callable
-        From a power series of the linear form to that of the function, over intervals.
-    text : str
-        Name, for messages and the certificate.
-    """
-
-    direction: tuple[fmpq, ...]
-    function: Series
-    text: str
-
-    def at_zero(self, precision: int = 300) -> fmpq:
-        """The value at 0, as a rational number that is right to about `precision` bits."""
-        with flint.ctx.workprec(precision + 20):
-            return rational_of(self.function(arb_series([0, 1], prec=1))[0])
-
-
-@dataclass(frozen=True, eq=False)
-class ExactFields:
-    """ẋ = f + g1 d + g2 u and h, in deviations from the operating point.
-
-    Attributes
-    ----------
-    context : fmpq_mpoly_ctx
-        Of polynomials in the n states, unused variables, and the atoms from place `first_atom` on.
-    states, first_atom : int
-    atoms : tuple of Atom
-    f, h : list of fmpq_mpoly
-    g1, g2 : list of list of fmpq_mpoly
-        One row per state, one column per channel.
-    r2 : list of list of fmpq
-    offset : float
-        Largest rate at the operating point before it was subtracted: rounding of the operating point.
-    """
-
-    context: fmpq_mpoly_ctx
-    states: int
-    first_atom: int
-    atoms: tuple[Atom, ...]
-    f: list[fmpq_mpoly]
-    g1: list[list[fmpq_mpoly]]
-    g2: list[list[fmpq_mpoly]]
-    h: list[fmpq_mpoly]
-    r2: list[list[fmpq]]
-    offset: float
+    drift: tuple[Row, ...]
+    g1: tuple[tuple[Row, ...], ...]
+    g2: tuple[tuple[Row, ...], ...]
+    penalty: Polynomials
+    functions: tuple[Function, ...]
+    parameters: tuple[Parameter, ...]
 
 
 def rational(value: float) -> fmpq:
@@ -113,25 +69,23 @@ def rational(value: float) -> fmpq:
     return fmpq(numerator, denominator)
 
 
+def nearest_double(value: fmpq) -> float:
+    """The double nearest to a rational number."""
+    return int(value.p) / int(value.q)  # Python rounds the quotient of two integers correctly
+
+
 def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
     """The coefficients of a polynomial by exponents, as Python's integers."""
     return {tuple(map(int, key)): value for key, value in polynomial.to_dict().items()}
 
 
-def rational_of(ball: arb) -> fmpq:
-    """The midpoint of a narrow ball."""
-    mantissa, exponent = ball.mid().man_exp()
-    mantissa, exponent = int(mantissa), int(exponent)
-    return fmpq(mantissa << exponent, 1) if exponent >= 0 else fmpq(mantissa, 1 << -exponent)
-
-
-def exact_fields(problem: Problem, penalty: Any = None) -> ExactFields:
-    """The exact fields of a problem.
+def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
+    """The fields of a problem in exact terms.
 
     Parameters
     ----------
     problem : GeneralisedPlant or PolynomialPlant
-    penalty : callable or ndarray, optional
+    penalty : callable, optional
         The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
 
     Raises
@@ -145,13 +99,12 @@ def exact_fields(problem: Problem, penalty: Any = None) -> ExactFields:
         return _of_polynomials(problem, penalty)
     raise InvalidInput(
         "The exact plant is not known, so nothing can be proved about it.",
-        f"expected a problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
+        f"expected the problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
         "load_solution(path, problem=…) for a solution from a file",
     )
 
 
-# A model's code -----------------------------------------------------------------------------------
-def _of_model(problem: GeneralisedPlant, penalty: Any) -> ExactFields:
+def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
     problem.check_unchanged()
     table = problem.plant.parameters
     n, m, k = len(problem.state_names), len(problem.input_names), len(problem.disturbance_names)
@@ -159,14 +112,28 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> ExactFields:
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    reader = _Reader(n, m + k, flow.n_instructions() + output.n_instructions())
-    x = reader.variables[:n]
+    reader = _Reader(n, m + k, _flat_names(table), flow.n_instructions() + output.n_instructions())
+    x, inputs = reader.states, reader.inputs
     moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
-    inputs = [a + rational(b) for a, b in zip(reader.variables[n : n + m], problem.operating_input)]
-    p = [reader.constant(value) for value in table.vector()]
-    rates = reader.run(flow, [moved, inputs, reader.variables[n + m : n + m + k], p])
-    h = reader.run(output, [x, p])
-    return reader.fields(rates, h, m, _matrix(problem.r2))
+    driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
+    rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
+    h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
+    columns = [reader.split(rate) for rate in rates]
+    drift = tuple(reader.row(row[0], drift=True) for row in columns)
+    g2, g1 = (
+        tuple(tuple(reader.row(part) for part in row[chosen]) for row in columns)
+        for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
+    )
+    penalty_terms = tuple(reader.polynomial(part) for part in h)
+    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(table.vector()))
+
+
+def _flat_names(table: ParameterTable) -> list[str]:
+    """A name for every entry of the parameter vector."""
+    rows = table.values.items()
+    return [
+        f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)
+    ]
 
 
 def _checked(penalty: Any, x: Any, h: Any) -> Any:
@@ -175,59 +142,65 @@ def _checked(penalty: Any, x: Any, h: Any) -> Any:
     return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
 
 
-def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> ExactFields:
+def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
     n, disturbances, inputs, outputs = plant.size
-    designed = outputs
-    output = trace(lambda x, h: _checked(penalty, x, h), n, designed)
-    reader = _Reader(n, 0, output.n_instructions())
 
-    def polynomial(parts: dict[int, np.ndarray], *place: int) -> fmpq_mpoly:
-        terms: dict[tuple[int, ...], fmpq] = {}
-        for degree, part in parts.items():
-            for exponents, value in zip(basis.exponents(n, degree).tolist(), part[place].tolist()):
-                if value:
-                    terms[(*exponents, *([0] * reader.room))] = rational(value)
-        return reader.context.from_dict(terms)
+    def row(parts: dict[int, np.ndarray], *place: int) -> Row:
+        return tuple(
+            Term(value, tuple(exponents))
+            for degree, part in sorted(parts.items())
+            for exponents, value in zip(basis.exponents(n, degree).tolist(), part[place].tolist())
+            if value
+        )
 
-    h = [polynomial(plant.h_parts, i) for i in range(outputs)]
-    h = reader.run(output, [reader.variables[:n], h])
-    f = [polynomial(plant.f_parts, i) for i in range(n)]
-    g1 = [[polynomial(plant.g1_parts, i, j) for j in range(disturbances)] for i in range(n)]
-    g2 = [[polynomial(plant.g2_parts, i, j) for j in range(inputs)] for i in range(n)]
-    f, offset = reader.without_constant(f)
-    h, _ = reader.without_constant(h)
-    context = reader.context
-    return ExactFields(context, n, n, tuple(reader.atoms), f, g1, g2, h, _matrix(plant.r2), offset)
-
-
-def _matrix(values: np.ndarray) -> list[list[fmpq]]:
-    return [[rational(value) for value in row] for row in values.tolist()]
+    output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
+    reader = _Reader(n, 0, (), output.n_instructions())
+    designed = []
+    for i in range(outputs):
+        terms = {term.powers: rational(term.coefficient) for term in row(plant.h_parts, i)}
+        rest = (0,) * (len(reader.context.names()) - n)
+        designed.append(reader.context.from_dict({(*key, *rest): value for key, value in terms.items()}))
+    h = reader.run(output, [reader.states, designed])
+    return PlantTerms(
+        tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
+        tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
+        tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
+        tuple(reader.polynomial(part) for part in h),
+        (),
+        (),
+    )
 
 
 class _Reader:
-    """Runs traced code on polynomials in states, inputs and atoms.
+    """Runs traced code on polynomials in states, inputs, parameters, their inverses, and functions.
 
     Parameters
     ----------
     states, inputs : int
         Numbers of variables; the inputs are u, then d.
-    most_atoms : int
-        Bound on the number of functions met.
+    parameters : sequence of str
+        Names of the parameters.
+    most : int
+        Bound on the number of functions.
     """
 
-    def __init__(self, states: int, inputs: int, most_atoms: int) -> None:
-        self.states, self.inputs = states, inputs
-        self.room = inputs + most_atoms
-        names = [f"x{i}" for i in range(states)] + [f"v{i}" for i in range(self.room)]
+    def __init__(self, states: int, inputs: int, parameters: Sequence[str], most: int) -> None:
+        sizes = states, inputs, len(parameters), len(parameters), most
+        names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
         self.context = fmpq_mpoly_ctx.get(names)
-        self.variables = list(self.context.gens())
-        self.atoms: list[Atom] = []
-        self._known: dict[tuple[int, str], fmpq_mpoly] = {}
+        variables = iter(self.context.gens())
+        parts = [[next(variables) for _ in range(size)] for size in sizes]
+        self.states, self.inputs, self.parameters, self.inverses, self._room = parts
+        self.names = tuple(parameters)
+        self.edges = np.cumsum([0, *sizes]).tolist()
+        self.functions: list[Function] = []
+        self._seen: set[int] = set()
 
     def constant(self, value: float) -> fmpq_mpoly:
         """A number as a polynomial."""
         return self.context.constant(rational(value))
 
+    # Running code ------------------------------------------------------------------------------
     def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
         """The single result of a traced function."""
         work: dict[int, fmpq_mpoly] = {}
@@ -242,149 +215,139 @@ class _Reader:
             elif code == ca.OP_OUTPUT:
                 result[written[1]] = work[read[0]]
             else:
-                work[written[0]] = self.operation(code, [work[place] for place in read])
+                work[written[0]] = self._operation(code, [work[place] for place in read])
         return result
 
-    def operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
-        """One instruction."""
+    def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
         first, second = operands[0], operands[-1]
+        simple = {ca.OP_NEG: -1, ca.OP_TWICE: 2, ca.OP_ASSIGN: 1}
         if code in SUMS:
             return SUMS[code](first, second)
-        simple = {ca.OP_NEG: -1, ca.OP_TWICE: 2, ca.OP_ASSIGN: 1}
         if code in simple:
             return first * simple[code]
         if code == ca.OP_SQ:
             return first * first
-        if code == ca.OP_INV:
-            return self.divided(self.context.constant(1), first)
-        if code == ca.OP_DIV:
-            return self.divided(first, second)
-        if code in (ca.OP_POW, ca.OP_CONSTPOW):
-            return self.power(first, second)
-        if code in FUNCTIONS:
-            return self.applied(*FUNCTIONS[code], first)
+        if code in (ca.OP_INV, ca.OP_DIV):
+            return (first if code == ca.OP_DIV else 1) * self._inverse(second)
+        if code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant():
+            value = second.leading_coefficient() if second else fmpq(0)
+            if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
+                return first ** int(value.p)
+        if code in ELEMENTARY:
+            return self._applied(ELEMENTARY[code], first)
         name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
-        raise _refused(f"the operation {name.removeprefix('OP_').lower()}")
+        raise refused(f"the operation {name.removeprefix('OP_').lower()}")
 
-    def divided(self, above: fmpq_mpoly, below: fmpq_mpoly) -> fmpq_mpoly:
-        """A quotient: exact by a number, an atom by a linear form."""
-        if below.is_constant():
-            return above / below.leading_coefficient()
-        return above * self.applied("1/", lambda s: 1 / s, below)
+    def _inverse(self, below: fmpq_mpoly) -> fmpq_mpoly:
+        terms = list(terms_of(below).items())
+        start, end = self.edges[2], self.edges[4]
+        if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
+            raise refused("a quotient by something else than a product of parameters")
+        (exponents, value), count = terms[0], len(self.names)
+        swapped = [0] * len(exponents)
+        swapped[start : start + count] = exponents[start + count : end]
+        swapped[start + count : end] = exponents[start : start + count]
+        return self.context.from_dict({tuple(swapped): 1 / value})
 
-    def power(self, base: fmpq_mpoly, exponent: fmpq_mpoly) -> fmpq_mpoly:
-        """A power with a constant exponent."""
-        if not exponent.is_constant():
-            raise _refused("a power whose exponent is no constant")
-        value = exponent.leading_coefficient() if exponent else fmpq(0)
-        if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
-            return base ** int(value.p)
-        return self.applied(f"power {value}", lambda s: (s.log() * arb(value)).exp(), base)
-
-    def applied(self, name: str, function: Series, argument: fmpq_mpoly) -> fmpq_mpoly:
-        """An elementary function of an expression: an atom."""
-        direction, inner, text = self.univariate(name, argument)
-        key = (id(function) if name == "1/" else 0, f"{name}({text})")
-        if key[1] not in self._known:
-            atom = Atom(direction, lambda s: function(inner(s)), key[1])
-            self._known[key[1]] = self.variables[self.states + self.inputs + len(self.atoms)]
-            self.atoms.append(atom)
-        return self._known[key[1]]
-
-    def univariate(self, name: str, argument: fmpq_mpoly) -> tuple[tuple[fmpq, ...], Series, str]:
-        """The one linear form that an expression depends on, and the expression as a function of it."""
-        terms = terms_of(argument)
-        directions = set()
-        linear = [fmpq(0)] * self.states
-        affine = True
-        for exponents, value in terms.items():
-            states, rest = exponents[: self.states], exponents[self.states :]
-            if any(rest[: self.inputs]):
-                raise _refused(f"{name} of an input or a disturbance")
-            directions |= {self.atoms[j].direction for j, e in enumerate(rest[self.inputs :]) if e}
-            if sum(states) == 1 and not any(rest):
-                linear[states.index(1)] = value
-            elif sum(states):
-                affine = False
-        if affine and any(linear):
-            directions.add(_normalised(linear)[0])
-        elif not affine:
-            used = {i for exponents in terms for i, e in enumerate(exponents[: self.states]) if e}
-            directions |= {tuple(fmpq(int(j == i)) for j in range(self.states)) for i in used}
-        if len(directions) != 1:
-            raise _refused(f"{name} of more than one linear form of the state")
-        (direction,) = directions
-        lead = next((i for i, value in enumerate(direction) if value), 0)
-        # Where the states enter affinely, ℓ = direction·x and the linear part is factor·ℓ; else ℓ is one state.
-        factor = linear[lead]
-        pieces = []
-        for exponents, value in terms.items():
-            power = sum(exponents[: self.states])
-            if power == 1 and affine:
+    def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
+        """A function of a linear form of the state: a variable."""
+        slope, offset = [0.0] * len(self.states), fmpq(0)
+        for exponents, value in terms_of(argument).items():
+            if not any(exponents):
+                offset = value
                 continue
-            chosen = [(self.atoms[j], e) for j, e in enumerate(exponents[self.states + self.inputs :]) if e]
-            pieces.append((value, power, chosen))
-        if affine and factor:
-            pieces.append((factor, 1, []))
+            if sum(exponents) != 1 or not any(exponents[: len(slope)]):
+                raise refused(f"{name} of something else than a linear form of the state with constant numbers")
+            slope[exponents.index(1)] = _exact_double(value, name)
+        function = Function(name, tuple(slope), *_offset(name, offset))
+        if function not in self.functions:
+            self.functions.append(function)
+        return self._room[self.functions.index(function)]
 
-        def inner(s: arb_series) -> arb_series:
-            return _evaluate(pieces, s)
+    # Terms -------------------------------------------------------------------------------------
+    def split(self, rate: fmpq_mpoly) -> list[fmpq_mpoly]:
+        """The part without inputs, then the factor of each input."""
+        start, end = self.edges[1], self.edges[2]
+        parts: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(end - start + 1)]
+        for exponents, value in terms_of(rate).items():
+            inputs = exponents[start:end]
+            if sum(inputs) > 1:
+                raise refused("an input or a disturbance that does not enter affinely")
+            place = 1 + inputs.index(1) if any(inputs) else 0
+            parts[place][exponents[:start] + (0,) * (end - start) + exponents[end:]] = value
+        return [self.context.from_dict(part) for part in parts]
 
-        return direction, inner, str(argument)
+    def row(self, field: fmpq_mpoly, drift: bool = False) -> Row:
+        """A field as terms; of the drift without its constant, which the operating input balances."""
+        result: dict[Any, fmpq] = {}
+        for exponents, value in terms_of(field).items():
+            states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
+            pairs = self._powers(exponents)
+            if sum(functions) > 1 or (any(functions) and not drift):
+                raise refused("a product of functions, or a function in g1 or g2")
+            index = functions.index(1) if any(functions) else None
+            if index is not None:
+                at_zero = self._at_zero(self.functions[index]) if any(states) else fmpq(0)
+                key = (states, pairs, None)
+                result[key] = result.get(key, fmpq(0)) + value * at_zero
+            if index is not None or any(states) or not drift:
+                key = (states, pairs, index)
+                result[key] = result.get(key, fmpq(0)) + value
+        return tuple(
+            Term(_exact_double(value, "the model"), states, pairs, index)
+            for (states, pairs, index), value in result.items()
+            if value
+        )
 
-    def fields(self, rates: list[fmpq_mpoly], h: list[fmpq_mpoly], m: int, r2: Any) -> ExactFields:
-        """f, g1 and g2 out of the rates, which must be affine in the inputs."""
-        n, k = self.states, self.inputs
-        split: list[list[dict]] = [[{} for _ in range(k + 1)] for _ in rates]
-        for i, rate in enumerate(rates):
-            for exponents, value in terms_of(rate).items():
-                inputs = exponents[n : n + k]
-                if sum(inputs) > 1:
-                    raise _refused("an input or a disturbance that does not enter affinely")
-                place = 1 + inputs.index(1) if any(inputs) else 0
-                split[i][place][exponents[:n] + (0,) * k + exponents[n + k :]] = value
-        parts = [[self.context.from_dict(part) for part in row] for row in split]
-        f, offset = self.without_constant([row[0] for row in parts])
-        h, _ = self.without_constant(h)
-        g2, g1 = [row[1 : 1 + m] for row in parts], [row[1 + m :] for row in parts]
-        return ExactFields(self.context, n, n + k, tuple(self.atoms), f, g1, g2, h, r2, offset)
+    def _powers(self, exponents: tuple[int, ...]) -> tuple[tuple[str, int], ...]:
+        start, middle, end = self.edges[2:5]
+        powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
+        self._seen |= {i for i, power in enumerate(powers) if power}
+        return tuple((self.names[i], power) for i, power in enumerate(powers) if power)
 
-    def without_constant(self, fields: list[fmpq_mpoly]) -> tuple[list[fmpq_mpoly], float]:
-        """The fields minus their values at the operating point, and the largest of those values."""
-        values = [atom.at_zero() for atom in self.atoms]
-        point = {i: fmpq(0) for i in range(self.states)}
-        point |= {self.states + self.inputs + j: value for j, value in enumerate(values)}
-        at_zero = []
-        for field in fields:
-            found = field.subs(point)
-            at_zero.append(found.leading_coefficient() if found else fmpq(0))
-        return [a - b for a, b in zip(fields, at_zero)], max(
-            (abs(float(int(v.p) / int(v.q))) for v in at_zero), default=0.0
+    def _at_zero(self, function: Function) -> fmpq:
+        if function.offset == 0.0 and function.name in _QUARTERS:
+            return fmpq(_QUARTERS[function.name][function.pi_halves % 4])
+        if function.offset == 0.0 and function.name in _AT_ZERO:
+            return fmpq(_AT_ZERO[function.name])
+        raise refused(f"a state times {function.name} of a state, away from where that is rational")
+
+    def polynomial(self, part: fmpq_mpoly) -> tuple[tuple[tuple[int, ...], float], ...]:
+        """A penalised output: the doubles nearest to its coefficients are what is checked."""
+        terms = terms_of(part)
+        if any(any(exponents[self.edges[1] :]) for exponents in terms):
+            raise refused("a penalty that is no polynomial of the state")
+        n = self.edges[1]
+        return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
+
+    def used(self, values: np.ndarray) -> tuple[Parameter, ...]:
+        """The parameters that stand in terms, at their nominal values."""
+        return tuple(
+            Parameter(self.names[i], float(values[i]), float(values[i])) for i in sorted(self._seen)
         )
 
 
-def _evaluate(pieces: Sequence[tuple[fmpq, int, list[tuple[Atom, int]]]], s: arb_series) -> arb_series:
-    total: Any = arb_series([0], prec=s.prec)
-    for value, power, chosen in pieces:
-        term: Any = arb_series([arb(value)], prec=s.prec)
-        for _ in range(power):
-            term = term * s
-        for atom, times in chosen:
-            inner = atom.function(s)
-            for _ in range(times):
-                term = term * inner
-        total = total + term
-    return total
+def _offset(name: str, offset: fmpq) -> tuple[float, int]:
+    """The offset as a double and a number of π/2, one of them zero."""
+    value = _exact_double(offset, name)
+    halves = round(value / (pi / 2))
+    if halves and abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
+        return 0.0, halves
+    return value, 0
 
 
-def _normalised(linear: Sequence[fmpq]) -> tuple[tuple[fmpq, ...], fmpq]:
-    factor = next(value for value in linear if value)
-    return tuple(value / factor for value in linear), factor
+def _exact_double(value: fmpq, where: str) -> float:
+    """A rational number that is a double."""
+    found = nearest_double(value)
+    if rational(found) != value:
+        raise refused(f"a number of {where} that is no double: make it a parameter of the plant")
+    return found
 
 
-def _refused(what: str) -> InvalidInput:
+def refused(what: str) -> InvalidInput:
+    """The error for a plant that the method cannot take."""
     return InvalidInput(
         "The method cannot prove anything about this plant.",
-        f"expected polynomials and elementary functions of one linear form of the state each, got {what}",
-        "sampled_region, or the Taylor expansion of the problem as the plant: problem.expand(degree)",
+        f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
+        "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
     )
