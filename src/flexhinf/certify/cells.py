@@ -10,9 +10,9 @@ each degree can change up to ρ_b.
 of the absolute values of everything that is added up is at most M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|,
 before as after the re-expansion (synthetic division adds |a| ≤ 1 times one coefficient to another, and no absolute sum
 grows beyond that of (|t⁰| + h)^β). Each of these terms passes at most K roundings, so the error is at most
-K u/(1 − K u) · M with u = 2⁻⁵³. K is counted in `_roundings`; the allowance is 2 K u M. Powers of two and dyadic t, h
-and ρ make the cells themselves exact. No number underflows or overflows unnoticed: sizes are checked once, in `_checked`,
-and 1e-280 is added for what underflows. A NaN is no bound that holds: all comparisons are ordered.
+K u/(1 − K u) · M with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Powers of two and dyadic
+t, h and ρ make the cells themselves exact. No number underflows or overflows unnoticed: sizes are checked once, in
+`_checked`, and 1e-280 is added for what underflows. A NaN is no bound that holds: all comparisons are ordered.
 """
 
 from __future__ import annotations
@@ -21,27 +21,43 @@ import ctypes
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from flint import fmpq, fmpq_mpoly_ctx
 
-from flexhinf.certify.faces import Layout, face_table, monomials_of, shift_lines
-from flexhinf.certify.inequality import Inequality, Rational
-from flexhinf.certify.kernel import LANES, LOW, POINTERS, Shape, kernel_text
+from flexhinf.certify.faces import (
+    Layout,
+    degrees_of,
+    face_table,
+    monomial_links,
+    monomials_of,
+    shift_lines,
+    sums_by_degree,
+    sums_on_faces,
+)
+from flexhinf.certify.inequality import (
+    Inequality,
+    Rational,
+    by_parity,
+    is_symmetric,
+    parity,
+    times_powers,
+)
+from flexhinf.certify.kernel import kernel_text
+from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape
 from flexhinf.certify.quotients import QuotientTable, quotient_table
-from flexhinf.certify.reading import nearest_double, terms_of
-from flexhinf.certify.terms import Function
+from flexhinf.certify.reading import nearest_double
 from flexhinf.codegen import machine
 from flexhinf.codegen.cache import cached
 from flexhinf.errors import NumericalFailure
 
 __all__ = ["Bounds", "CellBounds", "Cells"]
 
+_PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
 _SMALLEST = 1e-280
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
-_ASYMMETRY = 1e-9  # largest share of the terms of the wrong parity for opposite faces to be treated together
 _ENTRY = "flexhinf_cells"
 
 
@@ -123,52 +139,56 @@ class CellBounds:
         self.n = inequality.states
         self.reach = reach
         self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
-        self.symmetric = _symmetric(inequality)
+        self.symmetric = is_symmetric(inequality)
         signs = (1,) if self.symmetric else (1, -1)
         self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
         d, keep = self.n - 1, self.symmetric
-        value, value_odd = _parts(inequality.value, even=True) if keep else (inequality.value, {})
-        whole, whole_odd = _parts(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
+        value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
+        whole, whole_odd = (
+            by_parity(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
+        )
         factors = []
         for quotient in inequality.quotients:
-            right = _parity(quotient.function) == -1  # Φ odd: S even
-            factors.append(_parts(quotient.factor, even=right) if keep else (quotient.factor, {}))
+            right = parity(quotient.function) == -1  # Φ odd: S even
+            factors.append(by_parity(quotient.factor, even=right) if keep else (quotient.factor, {}))
         highest = max(map(sum, whole))
         self.tables: list[QuotientTable] = []
         powers: list[Rational] = []
         for (factor, _), quotient, most in zip(factors, inequality.quotients, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(quotient.function, most, order))
-            powers += _times_powers(factor, quotient.form, order)
-        degrees = [_degrees(part) for part in powers]
+            powers += times_powers(factor, quotient.form, order)
+        degrees = [degrees_of(part) for part in powers]
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
         self.shape = Shape(
             self.n,
-            Layout(d, _degrees(value)),
-            tuple(Layout(d, _degrees(factor) or (2,)) for factor, _ in factors),
+            Layout(d, degrees_of(value)),
+            tuple(Layout(d, degrees_of(factor) or (2,)) for factor, _ in factors),
             Layout(d, every),
             tuple(degrees),
         )
         self._fill(value, whole, [factor for factor, _ in factors], powers)
         highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
-        self._odd = [_sums(part, highest) for part in (value_odd, whole_odd)]
-        self._odd_factors = [_sums(odd, highest) for _, odd in factors]
+        self._odd = [sums_by_degree(part, highest) for part in (value_odd, whole_odd)]
+        self._odd_factors = [sums_by_degree(odd, highest) for _, odd in factors]
         self._exponents = np.array(list(inequality.value))
         self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
         self._checked()
         self._compile()
 
     # Tables -------------------------------------------------------------------------------------
-    def _fill(self, value: Rational, whole: Rational, factors: list[Rational], powers: list[Rational]) -> None:
+    def _fill(
+        self, value: Rational, whole: Rational, factors: list[Rational], powers: list[Rational]
+    ) -> None:
         shape, faces = self.shape, self.faces
         self.value_table = face_table(value, shape.value, faces)
         quotients = [face_table(part, layout, faces) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(faces), 1))
         parts = [face_table(part, shape.whole, faces) for part in (whole, *powers)]
         self.sizes = {
-            "value": _by_degree(self.value_table, shape.value),
-            "whole": np.stack([_by_degree(part, shape.whole) for part in parts]),
-            "factor": [_by_degree(q, layout) for q, layout in zip(quotients, shape.quotients)],
+            "value": sums_on_faces(self.value_table, shape.value),
+            "whole": np.stack([sums_on_faces(part, shape.whole) for part in parts]),
+            "factor": [sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)],
         }
         columns = []
         for group in shape.whole.groups:
@@ -227,7 +247,7 @@ class CellBounds:
         self._segments = np.array(flat, dtype=np.int64)
         self._lines = np.concatenate([*lines, [0]]).astype(np.int32)
         longest = max((shape.whole, shape.value), key=lambda layout: layout.degrees[-1])
-        self._signs = _monomial_table(longest.monomials, shape.directions)
+        self._signs = monomial_links(longest.monomials, shape.directions)
 
     def _context(self, faces: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, level: float) -> _Call:
         work = _aligned(self.shape.work_places()["count"] * LANES)
@@ -272,9 +292,8 @@ class CellBounds:
         if pool is None:
             self._entry(call.words.ctypes.data)
             return
-        workers = pool._max_workers
-        edges = np.linspace(0, total, workers + 1).astype(np.int64)
-        calls = [call.part(a, b) for a, b in zip(edges[:-1], edges[1:]) if b > a]
+        edges = np.linspace(0, total, _PARTS + 1).astype(np.int64)
+        calls = [call.part(a, b) for a, b in pairwise(edges.tolist()) if b > a]
         for future in [pool.submit(self._entry, part.words.ctypes.data) for part in calls]:
             future.result()
 
@@ -341,7 +360,9 @@ class CellBounds:
         self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """An interval that ℓ stays in on each cell."""
-        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(len(self.faces), -1)
+        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(
+            len(self.faces), -1
+        )
         main = np.array([sign * form[variable] for variable, sign in self.faces])
         at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
         wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
@@ -371,78 +392,3 @@ def _aligned(count: int) -> np.ndarray:
     raw = np.zeros(count + 8)
     offset = (-raw.ctypes.data % 64) // 8
     return raw[offset : offset + count]
-
-
-def _monomial_table(monomials: Sequence[tuple[int, ...]], directions: int) -> np.ndarray:
-    """For each monomial another one times one variable that it is; then which variables it has, as doubles."""
-    place = {beta: b for b, beta in enumerate(monomials)}
-    links = np.zeros((len(monomials), 2), dtype=np.int64)
-    for b, beta in enumerate(monomials[1:], 1):
-        j = next(j for j, e in enumerate(beta) if e)
-        links[b] = place[(*beta[:j], beta[j] - 1, *beta[j + 1 :])], j
-    masks = (np.array(monomials).reshape(len(monomials), directions) > 0).astype(float)
-    return np.concatenate([links.ravel(), masks.ravel().view(np.int64)])
-
-
-def _parity(function: Function) -> int:
-    """1 where φ(o + ℓ) − φ(o) is exactly even in ℓ, −1 where it is exactly odd, else 0."""
-    if function.offset != 0.0:
-        return 0
-    if function.name in ("sin", "cos"):
-        odd = (function.pi_halves + (function.name == "cos")) % 2 == 0
-        return -1 if odd else 1
-    return -1 if function.name in ("tanh", "arctan") and function.pi_halves == 0 else 0
-
-
-def _symmetric(inequality: Inequality) -> bool:
-    """Whether V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance."""
-    wanted = [(inequality.value, True), (inequality.polynomial, True)]
-    for quotient in inequality.quotients:
-        parity = _parity(quotient.function)
-        if parity == 0:
-            return False
-        wanted.append((quotient.factor, parity == -1))
-    for terms, even in wanted:
-        sizes = [np.sum([abs(nearest_double(v)) for v in part.values()]) for part in _parts(terms, even)]
-        if sizes[1] > _ASYMMETRY * sum(sizes):
-            return False
-    return True
-
-
-def _parts(terms: Rational, even: bool) -> tuple[Rational, Rational]:
-    """The terms of even (or odd) degree, and the others."""
-    kept = {key: value for key, value in terms.items() if (sum(key) % 2 == 0) == even}
-    return kept, {key: value for key, value in terms.items() if key not in kept}
-
-
-def _degrees(terms: Rational) -> tuple[int, ...]:
-    return tuple(sorted({sum(key) for key in terms}))
-
-
-def _times_powers(factor: Rational, form: Sequence[fmpq], order: int) -> list[Rational]:
-    """Q ℓᵐ for m = 0 … order."""
-    n = len(form)
-    context = fmpq_mpoly_ctx.get([f"z{i}" for i in range(n)])
-    line = sum((context.constant(a) * z for a, z in zip(form, context.gens())), context.constant(0))
-    product, result = context.from_dict(factor), []
-    for _ in range(order + 1):
-        result.append(terms_of(product))
-        product = product * line
-    return result
-
-
-def _by_degree(table: np.ndarray, layout: Layout) -> np.ndarray:
-    """Sums of absolute coefficients (faces, highest degree + 1)."""
-    sums = np.zeros((len(table), layout.degrees[-1] + 1))
-    for group in layout.groups:
-        part = table[:, group.offset : group.offset + group.count * len(group.degrees)]
-        sums[:, list(group.degrees)] += np.abs(part).reshape(len(table), group.count, -1).sum(1)
-    return sums * (1 + 1e-12)
-
-
-def _sums(terms: Rational, highest: int) -> np.ndarray:
-    """Sums of absolute coefficients by degree, (highest + 1,)."""
-    sums = np.zeros(highest + 1)
-    for key, value in terms.items():
-        sums[sum(key)] += abs(nearest_double(value))
-    return sums * (1 + 1e-12)

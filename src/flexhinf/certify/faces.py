@@ -15,7 +15,10 @@ import numpy as np
 from flexhinf.certify.inequality import Rational
 from flexhinf.certify.reading import nearest_double
 
-__all__ = ["Group", "Layout", "face_table", "monomials_of", "shift_lines"]
+__all__ = [
+    "Group", "Layout", "degrees_of", "face_table", "monomial_links", "monomials_of", "shift_lines", "sums_by_degree",
+    "sums_on_faces",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -111,3 +114,36 @@ def face_table(terms: Rational, layout: Layout, faces: Sequence[tuple[int, int]]
             beta = key[:variable] + key[variable + 1 :]
             row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
     return table
+
+
+def monomial_links(monomials: Sequence[tuple[int, ...]], directions: int) -> np.ndarray:
+    """For each monomial another one times one variable that it is; then which variables it has, as doubles."""
+    place = {beta: b for b, beta in enumerate(monomials)}
+    links = np.zeros((len(monomials), 2), dtype=np.int64)
+    for b, beta in enumerate(monomials[1:], 1):
+        j = next(j for j, e in enumerate(beta) if e)
+        links[b] = place[(*beta[:j], beta[j] - 1, *beta[j + 1 :])], j
+    masks = (np.array(monomials).reshape(len(monomials), directions) > 0).astype(float)
+    return np.concatenate([links.ravel(), masks.ravel().view(np.int64)])
+
+
+def degrees_of(terms: Rational) -> tuple[int, ...]:
+    """The degrees of a polynomial's terms, ascending."""
+    return tuple(sorted({sum(key) for key in terms}))
+
+
+def sums_on_faces(table: np.ndarray, layout: Layout) -> np.ndarray:
+    """Sums of absolute coefficients (faces, highest degree + 1)."""
+    sums = np.zeros((len(table), layout.degrees[-1] + 1))
+    for group in layout.groups:
+        part = table[:, group.offset : group.offset + group.count * len(group.degrees)]
+        sums[:, list(group.degrees)] += np.abs(part).reshape(len(table), group.count, -1).sum(1)
+    return sums * (1 + 1e-12)
+
+
+def sums_by_degree(terms: Rational, highest: int) -> np.ndarray:
+    """Sums of absolute coefficients by degree, (highest + 1,)."""
+    sums = np.zeros(highest + 1)
+    for key, value in terms.items():
+        sums[sum(key)] += abs(nearest_double(value))
+    return sums * (1 + 1e-12)

@@ -8,18 +8,23 @@ S_j = (φ(o + ℓ) − φ(o))/ℓ with Q_j = B_j ℓ_j where B_j is its factor i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import prod
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.reading import rational, terms_of
+from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.terms import Function, Polynomial, Term
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Inequality", "Quotient", "Rational", "inequality_of"]
+__all__ = [
+    "Inequality", "Quotient", "Rational", "by_parity", "inequality_of", "is_symmetric", "parity", "times_powers",
+]  # fmt: skip
+
+#: Largest share of the terms of the wrong parity for opposite faces to be treated together.
+_ASYMMETRY = 1e-9
 
 #: A polynomial: coefficients by exponents.
 Rational = dict[tuple[int, ...], fmpq]
@@ -125,15 +130,17 @@ class _Algebra:
     def _quotients(self, slope: list[fmpq_mpoly]) -> Iterable[Quotient]:
         for index, function in enumerate(self.certificate.functions):
             line = self._moved(
-                {tuple(int(j == i) for j in range(self.n)): rational(a) for i, a in enumerate(function.slope) if a}
+                {
+                    tuple(int(j == i) for j in range(self.n)): rational(a)
+                    for i, a in enumerate(function.slope)
+                    if a
+                }
             )
             factor = self.zero
             for i, row in enumerate(self.certificate.drift):
                 factor += slope[i] * self._terms(term for term in row if term.function == index)
             terms = terms_of(line)
-            form = tuple(
-                terms.get(tuple(int(j == i) for j in range(self.n)), fmpq(0)) for i in range(self.n)
-            )
+            form = tuple(terms.get(tuple(int(j == i) for j in range(self.n)), fmpq(0)) for i in range(self.n))
             if factor:
                 yield Quotient(terms_of(factor * line), form, function)
 
@@ -147,3 +154,46 @@ def _one_value(parameter: object) -> fmpq:
             "the nominal value",
         )
     return rational(low)
+
+
+def parity(function: Function) -> int:
+    """1 where φ(o + ℓ) − φ(o) is exactly even in ℓ, −1 where it is exactly odd, else 0."""
+    if function.offset != 0.0:
+        return 0
+    if function.name in ("sin", "cos"):
+        odd = (function.pi_halves + (function.name == "cos")) % 2 == 0
+        return -1 if odd else 1
+    return -1 if function.name in ("tanh", "arctan") and function.pi_halves == 0 else 0
+
+
+def is_symmetric(inequality: Inequality) -> bool:
+    """Whether V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance."""
+    wanted = [(inequality.value, True), (inequality.polynomial, True)]
+    for quotient in inequality.quotients:
+        sign = parity(quotient.function)
+        if sign == 0:
+            return False
+        wanted.append((quotient.factor, sign == -1))
+    for terms, even in wanted:
+        sizes = [sum(abs(nearest_double(v)) for v in part.values()) for part in by_parity(terms, even)]
+        if sizes[1] > _ASYMMETRY * sum(sizes):
+            return False
+    return True
+
+
+def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
+    """The terms of even (or odd) degree, and the others."""
+    kept = {key: value for key, value in terms.items() if (sum(key) % 2 == 0) == even}
+    return kept, {key: value for key, value in terms.items() if key not in kept}
+
+
+def times_powers(factor: Rational, form: Sequence[fmpq], order: int) -> list[Rational]:
+    """Q ℓᵐ for m = 0 … order."""
+    n = len(form)
+    context = fmpq_mpoly_ctx.get([f"z{i}" for i in range(n)])
+    line = sum((context.constant(a) * z for a, z in zip(form, context.gens())), context.constant(0))
+    product, result = context.from_dict(factor), []
+    for _ in range(order + 1):
+        result.append(terms_of(product))
+        product = product * line
+    return result

@@ -7,294 +7,65 @@ is kept on disk like that of other kernels.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-
 from flexhinf.certify.faces import Group, Layout
-from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.certify.kernel_code import (
+    LANES,
+    LOW,
+    POINTERS,
+    KernelFrame,
+    RunningSum,
+    Shape,
+    finish,
+    longest_layout,
+    table_size,
+    write_shift,
+)
+from flexhinf.codegen.emit.text import Lanes, ModuleText
 
-__all__ = ["LANES", "LOW", "POINTERS", "Shape", "kernel_text"]
-
-LANES = 8
-LOW = 3  # monomials through this degree are kept as polynomials in ρ; the others only bounded
-VECTOR = f"<{LANES} x double>"
-
-#: What the kernel's argument points to, in this order: 64-bit words.
-POINTERS = (
-    "first", "last", "faces", "inputs", "outputs", "work", "level", "value_table", "quotient_table", "table",
-    "segments", "lines", "signs",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Shape:
-    """Sizes that the text depends on.
-
-    Attributes
-    ----------
-    states : int
-    value : Layout
-        Of V.
-    quotients : tuple of Layout
-        Of the factors Q_j.
-    whole : Layout
-        Of r, all quotients multiplied out.
-    terms : tuple of tuple of int
-        For every quotient and power of ℓ, the degrees of Q_j ℓᵐ.
-    """
-
-    states: int
-    value: Layout
-    quotients: tuple[Layout, ...]
-    whole: Layout
-    terms: tuple[tuple[int, ...], ...]
-
-    @property
-    def directions(self) -> int:
-        """Number of the t_j."""
-        return self.states - 1
-
-    @property
-    def input_rows(self) -> dict[str, int]:
-        """First row of each input of a group of cells, and their number."""
-        d, j = self.directions, len(self.quotients)
-        names = ["t"] * d + ["h"] * d + ["inner", "outer", "middle", "half"]
-        names += ["value_rounding", "growth_rounding", "rounding"] + ["error"] * j + ["s"] * len(self.terms)
-        rows = {name: names.index(name) for name in dict.fromkeys(names)}
-        return rows | {"count": len(names)}
-
-    @property
-    def output_rows(self) -> dict[str, int]:
-        """Row of each result."""
-        names = (
-            "least_value", "growth", "upper", "upper_inside", "centre", "allowance", "value", "value_range",
-            "growth_at_centre", "score",
-        )  # fmt: skip
-        return {name: i for i, name in enumerate(names)} | {"count": len(names) - 1 + self.states}
-
-    def work_places(self) -> dict[str, int]:
-        """Places in the work buffer, in vectors."""
-        highest = max(self.whole.degrees[-1], self.value.degrees[-1])
-        monomials = len(max((self.whole, self.value), key=lambda layout: layout.degrees[-1]).monomials)
-        low = sum(group.count for group in self.whole.groups if group.size <= LOW)
-        sizes = {
-            "value": self.value.count, "quotient": max((q.count for q in self.quotients), default=0),
-            "whole": self.whole.count, "scale": monomials, "weight": monomials,
-            "low": low * (highest + 1), "low_value": low * (highest + 1), "powers": 6 * (highest + 3),
-            "slopes": self.states,
-        }  # fmt: skip
-        places, total = {}, 0
-        for name, size in sizes.items():
-            places[name] = total
-            total += size
-        return places | {"count": total}
-
-
-class _Code(Writer):
-    """Writing helpers: vectors in memory, loops, running sums."""
-
-    def zero(self) -> str:
-        return "zeroinitializer"
-
-    def at(self, base: str, index: str, kind: str = VECTOR) -> str:
-        return self.let(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
-
-    def load(self, pointer: str) -> str:
-        return self.let(f"load {VECTOR}, ptr {pointer}, align 64")
-
-    def store(self, value: str, pointer: str) -> None:
-        self.do(f"store {VECTOR} {value}, ptr {pointer}, align 64")
-
-    def number(self, base: str, index: str) -> str:
-        """One double of a table in every lane."""
-        return self.splat(self.let(f"load double, ptr {self.at(base, index, 'double')}, align 8"))
-
-    def word(self, base: str, index: str) -> str:
-        return self.let(f"load i64, ptr {self.at(base, index, 'i64')}, align 8")
-
-    def plus(self, a: str, b: str) -> str:
-        return self.real("fadd", a, b)
-
-    def minus(self, a: str, b: str) -> str:
-        return self.real("fsub", a, b)
-
-    def times(self, a: str, b: str) -> str:
-        return self.real("fmul", a, b)
-
-    def fused(self, a: str, b: str, c: str) -> str:
-        """a b + c, fused where the processor can."""
-        return self.intrinsic("fmuladd", a, b, c)
-
-    def absolute(self, a: str) -> str:
-        return self.intrinsic("fabs", a)
-
-    def negative(self, a: str) -> str:
-        return self.let(f"fneg {VECTOR} {a}")
-
-    def positive(self, a: str) -> str:
-        """max(a, 0); of NaN, NaN."""
-        return self.select(self.compare("ole", a, self.zero()), self.zero(), a)
-
-    def constant(self, value: float) -> str:
-        return self.lanes.constant(value)
-
-    def integer(self, operation: str, a: str, b: str) -> str:
-        return self.let(f"{operation} i64 {a}, {b}")
-
-    @contextmanager
-    def loop(self, count: str, start: str = "0") -> Iterator[str]:
-        """A loop over the integers from `start` to `count`."""
-        counter = self.allocate("i64")
-        head, body, end = (self.label(what) for what in ("head", "body", "end"))
-        self.do(f"store i64 {start}, ptr {counter}")
-        self.do(f"br label %{head}")
-        self.place(head)
-        index = self.let(f"load i64, ptr {counter}")
-        inside = self.let(f"icmp slt i64 {index}, {count}")
-        self.do(f"br i1 {inside}, label %{body}, label %{end}")
-        self.place(body)
-        yield index
-        self.do(f"store i64 {self.integer('add', index, '1')}, ptr {counter}")
-        self.do(f"br label %{head}")
-        self.place(end)
-
-    @contextmanager
-    def where(self, condition: str) -> Iterator[None]:
-        """Text that runs if an i1 holds."""
-        yes, end = self.label("yes"), self.label("end")
-        self.do(f"br i1 {condition}, label %{yes}, label %{end}")
-        self.place(yes)
-        yield
-        self.do(f"br label %{end}")
-        self.place(end)
-
-    def sum(self, start: str = "zeroinitializer") -> _Sum:
-        """A running sum."""
-        total = _Sum(self, self.allocate(VECTOR))
-        total.put(start)
-        return total
-
-
-@dataclass
-class _Sum:
-    code: _Code
-    place: str
-
-    def get(self) -> str:
-        return self.code.load(self.place)
-
-    def put(self, value: str) -> None:
-        self.code.store(value, self.place)
-
-    def add(self, value: str) -> None:
-        self.put(self.code.plus(self.get(), value))
-
-    def take(self, value: str) -> None:
-        self.put(self.code.minus(self.get(), value))
+__all__ = ["kernel_text"]
 
 
 def kernel_text(shape: Shape, entry: str) -> tuple[str, str]:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
-    longest = max(shape.whole.degrees[-1], shape.value.degrees[-1], *(q.degrees[-1] for q in shape.quotients), 1)
-    _write_shift(module, longest)
+    longest = max(
+        shape.whole.degrees[-1], shape.value.degrees[-1], *(q.degrees[-1] for q in shape.quotients), 1
+    )
+    write_shift(module, longest)
     _Kernel(module, shape).write(entry)
     return str(module), entry
 
 
-_ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
-
-
-def _finish(code: _Code, head: str, name: str) -> None:
-    code.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *code.first, *code.lines, "}"])
-
-
-def _write_shift(module: ModuleText, longest: int) -> None:
-    """shift(coefficients, segments, lines, t, first, last): P(t + a) by synthetic division, line after line.
-
-    A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of coefficients.
-    """
-    code = _Code(module)
-    with code.loop("%last", "%first") as index:
-        row = code.integer("mul", index, "4")
-        variable, length, count, start = (
-            code.word("%segments", code.integer("add", row, str(i))) for i in range(4)
-        )
-        a = code.load(code.at("%t", variable))
-        done = code.label("done")
-        labels = [code.label(f"length{L}_") for L in range(1, longest + 1)]
-        cases = " ".join(f"i64 {L}, label %{label}" for L, label in enumerate(labels, 1))
-        code.do(f"switch i64 {length}, label %{done} [ {cases} ]")
-        for L, label in enumerate(labels, 1):
-            code.place(label)
-            with code.loop(count) as line:
-                base = code.integer("add", start, code.integer("mul", line, str(L + 1)))
-                places = []
-                for p in range(L + 1):
-                    pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
-                    narrow = code.let(f"load i32, ptr {pointer}, align 4")
-                    places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                values = [code.load(place) for place in places]
-                for i in range(L):
-                    for p in range(L - 1, i - 1, -1):
-                        values[p] = code.fused(a, values[p + 1], values[p])
-                for p in range(L):
-                    code.store(values[p], places[p])
-            code.do(f"br label %{done}")
-        code.place(done)
-    code.do("ret void")
-    arguments = "ptr noalias %coefficients, ptr noalias %segments, ptr noalias %lines, ptr noalias %t"
-    _finish(code, f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
-
-
-class _Kernel:
+class _Kernel(KernelFrame):
     """The entry's text, part by part."""
-
-    def __init__(self, module: ModuleText, shape: Shape) -> None:
-        self.shape, self.code = shape, _Code(module)
-        self.inputs, self.outputs, self.places = shape.input_rows, shape.output_rows, shape.work_places()
-        self.low_count = [group.count for group in shape.whole.groups if group.size <= LOW]
-        self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
 
     def write(self, entry: str) -> None:
         code = self.code
         self.words = {name: code.word("%context", str(i)) for i, name in enumerate(POINTERS)}
-        self.pointers = {
-            name: code.let(f"inttoptr i64 {word} to ptr") for name, word in self.words.items()
-        }
+        self.pointers = {name: code.let(f"inttoptr i64 {word} to ptr") for name, word in self.words.items()}
         level = code.number(self.pointers["level"], "0")
         with code.loop(self.words["last"], self.words["first"]) as group:
-            self.rows = code.at(self.pointers["inputs"], code.integer("mul", group, str(self.inputs["count"])))
-            self.out = code.at(self.pointers["outputs"], code.integer("mul", group, str(self.outputs["count"])))
+            self.rows = code.at(
+                self.pointers["inputs"], code.integer("mul", group, str(self.inputs["count"]))
+            )
+            self.out = code.at(
+                self.pointers["outputs"], code.integer("mul", group, str(self.outputs["count"]))
+            )
             self.face = code.word(self.pointers["faces"], group)
             self.level = level
             self._group()
         code.do("ret i64 0")
-        _finish(code, f"define i64 @{entry}(ptr %context)", entry)
-
-    # Reading and writing ------------------------------------------------------------------------
-    def input(self, name: str, index: int = 0) -> str:
-        return self.code.load(self.code.at(self.rows, str(self.inputs[name] + index)))
-
-    def output(self, name: str, value: str, index: int = 0) -> None:
-        self.code.store(value, self.code.at(self.out, str(self.outputs[name] + index)))
-
-    def work(self, name: str, index: str = "0") -> str:
-        place = self.code.integer("add", str(self.places[name]), index)
-        return self.code.at(self.pointers["work"], place)
-
-    def power(self, which: int, exponent: int) -> str:
-        """inner, outer, middle, half, outer − middle (of the powers), to an exponent."""
-        return self.code.load(self.work("powers", str(which * (self.top + 3) + exponent)))
+        finish(code, f"define i64 @{entry}(ptr %context)", entry)
 
     # The group ----------------------------------------------------------------------------------
     def _group(self) -> None:
         code = self.code
-        self._powers()
-        self._scales()
+        self.powers()
+        self.scales()
         self._value()
-        outside = code.compare("ogt", code.load(code.at(self.out, str(self.outputs["least_value"]))), self.level)
+        outside = code.compare(
+            "ogt", code.load(code.at(self.out, str(self.outputs["least_value"]))), self.level
+        )
         for name in ("upper", "upper_inside"):
             self.output(name, code.constant(float("inf")))
         every = code.let(f"call i1 @llvm.vector.reduce.and.v{LANES}i1(<{LANES} x i1> {outside})")
@@ -303,73 +74,18 @@ class _Kernel:
         with code.where(code.let(f"xor i1 {every}, true")):
             self._inequality()
 
-    def _powers(self) -> None:
-        code, size = self.code, self.top + 3
-        for which, name in enumerate(("inner", "outer", "middle", "half")):
-            base, value = self.input(name), code.constant(1.0)
-            for exponent in range(size):
-                code.store(value, self.work("powers", str(which * size + exponent)))
-                value = code.times(value, base)
-        for exponent in range(size):
-            difference = code.minus(self.power(1, exponent), self.power(2, exponent))
-            code.store(difference, self.work("powers", str(4 * size + exponent)))
-
-    def _scales(self) -> None:
-        """h^β for every monomial: each is another one times one h."""
-        code = self.code
-        layout = max((self.shape.whole, self.shape.value), key=lambda layout: layout.degrees[-1])
-        code.store(code.constant(1.0), self.work("scale"))
-        with code.loop(str(len(layout.monomials)), "1") as b:
-            parent = code.word(self.pointers["signs"], code.integer("mul", b, "2"))
-            variable = code.word(
-                self.pointers["signs"], code.integer("add", code.integer("mul", b, "2"), "1")
-            )
-            h = code.load(code.at(self.rows, code.integer("add", variable, str(self.inputs.get("h", 0)))))
-            code.store(code.times(code.load(self.work("scale", parent)), h), self.work("scale", b))
-
-    def _shift(self, what: str, place: str, number: int) -> None:
-        code = self.code
-        bounds = [code.word(self.pointers["segments"], str(number + i)) for i in range(2)]
-        del what
-        header = 2 + len(self.shape.quotients) + 1
-        segments = code.at(self.pointers["segments"], str(header), "i64")
-        arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
-        code.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
-
-    def _copy(self, layout: Layout, table: str, base: str, place: str) -> None:
-        """Coefficients of the face in every lane."""
-        code = self.code
-        with code.loop(str(layout.count)) as i:
-            code.store(code.number(table, code.integer("add", base, i)), self.work(place, i))
-
-    def _each(self, group: Group, body: Callable[[str, bool], None], even_first: bool = True) -> None:
-        """A loop over the monomials of a group: those with even exponents, then the others."""
-        parts = [(0, group.even, True), (group.even, group.count, False)]
-        for start, end, even in parts:
-            if end > start:
-                with self.code.loop(str(end), str(start)) as b:
-                    body(b, even)
-
-    def _coefficients(self, group: Group, b: str, place: str) -> list[str]:
-        """The coefficients of one monomial, by degree, in the cell's own variables."""
-        code = self.code
-        scale = code.load(self.work("scale", code.integer("add", b, str(group.first))))
-        start = code.integer("add", code.integer("mul", b, str(len(group.degrees))), str(group.offset))
-        return [
-            code.times(code.load(self.work(place, code.integer("add", start, str(i)))), scale)
-            for i in range(len(group.degrees))
-        ]
-
     # V ------------------------------------------------------------------------------------------
     def _value(self) -> None:
         code, layout = self.code, self.shape.value
-        self._copy(layout, self.pointers["value_table"], code.integer("mul", self.face, str(layout.count)), "value")
-        self._shift("value", "value", 0)
+        self.copy(
+            layout, self.pointers["value_table"], code.integer("mul", self.face, str(layout.count)), "value"
+        )
+        self.shift("value", 0)
         least, growth, spread = code.sum(), code.sum(), code.sum()
         for group in layout.groups:
 
             def body(b: str, even: bool, group: Group = group) -> None:
-                found = self._coefficients(group, b, "value")
+                found = self.coefficients(group, b, "value")
                 inner, slope, width = code.zero(), code.zero(), code.zero()
                 high, high_width = code.zero(), code.zero()
                 for k, c in zip(group.degrees, found):
@@ -394,31 +110,13 @@ class _Kernel:
                 else:
                     for p in range(self.top + 1):
                         value = found[group.degrees.index(p)] if p in group.degrees else code.zero()
-                        self._keep("low_value", group, b, p, value)
+                        self.keep("low_value", group, b, p, value)
 
-            self._each(group, body)
+            self.each(group, body)
         self.output("least_value", code.minus(least.get(), self.input("value_rounding")))
         self.output("growth", code.minus(growth.get(), self.input("growth_rounding")))
         self.value_tail = spread
         self._centre_value()
-
-    def _keep(self, place: str, group: Group, b: str, power: int, value: str) -> None:
-        start = self.code.integer("mul", self.code.integer("add", b, str(group.first)), str(self.top + 1))
-        self.code.store(value, self.work(place, self.code.integer("add", start, str(power))))
-
-    def _kept(self, place: str, group: Group, b: str) -> list[str]:
-        code = self.code
-        start = code.integer("mul", code.integer("add", b, str(group.first)), str(self.top + 1))
-        return [code.load(self.work(place, code.integer("add", start, str(p)))) for p in range(self.top + 1)]
-
-    def _about_middle(self, values: list[str], highest: int) -> list[str]:
-        """A polynomial in ρ about the middle of the cell, scaled by its half width."""
-        code, middle = self.code, self.power(2, 1)
-        values = list(values)
-        for i in range(highest):
-            for p in range(highest - 1, i - 1, -1):
-                values[p] = code.fused(middle, values[p + 1], values[p])
-        return [v if p == 0 or p > highest else code.times(v, self.power(3, p)) for p, v in enumerate(values)]
 
     def _centre_value(self) -> None:
         """V about the middle of the cell: its value there, and a bound of how far it goes from it."""
@@ -430,15 +128,15 @@ class _Kernel:
                 continue
 
             def body(b: str, even: bool, group: Group = group) -> None:
-                moved = self._about_middle(self._kept("low_value", group, b), highest)
+                moved = self.about_middle(self.kept("low_value", group, b), highest)
                 for p, value in enumerate(moved):
-                    self._keep("low_value", group, b, p, value)
+                    self.keep("low_value", group, b, p, value)
                     if group.size == 0 and p == 0:
                         self.output("value", value)
                     elif p <= highest:
                         total.add(code.absolute(value))
 
-            self._each(group, body)
+            self.each(group, body)
         self.output("value_range", total.get())
 
     # r ------------------------------------------------------------------------------------------
@@ -450,7 +148,7 @@ class _Kernel:
             allowance.add(code.times(bound, code.times(self.input("error", j), code.constant(1.000001))))
         self.output("allowance", allowance.get())
         self._load_whole()
-        self._shift("whole", "whole", 1 + len(shape.quotients))
+        self.shift("whole", 1 + len(shape.quotients))
         self.tail, total = code.sum(), code.sum()
         for group in shape.whole.groups:
             self._whole_group(group, total)
@@ -476,18 +174,18 @@ class _Kernel:
         start = sum(self.shape.quotients[i].count for i in range(j))
         every = sum(layout.count for layout in self.shape.quotients)
         base = code.integer("add", code.integer("mul", self.face, str(every)), str(start))
-        self._copy(layout, self.pointers["quotient_table"], base, "quotient")
-        self._shift("quotient", "quotient", 1 + j)
+        self.copy(layout, self.pointers["quotient_table"], base, "quotient")
+        self.shift("quotient", 1 + j)
         total = code.sum()
         for group in layout.groups:
 
             def body(b: str, even: bool, group: Group = group) -> None:
                 value = code.zero()
-                for k, c in zip(group.degrees, self._coefficients(group, b, "quotient")):
+                for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
                     value = code.fused(code.absolute(c), self.power(1, k - 2), value)
                 total.add(value)
 
-            self._each(group, body)
+            self.each(group, body)
         return total.get()
 
     def _load_whole(self) -> None:
@@ -503,7 +201,9 @@ class _Kernel:
             with code.loop(str(group.count)) as b:
                 start = code.integer("add", base, code.integer("mul", b, str(entries)))
                 entry = offset
-                target = code.integer("add", code.integer("mul", b, str(len(group.degrees))), str(group.offset))
+                target = code.integer(
+                    "add", code.integer("mul", b, str(len(group.degrees))), str(group.offset)
+                )
                 for i, quotients in enumerate(chosen):
                     value = code.number(self.pointers["table"], code.integer("add", start, str(entry)))
                     for q in quotients:
@@ -514,12 +214,12 @@ class _Kernel:
                     code.store(value, self.work("whole", code.integer("add", target, str(i))))
             offset += entries * group.count
 
-    def _whole_group(self, group: Group, total: _Sum) -> None:
+    def _whole_group(self, group: Group, total: RunningSum) -> None:
         code, highest = self.code, self.shape.whole.degrees[-1] - 2
 
         def high(b: str, even: bool) -> None:
             value, width = code.zero(), code.zero()
-            for k, c in zip(group.degrees, self._coefficients(group, b, "whole")):
+            for k, c in zip(group.degrees, self.coefficients(group, b, "whole")):
                 value = code.fused(c, self.power(2, k - 2), value)
                 width = code.fused(code.absolute(c), self.power(4, k - 2), width)
             self.tail.add(code.plus(code.positive(value) if even else code.absolute(value), width))
@@ -527,23 +227,23 @@ class _Kernel:
             code.store(code.plus(code.absolute(value), width), weight)
 
         def low(b: str, even: bool) -> None:
-            found = self._coefficients(group, b, "whole")
+            found = self.coefficients(group, b, "whole")
             values = [
                 found[group.degrees.index(p + 2)] if p + 2 in group.degrees else code.zero()
                 for p in range(self.top + 1)
             ]
-            moved = self._about_middle(values, highest)
+            moved = self.about_middle(values, highest)
             for p, value in enumerate(moved):
-                self._keep("low", group, b, p, value)
+                self.keep("low", group, b, p, value)
                 if group.size == 0 and p == 0:
                     self.output("centre", value)
                     total.add(value)
                 elif p <= highest:
                     total.add(code.positive(value) if even and p % 2 == 0 else code.absolute(value))
 
-        self._each(group, low if group.size <= LOW else high)
+        self.each(group, low if group.size <= LOW else high)
 
-    def _multipliers(self, allowance: _Sum) -> None:
+    def _multipliers(self, allowance: RunningSum) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
         code, shape = self.code, self.shape
         groups = [group for group in shape.whole.groups if group.size <= min(LOW, shape.value.degrees[-1])]
@@ -564,7 +264,7 @@ class _Kernel:
             for group in groups:
 
                 def body(b: str, even: bool, group: Group = group) -> None:
-                    pairs = zip(self._kept("low", group, b), self._kept("low_value", group, b))
+                    pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
                     for p, (f, v) in enumerate(pairs):
                         value = code.minus(f, code.times(factor, v))
                         if group.size == 0 and p == 0:
@@ -572,7 +272,7 @@ class _Kernel:
                         else:
                             total.add(code.positive(value) if even and p % 2 == 0 else code.absolute(value))
 
-                self._each(group, body)
+                self.each(group, body)
             total.add(code.plus(self.tail.get(), allowance.get()))
             rounding = code.plus(self.value_tail.get(), self.input("value_rounding"))
             total.add(code.times(factor, rounding))
@@ -590,19 +290,21 @@ class _Kernel:
 
             def low(b: str, even: bool, group: Group = group) -> None:
                 total = code.zero()
-                for p, value in enumerate(self._kept("low", group, b)):
+                for p, value in enumerate(self.kept("low", group, b)):
                     size = code.absolute(value)
                     if p:
                         scores[0].add(size)
-                    total = code.plus(total, code.times(size, code.constant(0.25)) if group.size + p == 1 else size)
+                    total = code.plus(
+                        total, code.times(size, code.constant(0.25)) if group.size + p == 1 else size
+                    )
                 code.store(total, self.work("weight", code.integer("add", b, str(group.first))))
 
-            self._each(group, low)
+            self.each(group, low)
         centre = shape.whole.groups[0]
-        for p, value in enumerate(self._kept("low", centre, "0")):
+        for p, value in enumerate(self.kept("low", centre, "0")):
             if p:
                 scores[0].add(code.times(code.absolute(value), code.constant(0.25 if p == 1 else 1.0)))
-        masks = code.at(self.pointers["signs"], str(2 * len(_longest(shape).monomials)), "i64")
+        masks = code.at(self.pointers["signs"], str(2 * len(longest_layout(shape).monomials)), "i64")
         d = shape.directions
         if d:
             with code.loop(str(len(shape.whole.monomials)), "1") as b:
@@ -612,15 +314,3 @@ class _Kernel:
                     scores[1 + j].add(code.times(weight, code.number(masks, row)))
         for j, score in enumerate(scores):
             self.output("score", score.get(), j)
-
-
-def _longest(shape: Shape) -> Layout:
-    return max((shape.whole, shape.value), key=lambda layout: layout.degrees[-1])
-
-
-def table_size(shape: Shape) -> int:
-    """Doubles of r's table for one face."""
-    return sum(
-        group.count * sum(1 + sum(k in degrees for degrees in shape.terms) for k in group.degrees)
-        for group in shape.whole.groups
-    )

@@ -112,7 +112,11 @@ def _proved(
 
 
 def prove(
-    statement: Certificate, *, threads: int = 1, progress: Progress | None = None, most_cells: int = 100_000_000
+    statement: Certificate,
+    *,
+    threads: int = 1,
+    progress: Progress | None = None,
+    most_cells: int = 100_000_000,
 ) -> tuple[Certificate, Outcome]:
     """Search for a proof of a statement.
 
@@ -135,10 +139,8 @@ def prove(
     extent = _extent(inequality, statement.level)
     reach = _few_bits(_ROOM * extent.reach)
     for _ in range(4):
-        bounds = CellBounds(inequality, reach, 1.3 * extent.forms + 0.1)
-        outcome = search(
-            bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells
-        )
+        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist())
+        outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
         reach = _few_bits(_LARGER * reach)

@@ -104,7 +104,7 @@ def quotient_table(function: Function, reach: float, order: int) -> QuotientTabl
         ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
     finally:
         flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), *sides, max(ends))
+    return QuotientTable(-count, np.array(rows), sides[0], sides[1], max(ends))
 
 
 def _shifted(function: Function) -> Series:

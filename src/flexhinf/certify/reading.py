@@ -3,7 +3,7 @@
 A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
 rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
 as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
-form is refused by name: a function of something else than a linear form, `where`, an input that does not enter affinely.
+form is refused by name: functions of other forms, `where`, inputs that do not enter affinely.
 """
 
 from __future__ import annotations
@@ -131,9 +131,7 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
 def _flat_names(table: ParameterTable) -> list[str]:
     """A name for every entry of the parameter vector."""
     rows = table.values.items()
-    return [
-        f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)
-    ]
+    return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
 
 
 def _checked(penalty: Any, x: Any, h: Any) -> Any:
@@ -257,7 +255,9 @@ class _Reader:
                 offset = value
                 continue
             if sum(exponents) != 1 or not any(exponents[: len(slope)]):
-                raise refused(f"{name} of something else than a linear form of the state with constant numbers")
+                raise refused(
+                    f"{name} of something else than a linear form of the state with constant numbers"
+                )
             slope[exponents.index(1)] = _exact_double(value, name)
         function = Function(name, tuple(slope), *_offset(name, offset))
         if function not in self.functions:
@@ -322,9 +322,7 @@ class _Reader:
 
     def used(self, values: np.ndarray) -> tuple[Parameter, ...]:
         """The parameters that stand in terms, at their nominal values."""
-        return tuple(
-            Parameter(self.names[i], float(values[i]), float(values[i])) for i in sorted(self._seen)
-        )
+        return tuple(Parameter(self.names[i], float(values[i]), float(values[i])) for i in sorted(self._seen))
 
 
 def _offset(name: str, offset: fmpq) -> tuple[float, int]:

@@ -70,9 +70,7 @@ def search(
     """Prove the inequality on the component of {V ≤ level} around 0, or say where that fails."""
     d, faces = bounds.n - 1, len(bounds.faces)
     stack = [
-        Cells(
-            np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces)
-        )
+        Cells(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
     ]
     done, share = 0, 0.0
     whole = faces * 2.0**d
@@ -143,9 +141,7 @@ def _disproved(bounds: CellBounds, cells: Cells, found: Bounds, level: float) ->
     return None
 
 
-def _halves(
-    bounds: CellBounds, cells: Cells, found: Bounds, level: float
-) -> tuple[Outcome | None, Cells]:
+def _halves(bounds: CellBounds, cells: Cells, found: Bounds, level: float) -> tuple[Outcome | None, Cells]:
     """Both halves of every cell; of cells halved in radius the inner one, the outer one follows it when accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(found.score >= 0, found.score, 0.0)

@@ -47,9 +47,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         rows = list(_followed(solution, statement.level, _evaluator(path, functions, statement), free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
-            table = tuple(
-                tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free))
-            )
+            table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
             found.append(Start(rule, amplitudes[-1], path, functions, amplitudes, table))
     return tuple(found)
 
@@ -195,16 +193,15 @@ def _followed(
     step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
     yield 0.0, np.zeros(len(free))
     before, amplitude = np.zeros(len(free)), 0.0
+    start: np.ndarray | None
     for _ in range(_LONGEST * _STEPS):
         guess = rest(amplitude + step)
         guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
         start = place(solution, guess, free)
         middle = rest(amplitude + step / 2)
-        inside = start is not None
         if start is not None:
             middle[free] = (before[free] + start[free]) / 2
-            inside = bool((solution.value(np.stack([middle, start])) < _BELOW * level).all())
-        if not inside:
+        if start is None or not (solution.value(np.stack([middle, start])) < _BELOW * level).all():
             if step < 1e-4 * amplitude or amplitude == 0.0:
                 return
             step /= 2

@@ -12,12 +12,12 @@ from flexhinf.certify.terms import Polynomial, Signal
 from flexhinf.hinf.margin import Penalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 
 __all__ = ["statement_of"]
 
 _BITS = 20  # of the entries of T
-_SYMMETRIC = 1e-9  # parts of V of odd degree below this, relative to the largest, are rounding
 
 
 def statement_of(
@@ -70,8 +70,6 @@ def statement_of(
 
 def _law(solution: Any) -> tuple[Polynomial, ...]:
     """−R2⁻¹ g2ᵀ V_xᵀ in doubles, as the controller has it; with a polynomial g2 the product's coefficients, rounded."""
-    from flexhinf.polynomial import basis
-
     n, _, m, _ = solution.expansion.size
     parts: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
     for i, slope in solution.slope_parts.items():
