@@ -25,6 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.faces import (
     Layout,
     degrees_of,
@@ -133,20 +134,21 @@ class CellBounds:
         Largest radius; few bits.
     extent : sequence of float
         Largest |ℓ_j| for which the functions are enclosed.
+    box : BoxExcess, optional
+        What the parameters' box adds to r; without, all have one value.
     """
 
-    def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
-        self.n = inequality.states
-        self.reach = reach
+    def __init__(
+        self, inequality: Inequality, reach: float, extent: Sequence[float], box: BoxExcess | None = None
+    ) -> None:
+        self.n, self.reach, self.box = inequality.states, reach, box
         self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
         self.symmetric = is_symmetric(inequality)
         signs = (1,) if self.symmetric else (1, -1)
         self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
         d, keep = self.n - 1, self.symmetric
         value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
-        whole, whole_odd = (
-            by_parity(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
-        )
+        whole, whole_odd = by_parity(inequality.polynomial, True) if keep else (inequality.polynomial, {})
         factors = []
         for quotient in inequality.quotients:
             right = parity(quotient.function) == -1  # Φ odd: S even
@@ -275,18 +277,22 @@ class CellBounds:
         first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
         filled[:] = np.repeat(first[faces], LANES)
         filled[slot] = np.arange(len(cells))
-        rows = self._rows(cells)
+        rows, names = self._rows(cells), self.shape.output_rows
+        score = np.zeros((self.n, len(cells)))
+        if self.box is not None:
+            radii = self.radii(cells.inner), self.radii(cells.outer)
+            numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
+            added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
+            rows[:, self.shape.input_rows["rounding"]] += added
         inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
-        size = self.shape.output_rows["count"]
+        size = names["count"]
         outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
         call = self._context(np.ascontiguousarray(faces, dtype=np.int64), inputs, outputs, level)
         self._run(call, total, pool)
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
-        names = self.shape.output_rows
-        return Bounds(
-            **{name: found[:, names[name]] for name in list(names)[:-2]}, score=found[:, names["score"] :]
-        )
+        single = {name: found[:, names[name]] for name in list(names)[:-2]}
+        return Bounds(**single, score=found[:, names["score"] :] + score.T)
 
     def _run(self, call: _Call, total: int, pool: ThreadPoolExecutor | None) -> None:
         if pool is None:
@@ -360,9 +366,7 @@ class CellBounds:
         self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """An interval that ℓ stays in on each cell."""
-        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(
-            len(self.faces), -1
-        )
+        slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
         main = np.array([sign * form[variable] for variable, sign in self.faces])
         at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
         wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
