@@ -29,7 +29,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When
+    body : tuple of Call, Map, Sweep, OuterSum, Cholesky, Copy, Guard, Repeat or When
     counts : tuple of str
         Names of the run-time integers that `Repeat` and shifted slices use.
 
@@ -92,7 +92,8 @@ class Program:
         if not isinstance(step, Simple | When):
             raise InvalidInput(
                 f"Program '{self.name}' holds something that is no step.",
-                f"expected Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When, got {type(step).__name__}",
+                f"expected Call, Map, Sweep, OuterSum, Cholesky, Copy, Guard, Repeat or When, "
+                f"got {type(step).__name__}",
                 "wrap a casadi.Function in Call",
             )
         read, written = slices(step)
