@@ -19,6 +19,7 @@ __all__ = [
     "Copy",
     "Guard",
     "Map",
+    "Normal",
     "OuterSum",
     "Repeat",
     "Simple",
@@ -211,6 +212,27 @@ class Copy:
 
 
 @dataclass(frozen=True)
+class Normal:
+    """Independent N(0, 1) numbers, one per channel: `flexhinf.codegen.noise.normal_numbers` of a step and a key.
+
+    The step, (1,), and the key, (3,), are integers below 2³². The key is the sample, and the low and the high word of
+    the seed.
+    """
+
+    step: Slice
+    key: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if (self.step.size, self.key.size) != (1, 3):
+            raise InvalidInput(
+                "The counter of normal numbers has another size.",
+                f"expected a step and a key of 1 and 3 elements, got {self.step} and {self.key}",
+                "the step; the sample and the two words of the seed",
+            )
+
+
+@dataclass(frozen=True)
 class Guard:
     """Stop unless every element is finite.
 
@@ -326,20 +348,19 @@ class Sweep:
     def __post_init__(self) -> None:
         for field in ("body", "inputs", "outputs"):
             object.__setattr__(self, field, tuple(getattr(self, field)))
-        pairs = (*self.inputs, *self.outputs)
-        inside = [place for _, place in pairs]
-        fits = self.outputs and len({columns.count for columns, _ in pairs}) == 1
-        fits = fits and all(columns.size == place.size for columns, place in pairs)
-        for step in leaves(self.body):
-            fits = fits and isinstance(step, Call | Copy)
-            read, written = slices(step) if fits else ((), ())
-            fits = fits and all(piece.buffer == COLUMN for piece in written)
-            inside += [piece for piece in (*read, *written) if piece.buffer == COLUMN]
-        fits = fits and all(
-            piece.buffer == COLUMN and not piece.strides and piece.offset + piece.size <= self.size
-            for piece in inside
+        pairs, steps = (*self.inputs, *self.outputs), leaves(self.body)
+        known = all(isinstance(step, Call | Copy) for step in steps)
+        read, written = (
+            [piece for step in steps for piece in slices(step)[k]] if known else [] for k in (0, 1)
         )
-        if not fits:
+        inside = [
+            *(place for _, place in pairs),
+            *written,
+            *(piece for piece in read if piece.buffer == COLUMN),
+        ]
+        fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
+        fits = fits and all(columns.size == place.size for columns, place in pairs)
+        if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
             raise InvalidInput(
                 "A sweep over columns does not fit.",
                 f"expected calls, copies and loops of a fixed count that write to '{COLUMN}' ({self.size} numbers), "
@@ -364,7 +385,7 @@ def leaves(body: Sequence[Step]) -> list[Any]:
     return found
 
 
-Simple: TypeAlias = Call | Map | Sweep | OuterSum | Cholesky | Copy | Guard
+Simple: TypeAlias = Call | Map | Sweep | OuterSum | Cholesky | Copy | Normal | Guard
 Step: TypeAlias = Simple | Repeat | When
 
 
@@ -381,4 +402,6 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
         return tuple(piece for piece in read if piece is not None), (step.target,)
     if isinstance(step, Copy | Cholesky):
         return (step.source,), (step.target,)
+    if isinstance(step, Normal):
+        return (step.step, step.key), (step.target,)
     return (step.flag if isinstance(step, When) else step.source,), ()

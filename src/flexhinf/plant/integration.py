@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import real_array
 
-__all__ = ["SIMULATION_STEP", "rk4_stages", "rk4_step", "sub_steps"]
+if TYPE_CHECKING:
+    from flexhinf.plant.model import Model
+
+__all__ = ["SIMULATION_STEP", "fastest_modes", "rk4_stages", "rk4_step", "sub_steps"]
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
 #: so that a vibration with little damping is right to 1e-9 for some periods.
@@ -108,3 +112,38 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
             "check the units of the parameters; leave out a mode that is far faster than the control",
         )
     return max(1, math.ceil(wanted))
+
+
+def fastest_modes(plant: Model, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+    """`Plant.fastest_mode` of plants that differ in their parameters, (N, P), all at one point: (N,), rad/s.
+
+    Raises
+    ------
+    InvalidInput
+        If one of them has no finite Jacobian there.
+    """
+    point = np.zeros(plant.n) if x is None else real_array(x)
+    held = np.zeros(len(plant.inputs)) if u is None else real_array(u)
+    points = [np.broadcast_to(point, (len(parameters), plant.n))]
+    if plant.engaged is not None and len(parameters):
+        points.append(np.array([plant.engaged(point, plant.parameters.named(row)) for row in parameters]))
+    return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
+
+
+def _fastest_at(plant: Model, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    count, n = points.shape
+    if not count:
+        return np.zeros(0)
+    rest = (np.tile(row[:, None], count) for row in (u, np.zeros(len(plant.disturbances))))
+    jacobians = np.asarray(plant.traced_jacobians(points.T, *rest, parameters.T)[0], dtype=float)
+    jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
+    bad = np.argwhere(~np.isfinite(jacobians))
+    if len(bad):
+        k, row, column = bad[0].tolist()
+        raise InvalidInput(
+            "The plant has no linearisation at this point.",
+            f"expected finite derivatives, got d({plant.states[row]}')/d({plant.states[column]}) = "
+            f"{jacobians[k, row, column]} at x = {points[k].tolist()}",
+            "a point where the model is smooth",
+        )
+    return np.abs(np.linalg.eigvals(jacobians)).max(axis=1)

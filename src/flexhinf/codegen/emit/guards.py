@@ -61,6 +61,16 @@ class Guards:
         self._record(bad, step.code, turn, go_on)
         writer.place(go_on)
 
+    def largest_code(self) -> str:
+        """Of all lanes, at the end."""
+        lanes = self.writer.lanes
+        codes = self.writer.let(f"load {lanes.integer}, ptr {self.codes}, align 8")
+        if lanes.width == 1:
+            return codes
+        name = f"llvm.vector.reduce.umax.{lanes.suffix('i64')}"
+        self.writer.module.declarations[name] = f"declare i64 @{name}({lanes.integer})"
+        return self.writer.let(f"call i64 @{name}({lanes.integer} {codes})")
+
     def _record(self, bad: str, code: int, turn: str, go_on: str) -> None:
         """Mark the lanes that fail for the first time; stop when no lane is left."""
         writer, lanes = self.writer, self.writer.lanes

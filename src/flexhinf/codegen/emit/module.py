@@ -25,10 +25,23 @@ from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
 from flexhinf.codegen.emit.guards import Guards
+from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import ENTRY, PREFIX, Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, Sweep, When
+from flexhinf.codegen.steps import (
+    Call,
+    Cholesky,
+    Copy,
+    Guard,
+    Map,
+    Normal,
+    OuterSum,
+    Repeat,
+    Step,
+    Sweep,
+    When,
+)
 
 if TYPE_CHECKING:
     import casadi
@@ -113,7 +126,7 @@ class _Emitter:
         self._body(self.program.body, ())
         writer.do("br label %finish")
         writer.place("finish")
-        writer.do(f"ret i64 {self._largest_code()}")
+        writer.do(f"ret i64 {self._guards.largest_code()}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
         self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
         self._inline()
@@ -140,15 +153,6 @@ class _Emitter:
             f"call void @{name}(ptr align 8 {pointer}, i8 0, i64 {8 * size * self.lanes.width}, i1 false)"
         )
 
-    def _largest_code(self) -> str:
-        integer = self.lanes.integer
-        codes = self.writer.let(f"load {integer}, ptr {self.codes}, align 8")
-        if self.lanes.width == 1:
-            return codes
-        name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
-        self.module.declarations[name] = f"declare i64 @{name}({integer})"
-        return self.writer.let(f"call i64 @{name}({integer} {codes})")
-
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for step in body:
             if isinstance(step, Repeat):
@@ -173,6 +177,8 @@ class _Emitter:
                 )
             elif isinstance(step, Copy):
                 self._copy(step, turns)
+            elif isinstance(step, Normal):
+                self._normal(step, turns)
             else:
                 self._guard(step, turns)
 
@@ -335,6 +341,10 @@ class _Emitter:
     def _algebra(self) -> Algebra:
         return Algebra(self.writer, self._loop, self.fused)
 
+    @property
+    def _guards(self) -> Guards:
+        return Guards(self.writer, self._each, self._algebra, self.codes, self.steps)
+
     def _operand(self, piece: Slice, turns: tuple[str, ...]) -> Operand:
         return Operand(self._address(piece, turns), self._shared(piece))
 
@@ -365,6 +375,18 @@ class _Emitter:
         size = 8 * step.source.size * self.lanes.width
         writer.do(f"call void @{name}(ptr align 8 {target}, ptr align 8 {source}, i64 {size}, i1 false)")
 
+    def _normal(self, step: Normal, turns: tuple[str, ...]) -> None:
+        writer, whole = self.writer, self.lanes.integer
+
+        def integer(piece: Slice, element: int) -> str:
+            number = load(writer, self._address(piece, turns), element, self._shared(piece))
+            return writer.let(f"fptosi {self.lanes.real} {number} to {whole}")
+
+        number, key = integer(step.step, 0), [integer(step.key, k) for k in range(step.key.size)]
+        target = self._address(step.target, turns)
+        for channel in range(step.target.size):
+            store(writer, target, channel, emit_normal(writer, number, channel, key))
+
     def _each(self, size: int, body: Callable[[str], None]) -> None:
         if size > _UNROLLED:
             self._loop("0", str(size), body)
@@ -373,6 +395,6 @@ class _Emitter:
                 body(str(element))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        Guards(self.writer, self._each, self._algebra, self.codes, self.steps).guard(
+        self._guards.guard(
             self._address(step.source, turns), self._shared(step.source), step, turns[0] if turns else "0"
         )
