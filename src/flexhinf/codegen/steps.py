@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -327,17 +327,14 @@ class Sweep:
     Parameters
     ----------
     body : tuple of Call, Copy and Repeat
-        What they write lies in the buffer `COLUMN`, which is the column's memory; they may read other buffers, of
-        which the numbers are the same for all columns.
+        They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all columns.
     inputs, outputs : tuple of (Columns, Slice)
-        Columns of a matrix, and where each is put before the steps, or found after them.
-    size : int
-        Numbers of a column's memory.
+        Columns of a matrix, and where each is before or after the steps, in a memory of `size` numbers.
 
     Raises
     ------
     InvalidInput
-        Other steps, columns of different numbers, sizes that do not fit, or steps that write elsewhere.
+        Other steps, columns of different numbers, sizes that do not fit, or writing elsewhere.
     """
 
     body: tuple[Step, ...]
@@ -348,7 +345,7 @@ class Sweep:
     def __post_init__(self) -> None:
         for field in ("body", "inputs", "outputs"):
             object.__setattr__(self, field, tuple(getattr(self, field)))
-        pairs, steps = (*self.inputs, *self.outputs), leaves(self.body)
+        pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))
         known = all(isinstance(step, Call | Copy) for step in steps)
         read, written = (
             [piece for step in steps for piece in slices(step)[k]] if known else [] for k in (0, 1)
@@ -363,8 +360,8 @@ class Sweep:
         if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
             raise InvalidInput(
                 "A sweep over columns does not fit.",
-                f"expected calls, copies and loops of a fixed count that write to '{COLUMN}' ({self.size} numbers), "
-                f"and columns of one count, got {self.inputs} and {self.outputs}",
+                f"expected calls, copies and fixed loops writing to '{COLUMN}' ({self.size} numbers), columns of one "
+                f"count, got {self.inputs} and {self.outputs}",
                 "Composer.sweep",
             )
 
@@ -374,15 +371,11 @@ class Sweep:
         return self.outputs[0][0].count
 
 
-def leaves(body: Sequence[Step]) -> list[Any]:
+def leaves(body: Sequence[Any]) -> Iterator[Any]:
     """The steps of a body and of its loops of a fixed count, without those loops."""
-    found: list[Any] = []
     for step in body:
-        if isinstance(step, Repeat) and not isinstance(step.count, str):
-            found += leaves(step.body)
-        else:
-            found.append(step)
-    return found
+        fixed = isinstance(step, Repeat) and not isinstance(step.count, str)
+        yield from leaves(step.body) if fixed else (step,)
 
 
 Simple: TypeAlias = Call | Map | Sweep | OuterSum | Cholesky | Copy | Normal | Guard

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.parameters import ParameterTable
 from flexhinf.untrusted import real_array
-
-if TYPE_CHECKING:
-    from flexhinf.plant.model import Model
 
 __all__ = ["SIMULATION_STEP", "fastest_modes", "rk4_stages", "rk4_step", "sub_steps"]
 
@@ -23,6 +21,21 @@ SIMULATION_STEP = 0.01
 
 #: More sub-steps per sample than this are a mistake in the parameters rather than a plant.
 MOST_SUB_STEPS = 100_000
+
+
+class Linearised(Protocol):
+    """What of a `Plant` its modes are computed from."""
+
+    states: Sequence[str]
+    inputs: Sequence[str]
+    disturbances: Sequence[str]
+    parameters: ParameterTable
+    engaged: Callable[[Any, Any], Any] | None
+
+    @property
+    def traced_jacobians(self) -> Any:
+        """∂flow/∂x and others as one CasADi function of (x, u, d, parameter vector)."""
+        ...
 
 
 def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
@@ -114,7 +127,7 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
     return max(1, math.ceil(wanted))
 
 
-def fastest_modes(plant: Model, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+def fastest_modes(plant: Linearised, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
     """`Plant.fastest_mode` of plants that differ in their parameters, (N, P), all at one point: (N,), rad/s.
 
     Raises
@@ -122,15 +135,15 @@ def fastest_modes(plant: Model, parameters: np.ndarray, x: Any = None, u: Any = 
     InvalidInput
         If one of them has no finite Jacobian there.
     """
-    point = np.zeros(plant.n) if x is None else real_array(x)
+    point = np.zeros(len(plant.states)) if x is None else real_array(x)
     held = np.zeros(len(plant.inputs)) if u is None else real_array(u)
-    points = [np.broadcast_to(point, (len(parameters), plant.n))]
+    points = [np.broadcast_to(point, (len(parameters), len(plant.states)))]
     if plant.engaged is not None and len(parameters):
         points.append(np.array([plant.engaged(point, plant.parameters.named(row)) for row in parameters]))
     return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
 
 
-def _fastest_at(plant: Model, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+def _fastest_at(plant: Linearised, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     count, n = points.shape
     if not count:
         return np.zeros(0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.to_control import linear_system, nonlinear_system
@@ -357,8 +358,6 @@ class Model(Summarised):
         InvalidInput
             If the plant has no finite Jacobian there.
         """
-        from flexhinf.plant.integration import fastest_modes
-
         point = [
             _points(value, names, letter, 1)[0]
             for value, names, letter in ((x, self.states, "x"), (u, self.inputs, "u"))
