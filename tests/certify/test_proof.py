@@ -53,7 +53,7 @@ def check(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> 
     with pytest.raises(NotProved) as refused:
         found.certify(gamma=gamma, penalty=PENALTY, level=1.001 * sampled.level)
     if refused.value.reason == "r > 0":
-        f, g1, g2, h = found.exact_fields(refused.value.point[None])
+        f, g1, g2, _ = found.exact_fields(refused.value.point[None])
         fields = f, g1, g2, refused.value.point[None] * PENALTY
         slope = found.gradient(refused.value.point[None])
         assert found.hamiltonian_terms(slope, fields, gamma).sum() > 0

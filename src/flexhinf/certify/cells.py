@@ -57,6 +57,7 @@ __all__ = ["Bounds", "CellBounds", "Cells"]
 _PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
 _SMALLEST = 1e-280
+_VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
 _ENTRY = "flexhinf_cells"
@@ -346,7 +347,7 @@ class CellBounds:
             rows, error = table.enclose(low, high)
             for m in range(table.order + 1):
                 part = (whole_sizes[place][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
-                size = size + np.abs(rows[:, m]) * part
+                size = size + (np.abs(rows[:, m]) + _VALUE) * part
                 place += 1
             factor = self.sizes["factor"][j]
             factor_size = (factor[face] * lowered[:, : factor.shape[1]]).sum(1)

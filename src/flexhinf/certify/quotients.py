@@ -21,7 +21,7 @@ from flint import arb, arb_series
 
 from flexhinf.certify.terms import Function
 
-__all__ = ["QuotientTable", "quotient_table"]
+__all__ = ["NARROW", "QuotientTable", "quotient_table"]
 
 Series = Callable[[arb_series], arb_series]
 
@@ -35,10 +35,12 @@ SERIES: dict[str, Series] = {
     "log": lambda s: s.log(),
 }
 
+#: Radius of a ball that counts as its middle: the allowance for rounding is larger, see `flexhinf.certify.cells`.
+NARROW = 2.0**-160
+
 _SPACING = 2.0**-6  # of the nodes
 _PIECE = 2.0**-3  # length of the intervals on which derivatives are bounded
 _BITS = 320  # of the arithmetic on balls
-_ROUNDED = 2.0**-52  # a midpoint as a double, with room for the ball's radius
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ def _row(function: Series, node: int, order: int) -> list[float]:
         for k in range(m, order + 1):
             total += taylor[k] * comb(k, m) * (-a) ** (k - m)
         middle = float(total.mid())
-        narrow = total.is_finite() and total.rad() <= max(abs(middle), 1e-200) * 2.0**-60
+        narrow = total.is_finite() and total.rad() <= max(abs(middle) * 2.0**-60, NARROW)
         result.append(middle if narrow else float("nan"))
     return result
 
