@@ -130,7 +130,9 @@ class BoxExcess:
         radius = np.abs(a) * be + ae * (np.abs(b) + be)
         bound = q.changes @ centre + np.abs(q.changes) @ (radius + _ROUNDING * np.abs(centre))
         largest = np.abs(q.changes).max(axis=0, initial=0.0)
-        scores = np.abs(a)[:, None] * parts[q.second] * np.abs(c)[:, None] + parts[q.first] * np.abs(b)[:, None]
+        scores = (
+            np.abs(a)[:, None] * parts[q.second] * np.abs(c)[:, None] + parts[q.first] * np.abs(b)[:, None]
+        )
         return bound.max(axis=0), np.einsum("q,qic->ic", largest, scores)
 
     def _quotients(
@@ -174,9 +176,7 @@ class _Forms:
         self.found: list[Rational] = []
         self._known: dict[object, int] = {}
         self._value = self.x.from_dict({powers: rational(v) for powers, v in certificate.value})
-        self._laws = [
-            self.x.from_dict({powers: rational(v) for powers, v in law}) for law in certificate.law
-        ]
+        self._laws = [self.x.from_dict({powers: rational(v) for powers, v in law}) for law in certificate.law]
 
     def moved(self, polynomial: fmpq_mpoly) -> Rational:
         """A polynomial in x in coordinates z."""
@@ -231,7 +231,9 @@ class _Changes:
                 f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
                 "fewer parameters with tolerances",
             )
-        self._group = {name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group}
+        self._group = {
+            name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group
+        }
         self._values, self._middle, self._constant = [], [], middle
         for group in groups:
             ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
@@ -296,7 +298,10 @@ class _Changes:
             for entry in column:
                 for term in entry:
                     self.refuse_powers(term)
-            at = [[sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))] for entry in entries]
+            at = [
+                [sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))]
+                for entry in entries
+            ]
             middles = [sum((middle for _, _, middle in entry), fmpq(0)) for entry in entries]
             for i, l in itertools.combinations_with_replacement(range(len(column)), 2):
                 weight = factor * (1 if i == l else 2)

@@ -27,7 +27,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 
-__all__ = ["PlantTerms", "nearest_double", "plant_terms", "rational", "terms_of"]
+__all__ = ["PlantTerms", "flat_names", "nearest_double", "plant_terms", "rational", "terms_of"]
 
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
@@ -112,7 +112,7 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    reader = _Reader(n, m + k, _flat_names(table), flow.n_instructions() + output.n_instructions())
+    reader = _Reader(n, m + k, flat_names(table), flow.n_instructions() + output.n_instructions())
     x, inputs = reader.states, reader.inputs
     moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
@@ -128,7 +128,7 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
     return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(table.vector()))
 
 
-def _flat_names(table: ParameterTable) -> list[str]:
+def flat_names(table: ParameterTable) -> list[str]:
     """A name for every entry of the parameter vector."""
     rows = table.values.items()
     return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]

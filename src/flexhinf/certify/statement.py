@@ -15,7 +15,7 @@ from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 
-__all__ = ["statement_of"]
+__all__ = ["few_bits", "law_polynomials", "statement_of"]
 
 _BITS = 20  # of the entries of T
 
@@ -57,7 +57,7 @@ def statement_of(
             for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
             if value
         ),
-        law=_law(solution),
+        law=law_polynomials(solution),
         gamma=pair.gamma,
         decay=decay,
         level=level,
@@ -68,7 +68,7 @@ def statement_of(
     )
 
 
-def _law(solution: Any) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: Any) -> tuple[Polynomial, ...]:
     """−R2⁻¹ g2ᵀ V_xᵀ in doubles, as the controller has it; with a polynomial g2 the product's coefficients, rounded."""
     n, _, m, _ = solution.expansion.size
     parts: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
@@ -97,6 +97,11 @@ def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay:
     root = np.linalg.cholesky(np.linalg.inv(p))
     _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
     transform = root @ vectors
-    largest = np.abs(transform).max(axis=0, keepdims=True)
+    return few_bits(transform)
+
+
+def few_bits(matrix: np.ndarray) -> np.ndarray:
+    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
+    largest = np.abs(matrix).max(axis=0, keepdims=True)
     scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
-    return np.round(transform * scale) / scale
+    return np.round(matrix * scale) / scale
