@@ -26,12 +26,16 @@ MOST_SUB_STEPS = 100_000
 class Linearised(Protocol):
     """What of a `Plant` its modes are computed from."""
 
-    states: Sequence[str]
-    inputs: Sequence[str]
-    disturbances: Sequence[str]
-    parameters: ParameterTable
-    engaged: Callable[[Any, Any], Any] | None
-
+    @property
+    def states(self) -> Sequence[str]: ...
+    @property
+    def inputs(self) -> Sequence[str]: ...
+    @property
+    def disturbances(self) -> Sequence[str]: ...
+    @property
+    def parameters(self) -> ParameterTable: ...
+    @property
+    def engaged(self) -> Callable[[Any, Any], Any] | None: ...
     @property
     def traced_jacobians(self) -> Any:
         """∂flow/∂x and others as one CasADi function of (x, u, d, parameter vector)."""
