@@ -118,7 +118,9 @@ def test_what_cannot_be_filmed_is_refused_first(
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
     robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))
-    ukf = fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6)
+    ukf = fh.UnscentedKalmanFilter(
+        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6
+    )
     law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.01)
     prepared = prepare_run(fh.Controller(law, ukf, 1e-3, start="bumpless"), (robot, s), robot, s)
