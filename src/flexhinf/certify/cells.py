@@ -6,13 +6,14 @@ that its variables lie in [−1, 1]: the constant, plus max(c, 0) of every coeff
 |c| of the others. Monomials of degree above 3 in t are not re-expanded in ρ; they are taken at the middle, plus what
 each degree can change up to ρ_b.
 
-**Rounding.** A bound is a sum of products that are computed in doubles, fused or not. Because |t_j⁰| + h_j ≤ 1, the sum
-of the absolute values of everything that is added up is at most M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|,
-before as after the re-expansion (synthetic division adds |a| ≤ 1 times one coefficient to another, and no absolute sum
-grows beyond that of (|t⁰| + h)^β). Each of these terms passes at most K roundings, so the error is at most
-K u/(1 − K u) · M with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Powers of two and dyadic
-t, h and ρ make the cells themselves exact. No number underflows or overflows unnoticed: sizes are checked once, in
-`_checked`, and 1e-280 is added for what underflows. A NaN is no bound that holds: all comparisons are ordered.
+**Rounding.** A bound is a sum of products of the coefficients with powers of t⁰, h and ρ, computed in doubles, fused
+or not. Because |t_j⁰| + h_j ≤ 1, the absolute values of all these products add up to at most
+M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|: synthetic division makes (|t⁰| + h)^β of |t|^β, and the shift in ρ
+makes (ρ_m + δ)^p = ρ_b^p of ρ^p. Each product passes at most K roundings, so the error is at most K u/(1 − K u) · M
+with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Dyadic t, h and ρ make the cells themselves exact.
+Nothing overflows or underflows unnoticed: sizes are checked once, in `_checked`, and 1e-300 times the largest factor is
+added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons are
+ordered, and max(a, 0) of NaN is NaN.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ __all__ = ["Bounds", "CellBounds", "Cells"]
 
 _PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
-_SMALLEST = 1e-280
+_SMALLEST = 1e-300
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
@@ -204,10 +205,12 @@ class CellBounds:
     def _checked(self) -> None:
         """Refuse sizes at which doubles could overflow or underflow unnoticed."""
         highest = max(self.shape.whole.degrees[-1], self.shape.value.degrees[-1])
-        scale = max(self.reach, 1.0) ** highest
         rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
-        largest = max(float(np.abs(t).sum()) for t in (self.value_table, self.table)) * scale * rows
-        if not largest < _LARGEST or not 1 / self.reach < _LARGEST:
+        scale = max(self.reach, 1.0) ** highest * rows
+        tables = self.value_table, self.quotient_table, self.table
+        largest = max(float(np.abs(table).sum()) for table in tables) * scale
+        self._underflow = _SMALLEST * scale
+        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
             raise NumericalFailure(
                 "The numbers of the inequality are too large for a proof in double precision.",
                 f"expected sums below {_LARGEST:g}, got {largest:.3g}",
@@ -328,11 +331,11 @@ class CellBounds:
         degrees = np.arange(value_sizes.shape[1])
         in_value = value_sizes[face] * powers[:, degrees]
         odd_value = self._odd[0] * powers
-        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + _SMALLEST
+        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + self._underflow
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
         in_growth = value_sizes[face] * degrees * lowered[:, degrees]
         odd_growth = self._odd[0] * np.arange(self._highest + 1) * lowered
-        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + _SMALLEST
+        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + self._underflow
         size = (whole_sizes[0][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
         odd = (self._odd[1] * lowered).sum(1)
         errors, coefficients, place = [], [], 1
@@ -345,11 +348,12 @@ class CellBounds:
                 place += 1
             factor = self.sizes["factor"][j]
             factor_size = (factor[face] * lowered[:, : factor.shape[1]]).sum(1)
-            odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
+            if self.symmetric:
+                odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
             size = size + np.where(np.isfinite(error), error, 0.0) * factor_size
             errors.append(error)
             coefficients.append(rows)
-        rounding = unit * size + odd * (1 + 1e-12) + _SMALLEST
+        rounding = unit * size + odd * (1 + 1e-12) + self._underflow
         scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
