@@ -1,14 +1,14 @@
 """What a box of parameters adds to the dissipation inequality on cells.
 
-r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in
-its inverse, whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
+r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
+whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
 variable by itself is largest at a vertex of the box. So with p0 the middle, over the whole box
 
     r(p) − r(p0)  ≤  max over vertices v of  Σ_q C_vq Q_q(x),
 
-where the Q_q are products of two factors: an entry of V_x with a part of ẋ, or with another entry. On a cell every factor
-is enclosed as m ± e, every product by its middle and radius, and the sum at every vertex by C m + |C| e: the middles
-are exact, so nothing is lost as cells shrink.
+where the Q_q are products of two factors: an entry of V_x with a part of ẋ, or with another entry. On a cell every
+factor is enclosed as m ± e, every product by its middle and radius, and the sum at every vertex by C m + |C| e: the
+middles are exact, so nothing is lost as cells shrink.
 """
 
 from __future__ import annotations

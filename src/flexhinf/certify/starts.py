@@ -9,7 +9,6 @@ a begins at 0, and V ≤ level along it, so its starts lie in the proved compone
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np

@@ -48,7 +48,9 @@ def _double(value: Any) -> Any:
 
 
 Double = Annotated[
-    float, BeforeValidator(_double), PlainSerializer(float.hex, return_type=str, when_used="json")
+    float,
+    BeforeValidator(_double),
+    PlainSerializer(lambda value: float(value).hex(), return_type=str, when_used="json"),
 ]
 Powers = Annotated[
     tuple[Annotated[int, Strict(), Field(ge=0, le=HIGHEST_DEGREE)], ...], Field(max_length=MOST_STATES)

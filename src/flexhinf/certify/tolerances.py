@@ -2,9 +2,10 @@
 
 The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
 robot are its own: its rates, for which the search takes the whole box of parameters (`flexhinf.certify.box`), and its
-equilibrium. Where that moves, to δ from the nominal one, the input is u = k(x + δ) − k(δ) in deviations x from it; for a
-linear law this is k(x) again, whatever δ is. So with V of degree two the box needs nothing else at any goal; for a
-nonlinear law the goal must be one whose equilibrium stays, such as upright.
+equilibrium. Where that moves, to δ from the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for
+a linear law this is k(x) again, whatever δ is, and where the plant is linear in what moves, its rates are the same too.
+So with V of degree two the box needs nothing else at any goal; for a nonlinear law the goal must be one whose
+equilibrium stays, such as upright.
 
 A step starts at each robot's own equilibrium at −a, and where the input must not jump, with the integrator at which
 this robot's input is the one that held it: both are terms in a and in the robot's parameters.
@@ -26,7 +27,7 @@ from flexhinf.certify.reading import flat_names, plant_terms
 from flexhinf.certify.search import Progress
 from flexhinf.certify.starts import UNCHANGED_INPUT, divided, path_states, rest_path, term_along
 from flexhinf.certify.statement import few_bits, law_polynomials
-from flexhinf.certify.terms import Function, Signal, Start, Term
+from flexhinf.certify.terms import Function, Polynomial, Signal, Start, Term
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.step_amplitude import step_roles
 from flexhinf.hinf.value_function import ValueFunction
@@ -144,7 +145,14 @@ def tolerance_statement(
 ) -> Certificate:
     """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
     terms = plant_terms(problem)
-    law = law_polynomials(solution)
+    fixed = [name for name in terms.inside if name in ranges and ranges[name][0] < ranges[name][1]]
+    if fixed:
+        raise InvalidInput(
+            "A parameter stands inside a function of the state.",
+            f"expected parameters that multiply terms, got {', '.join(sorted(fixed))}",
+            "its nominal value, or sampled_region",
+        )
+    law = law_polynomials(solution, terms)
     parameters = tuple(
         replace(p, low=ranges[p.name][0], high=ranges[p.name][1]) if p.name in ranges else p
         for p in terms.parameters
@@ -166,7 +174,7 @@ def tolerance_statement(
         penalty=tuple(row for row in terms.penalty if row),
         r2=tuple(map(tuple, problem.r2.tolist())),
         value=value, law=law, gamma=float(gamma), level=1.0,
-        coordinates=tuple(map(tuple, few_bits(root @ _axes(solution, problem, root, gamma, scale)).tolist())),
+        coordinates=tuple(map(tuple, few_bits(root @ _axes(law, problem, root, gamma)).tolist())),
         reach=1.0, parameters=parameters, functions=terms.functions,
     )  # fmt: skip
     _refuse_moved(statement, problem)
@@ -174,11 +182,12 @@ def tolerance_statement(
 
 
 def _axes(
-    solution: ValueFunction, problem: GeneralisedPlant, root: np.ndarray, gamma: float, scale: float
+    law: tuple[Polynomial, ...], problem: GeneralisedPlant, root: np.ndarray, gamma: float
 ) -> np.ndarray:
-    """Rotation after which r_2 of the nominal plant is diagonal."""
-    plant, p = problem.expand(1), scale * solution.P
-    gain = np.asarray(solution.gain)
+    """Rotation (n, n) after which r_2 of the nominal plant is diagonal; P⁻¹ = root rootᵀ."""
+    plant, p = problem.expand(1), np.linalg.inv(root @ root.T)
+    units = [tuple(row) for row in np.eye(len(p), dtype=int).tolist()]
+    gain = np.array([[dict(row).get(unit, 0.0) for unit in units] for row in law])
     a = plant.f_parts[1] + plant.g2_parts[0][:, :, 0] @ gain
     h, b1 = plant.h_parts[1], plant.g1_parts[0][:, :, 0]
     quadratic = p @ a + a.T @ p + h.T @ h + gain.T @ problem.r2 @ gain + p @ b1 @ b1.T @ p / gamma**2
@@ -186,26 +195,52 @@ def _axes(
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Refuse a nonlinear law where the equilibrium at the goal depends on the parameters."""
-    if all(sum(powers) == 1 for law in statement.law for powers, _ in law):
+    """Refuse an equilibrium at the goal that moves with the parameters, but for a linear law and in states in which
+    the plant is linear: those of functions and products must be held at the goal by an integrator."""
+    if not _moves(statement, problem):
         return
-    table = problem.plant.parameters
-    flat, nominal = flat_names(table), table.vector()
-    rates = []
-    for parameter in statement.parameters:
-        for end in {parameter.low, parameter.middle, parameter.high}:
-            there = nominal.copy()
-            there[flat.index(parameter.name)] = end
-            point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
-            d = np.zeros(len(problem.disturbance_names))
-            rates.append(np.abs(np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)))
-    largest = float(np.max(rates))
-    if largest > _MOVED * max(1.0, float(np.abs(nominal).max())):
+    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
+    bent |= {
+        i
+        for row in statement.drift
+        for term in row
+        if sum(term.powers) + (term.function is not None) > 1
+        for i, power in enumerate(term.powers)
+        if power
+    }
+    held = {
+        row[0].powers.index(1)
+        for row, inputs in zip(statement.drift, statement.g2)
+        if len(row) == 1 and row[0].function is None and sum(row[0].powers) == 1 and not any(inputs)
+    }
+    if not linear or bent - held:
         raise InvalidInput(
-            "The equilibrium at the goal moves with the parameters, and the law is not linear.",
-            f"expected no rates at the nominal equilibrium for any parameters, got up to {largest:.3g}",
+            "The equilibrium at the goal moves with the parameters, and the law is not linear, or the plant is not "
+            "linear in what moves.",
+            f"expected no moving equilibrium, or a law of degree 1 and integrators that hold {sorted(bent)}, got "
+            f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
             "degree=2, whose law is linear, or a goal at which no torque is held",
         )
+
+
+def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
+    """Whether some parameters give rates at the nominal equilibrium."""
+    table = problem.plant.parameters
+    flat, nominal = flat_names(table), table.vector()
+    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
+    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
+    varying = [p for p in statement.parameters if p.low < p.high]
+    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
+    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
+    for corner in corners:
+        there = nominal.copy()
+        for name, value in corner.items():
+            there[flat.index(name)] = value
+        rates = np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float)
+        if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
+            return True
+    return False
 
 
 # Starts -------------------------------------------------------------------------------------------
@@ -236,7 +271,7 @@ def _start(statement: Certificate) -> Start | None:
 def _held_input(
     statement: Certificate, path: tuple[tuple[Term, ...], ...], functions: list[Function]
 ) -> tuple[Term, ...] | None:
-    """The input that holds the robot at −a, in deviation from that at the goal: −f_i/g2_i of the rate that it drives."""
+    """The input that holds the robot at −a, in deviation from that at the goal: −f_i/g2_i of the driven rate."""
     driven = [i for i, row in enumerate(statement.g2) if row[0]]
     if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
         return None

@@ -224,32 +224,15 @@ class Loop(Summarised):
                 multi_turn=multi_turn,
             ).alone()
         return self.run_paced(
-            AT_ONCE,
-            None,
-            reference,
-            disturbance,
-            noise,
-            duration,
-            initial_state,
-            seed,
-            initial_input,
+            AT_ONCE, None, reference, disturbance, noise, duration, initial_state, seed, initial_input,
             multi_turn=multi_turn,
-        )
+        )  # fmt: skip
 
     def run_paced(
-        self,
-        pacing: Pacing,
-        stepped: Stepped | None = None,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
-        duration: float = 8.0,
-        initial_state: Any = None,
-        seed: int = 0,
-        initial_input: Any = None,
-        *,
-        multi_turn: bool = False,
-    ) -> Trajectory:
+        self, pacing: Pacing, stepped: Stepped | None = None, reference: Any = None, disturbance: Any = None,
+        noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
+        *, multi_turn: bool = False,
+    ) -> Trajectory:  # fmt: skip
         """As `run` on a black box, its samples made when `pacing` says so; `stepped` is stepped instead of the
         controller, as it is.
 
