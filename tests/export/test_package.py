@@ -21,7 +21,9 @@ def controller() -> fh.Controller:
     return fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=math.inf), None, 1e-3, 48.0)
 
 
-@pytest.mark.parametrize("name", ["3arm", "my-arm", "while", "a" * 32, "", "é", "x;y", None, 7])
+@pytest.mark.parametrize(
+    "name", ["3arm", "my-arm", "while", "math", "Main", "a" * 32, "", "é", "x;y", None, 7]
+)
 def test_a_name_that_is_none_for_c(name: object, controller: fh.Controller, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no name for C"):
         export_c(controller, tmp_path / "c", name)  # type: ignore[arg-type]
