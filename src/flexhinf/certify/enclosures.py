@@ -111,7 +111,7 @@ class MeanForms:
     def enclose(
         self, face: np.ndarray, middle: np.ndarray, half: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The value in the middle (polynomials, N), the slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
+        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
 
         Parameters
         ----------

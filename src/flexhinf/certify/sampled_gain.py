@@ -4,8 +4,8 @@ With s V as the storage function, s > 0, the dissipation inequality at x reads
 
     s A(x) + Z(x) + s² G(x)/γ² ≤ 0,    A = max over vertices of V_x (f + g2 k),  Z = ½ |z|²,  G = ½ |g1ᵀV_xᵀ|².
 
-A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. Points are random, and the
-worst are followed by smaller and smaller random steps. It proves nothing: it says what is worth a proof.
+A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. Points are random, and
+the worst are followed by smaller and smaller random steps. It proves nothing: it says what is worth a proof.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ __all__ = ["SampledGain", "sampled_gain"]
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
+_AGAIN = 3  # local searches: after each, s is chosen anew
 _SCALES = np.geomspace(
     0.2, 8.0, 30
 )  # of s, about the one at which the inputs of law and penalty cost the same
@@ -53,29 +54,30 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     fields = _Fields(statement)
     root = np.linalg.inv(np.linalg.cholesky(_quadratic(statement.value, len(statement.states)))).T
     points = _points(fields.value, root, level, rng)
-    found = fields.parts(points)
-    gammas = [_gamma(found, s) for s in about * _SCALES]
-    best = int(np.argmin([values.max() for values in gammas]))
-    scale = float(about * _SCALES[best])
-    worst = gammas[best]
-    largest = float(worst.max())
-    step = 0.3
-    for _ in range(_ROUNDS):
-        if not np.isfinite(largest):
-            return SampledGain(float("inf"), scale)
-        starts = points[np.argsort(worst)[-_KEPT:]]
-        size = np.sqrt(np.sum(np.linalg.solve(root, starts.T) ** 2, axis=0))
-        moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
-        points = (starts + step * size[:, None] * moves / np.sqrt(starts.shape[1])).reshape(
-            -1, starts.shape[1]
-        )
-        points = np.vstack([starts, points[fields.value(points) <= level]])
-        worst = _gamma(fields.parts(points), scale)
-        largest, step = max(largest, float(worst.max())), step / 2
-    return SampledGain(largest, scale)
+    parts = fields.parts(points)
+    for _ in range(_AGAIN):
+        gammas = [_gamma(parts, s) for s in about * _SCALES]
+        best = int(np.argmin([values.max() for values in gammas]))
+        scale, worst = float(about * _SCALES[best]), gammas[best]
+        if not np.isfinite(worst.max()):
+            break
+        step, near = 0.3, points
+        for _ in range(_ROUNDS):
+            starts = near[np.argsort(worst)[-_KEPT:]]
+            size = np.sqrt(np.sum(np.linalg.solve(root, starts.T) ** 2, axis=0))
+            moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
+            moved = (starts + step * size[:, None] * moves / np.sqrt(starts.shape[1])).reshape(
+                -1, starts.shape[1]
+            )
+            near = np.vstack([starts, moved[fields.value(moved) <= level]])
+            found = fields.parts(near)
+            worst, step = _gamma(found, scale), step / 2
+            points = np.vstack([points, near])
+            parts = np.hstack([parts, found])
+    return SampledGain(float(_gamma(parts, scale).max()), scale)
 
 
-def _gamma(found: tuple[np.ndarray, np.ndarray, np.ndarray], scale: float) -> np.ndarray:
+def _gamma(found: np.ndarray, scale: float) -> np.ndarray:
     """The smallest γ at each point; inf where there is none."""
     a, z, g = found
     room = -scale * a - z
@@ -128,8 +130,8 @@ class _Fields:
         """V (N,)."""
         return _polynomial(self.statement.value, x)
 
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, Z and G at points (N, n)."""
+    def parts(self, x: np.ndarray) -> np.ndarray:
+        """A, Z and G at points (N, n), (3, N)."""
         given = self.statement
         slope = [_polynomial(_derivative(given.value, i), x) for i in range(self.n)]
         law = [_polynomial(row, x) for row in given.law]
@@ -153,7 +155,7 @@ class _Fields:
                     weight = np.array([self._weight(term, vertex) for vertex in self.vertices])
                     along += weight[:, None] * (slope[i] * self._monomial(term, x))
             g += 0.5 * along**2
-        return a, z, g.max(axis=0)
+        return np.stack([a, z, g.max(axis=0)])
 
     def _monomial(self, term: Term, x: np.ndarray) -> np.ndarray:
         result = np.prod(x ** np.array(term.powers), axis=1)
