@@ -15,6 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
+from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design
 from flexhinf.cli.export import app as export
 from flexhinf.cli.export import compile_design
@@ -69,6 +70,7 @@ COMMANDS = {
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
     ),
+    certify: ("flexhinf certify --check certificate.json",),
     schema: ("flexhinf schema > design.schema.json",),
 }
 
