@@ -234,9 +234,7 @@ class _Clock:
         self._step, self._k, self._first = steps.step, 0, 0
         self._watch, self._each = watch, max(1, round(watch_every / period))
         # filled, so that no page of memory is missing when it is first written
-        self._due, self._woken, self._computed, self._ready, self._over = np.zeros(
-            (5, samples), dtype=np.int64
-        )
+        self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
         self.codes = np.full(samples, 0)
         self.began, self.stopped = 0, None
 
