@@ -306,13 +306,15 @@ def _number(value: float, real: Real) -> str:
 
 def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
     c = code.controller
+    none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **c.summary(),
+        "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
         "inputs differ from the simulation's by": accuracy.text,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
-        "operations of one step": f"about {code.operations}",
+        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
     }
     return fill(
         template("README.md"), code.name, code.real,
