@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import flexhinf as fh
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
 from flexhinf.certify.checker import inequality as inequality_file
 from flexhinf.certify.checker import march as march_file
@@ -344,6 +345,22 @@ def test_the_second_route_alone_tells_right_from_wrong() -> None:
     cell = march_file.Cell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
     assert second_route.cell_holds(of, cell, 0)
     assert not second_route.cell_holds(of, replace(cell, begin=1.0, end=12.0), 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("goal", [90, 180])
+def test_what_the_search_proves_is_proved_again_for_the_paper_s_arm(goal: int) -> None:
+    """13 s of CPU each."""
+    arm = fh.paper_arm()
+    problem = arm.problem(fh.Penalty((75, 27, 90, 27, 330), effort=10.0), pose=(np.radians(goal),))
+    smallest = fh.smallest_gamma(problem)
+    solution = fh.solve_hji(problem, gamma=1.5 * smallest, degree=4)
+    certificate = solution.certify(gamma=1.6 * smallest, penalty=(60, 0, 0, 0, 300))
+    found = certificate.check()
+    assert found.proved, found.reason
+    assert found.gradient_law
+    assert found.starts > 0
+    assert not replace(certificate, level=certificate.level * 1.002).check(sample=0).proved
 
 
 def test_the_checker_and_the_search_do_not_know_each_other(repository: Path) -> None:
