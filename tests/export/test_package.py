@@ -73,6 +73,18 @@ def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
             check_room(controller, "double", ram=text)
 
 
+def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.MonkeyPatch) -> None:
+    if shutil.which("arm-none-eabi-gcc") is None:
+        pytest.skip("no arm-none-eabi-gcc")
+    check_room(estimating, "float", flash="32kB")
+    with pytest.raises(
+        InvalidInput, match=r"(?s)code and constants need more room.*'8kB'.*for a Cortex-M4F.*float"
+    ):
+        check_room(estimating, "double", flash="8kB")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    check_room(estimating, "double", flash="8kB")  # constants alone
+
+
 def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controller) -> None:
     unlimited = fh.Controller(controller.law, None, 1e-3)
     assert "| saturation | -48 to 48 |" in controller_files(controller)["README.md"]
