@@ -9,6 +9,7 @@ import math
 import os
 import resource
 import subprocess
+import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from benchmarks.campaign.floating_point import LANES, peak, work_of
 from benchmarks.filterpy_loop import FilterpyLoop
 from benchmarks.measure import Timing, alternate
 from benchmarks.record import keep
+from flexhinf.loop.signals.sampling import standard_normal
 
 PERIOD, GOAL, Q, R, THREADS = 1e-3, math.pi / 2, 1e-6, 1e-6, 2
 #: The environment of numba and JAX, which are in no lock of ours: `make peers`.
@@ -192,6 +194,48 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
     return rows
 
 
+def single_run(steps: int) -> list[dict[str, Any]]:
+    """One run of the paper's arm against C++ written for it by hand, with the same sub-steps and the same noise."""
+    arm = PaperArm(1, steps)
+    named = vars(arm.plant.parameters.named(arm.parameters[0]))
+    loop = fh.Loop(arm.plant.with_parameters(**named), arm.controller)
+    command = (fh.Step(GOAL), None, math.sqrt(R), (steps - 1) * PERIOD)
+    run, prepared, task = loop.run(*command), loop.prepared(*command), arm.task()
+    position, inputs = run.signals["state"][:, 0], run.signals["input"]
+    ours = np.array([position.max(), np.abs(inputs).max(), np.sum((position - GOAL) ** 2)])
+    numbers = [
+        steps, loop.sub_steps, PERIOD, Q, R, GOAL, *task["model"], *arm.peer_plants(1)[0], *task["first"],
+        *task["third"], *(run.signals["output"][:, 0] - position),
+    ]  # fmt: skip
+    source = Path(__file__).parent / "hand_written.cpp"
+    with tempfile.TemporaryDirectory() as folder:
+        program = str(Path(folder) / "hand_written")
+        build = ["g++", "-std=c++17", "-O3", "-march=native", "-o", program, str(source)]
+        try:
+            subprocess.run(build, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError) as reason:
+            print(f"C++ by hand is left out: {reason}")
+            return []
+        text = " ".join(repr(float(number)) for number in numbers)
+        done = subprocess.run([program], input=text, text=True, capture_output=True, check=True)
+    nanoseconds, *results = map(float, done.stdout.split())
+    difference = float(np.max(np.abs(np.array(results) / ours - 1.0)))
+    assert difference < 1e-6, f"C++ by hand differs by {difference}: nothing to compare"
+    outputs = {name: array.ravel() for name, array in prepared.outputs([prepared]).items()}
+    kernel = prepared.code.kernel().bind({**prepared.inputs, **outputs}, prepared.counts)
+    noise = partial(standard_normal, 0, steps, 1)
+    works = {"run": (partial(loop.run, *command), steps), "kernel": (kernel, steps), "noise": (noise, steps)}
+    t = {name: 1e9 * timing.best for name, timing in alternate(works, 15).items()}
+    ratio, rest = t["run"] / nanoseconds, t["run"] - t["kernel"] - t["noise"]
+    note = (
+        f"C++ by hand: {nanoseconds:.0f} ns a step, ours {t['run']:.0f} = {t['kernel']:.0f} in the kernel, "
+        f"{t['noise']:.0f} for noise, {rest:.0f} around it; results agree to {difference:.0e}"
+    )
+    what = f"one run, {loop.sub_steps} sub-steps"
+    return [{"what": what, "rate": 1e9 / t["run"], "best": None, "target": "<= 1.3 x C++", "met": ratio <= 1.3,
+             "note": f"{ratio:.2f} x; {note}"}]  # fmt: skip
+
+
 def _limit(work: Any, timing: Timing) -> list[dict[str, Any]]:
     """How near to the processor's own limit one thread is."""
     most, steps = peak(), 1.0 / timing.best / LANES
@@ -251,7 +295,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=10_000)
     parser.add_argument("--repetitions", type=int, default=5)
     given = parser.parse_args()
-    rows = campaigns(given.plants, given.steps, given.repetitions)
+    rows = [*campaigns(given.plants, given.steps, given.repetitions), *single_run(given.steps)]
     rows += seven_links(max(16, given.plants // 100), max(100, given.steps // 50), given.repetitions)
     table = Table("what", "plant-steps/s", "best", "target", "met", "note")
     for row in rows:

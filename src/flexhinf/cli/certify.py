@@ -34,7 +34,7 @@ def certify(
     certificate = load_certificate(check)
     with _counted() as tick:
         found = certificate.check(threads=threads, tick=tick)
-    typer.echo(theorem_text(certificate))
+    typer.echo(theorem_text(certificate, found))
     typer.echo("")
     typer.echo(verification_text(found))
     if not found.proved:
