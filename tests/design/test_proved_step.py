@@ -44,4 +44,8 @@ def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
     assert found.peak_effort < 40.0
     assert found.gamma < 550.0
     assert found.certificate is not None
-    assert {p.name for p in found.certificate.parameters if p.low < p.high} >= {"mass", "stiffness", "resistance"}
+    assert {p.name for p in found.certificate.parameters if p.low < p.high} >= {
+        "mass",
+        "stiffness",
+        "resistance",
+    }
