@@ -1,9 +1,9 @@
 """The proved step as a criterion of a design: weights and degree for the largest one, or for the smallest proved gain.
 
-Candidates are laws of the presets robust (with tolerances) or damped, over bandwidths, dampings, γ/γ* and degrees of V.
-Of each, a step without a jump of the input is run on the nominal robot, for its largest input, and `sampled_gain` says
-which γ is worth a proof, for the robot's own penalty and command: the same d and z for all candidates. They are proved
-in order, the best first, until one is.
+Candidates are laws of the preset robust, and for the nominal robot of damped too, over bandwidths, dampings, γ/γ* and
+degrees of V. Of each, a step without a jump of the input is run on the nominal robot, for its largest input, and
+`sampled_gain` says which γ is worth a proof, for the robot's own penalty and command: the same d and z for all
+candidates. They are proved in order, the best first, until one is.
 """
 
 from __future__ import annotations
@@ -125,9 +125,12 @@ def search_proved_step(
     measured = robot.problem(pose=goal)
     ranges = parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
     found: list[ProvedStep] = []
-    for factor, damping in itertools.product(bandwidths, dampings):
-        progress(f"candidates: {factor:g} times the bandwidth, damping {damping or 'of the preset'}")
-        for candidate in _laws(robot, goal, step, factor, damping, ratios, degrees, bool(ranges)):
+    presets = (("robust",) if robot.uncertain else ()) + (() if ranges else ("damped",))
+    for preset, factor, damping in itertools.product(presets, bandwidths, dampings):
+        progress(
+            f"candidates: {preset}, {factor:g} times its bandwidth, damping {damping or 'of the preset'}"
+        )
+        for candidate in _laws(robot, goal, step, factor, damping, ratios, degrees, preset):
             judged = _judged(candidate, measured, ranges, step, effort_limit)
             found += [] if judged is None else [judged]
     found.sort(key=lambda c: (-round(c.step, 3), c.gamma) if step is None else (0.0, c.gamma))
@@ -157,14 +160,12 @@ def _laws(
     damping: Any,
     ratios: Any,
     degrees: Any,
-    robust: bool,
+    preset: Any,
 ) -> list[ProvedStep]:
     """The laws of one bandwidth and damping; none where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
-    s = Specification(
-        pose=tuple(pose), start=tuple(start), preset="robust" if robust else "damped", damping=damping
-    )
+    s = Specification(pose=tuple(pose), start=tuple(start), preset=preset, damping=damping)
     try:
         first = choose(robot, pose, start, s)
         assert first.target is not None
