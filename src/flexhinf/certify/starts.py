@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function, Start, Term
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf.step_amplitude import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["SMALLEST_VALUE", "UNCHANGED_INPUT", "starts_of"]
+__all__ = ["SMALLEST_VALUE", "UNCHANGED_INPUT", "last_start", "starts_of"]
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
@@ -32,7 +32,7 @@ _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of
 Terms = tuple[Term, ...]
 
 
-def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
+def starts_of(solution: ValueFunction, statement: Claim) -> tuple[Start, ...]:
     """The path of starts for either rule, as far as V stays below the certificate's level."""
     try:
         shares, free = step_roles(solution.state_names, None, None)
@@ -52,9 +52,15 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     return tuple(found)
 
 
+def last_start(claim: Claim, start: Start) -> np.ndarray:
+    """The start of the largest amplitude, deviation from the goal (n,)."""
+    table = [row[-1] if row else 0.0 for row in start.table]
+    return _evaluator(start.path, start.functions, claim)(start.amplitude) + table
+
+
 # The equilibrium ----------------------------------------------------------------------------------
 def _rest(
-    statement: Certificate, shares: np.ndarray, free: np.ndarray
+    statement: Claim, shares: np.ndarray, free: np.ndarray
 ) -> tuple[tuple[Terms, ...], tuple[Function, ...]] | None:
     """The states of the equilibrium at −a as terms in a; None where the rates do not give them one by one."""
     n = len(shares)
@@ -77,7 +83,7 @@ def _rest(
 
 
 def _solved(
-    statement: Certificate, rate: int, path: dict[int, Terms], functions: list[Function]
+    statement: Claim, rate: int, path: dict[int, Terms], functions: list[Function]
 ) -> dict[int, Terms] | None:
     """The one unknown state of a rate, where the others are known; {} where none is unknown."""
     known: list[Term] = []
@@ -107,7 +113,7 @@ def _solved(
 
 
 def _along(
-    term: Term, path: dict[int, Terms], statement: Certificate, functions: list[Function]
+    term: Term, path: dict[int, Terms], statement: Claim, functions: list[Function]
 ) -> list[Term] | None:
     """A term of the drift on the path: only states that are multiples of a, or zero, may stand in it."""
     factor, power = term.coefficient, 0
@@ -153,7 +159,7 @@ def _divided(term: Term, divisor: Term) -> Term:
 
 
 def _evaluator(
-    path: tuple[Terms, ...], functions: tuple[Function, ...], statement: Certificate
+    path: tuple[Terms, ...], functions: tuple[Function, ...], statement: Claim
 ) -> Callable[[float], np.ndarray]:
     """The equilibrium at −a in doubles."""
     numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in statement.parameters}
