@@ -8,6 +8,7 @@
 # when a lock changes, .venv is made anew.
 
 VENV   ?= .venv
+PEERS  ?= .venv-peers
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
              $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
 
@@ -22,7 +23,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-hardware bench-firmware pages locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware peers pages locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -53,6 +54,17 @@ bench-hji: environment-dev
 
 bench-arm: environment-dev
 	OMP_NUM_THREADS=1 $(PY) -m benchmarks.arm
+
+# Against numba and JAX where `make peers` has been run: they have an environment of their own, and no lock.
+bench-campaign: environment-dev
+	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.campaign
+
+peers: $(PEERS)/.stamp
+
+$(PEERS)/.stamp: benchmarks/campaign/peers.txt
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip --disable-pip-version-check --no-input install --quiet -r $<
+	touch $@
 
 # 10,000 steps of seven links in real time; for more on an idle machine, python -m benchmarks.jitter --steps 1000000
 bench-jitter: environment-dev
@@ -97,5 +109,5 @@ locks:
 	$(LOCK) --group build --extra test --constraint requirements.lock pyproject.toml --output-file requirements-dev.lock
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
+	rm -rf $(VENV) $(PEERS) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -72,7 +72,7 @@ def test_levels_are_proved_to_within_a_thousandth() -> None:
     assert found.proved, found.reason
     assert found.faces == 2
     assert 0 < found.with_level < found.accepted
-    assert 20 < found.resampled <= 40
+    assert 10 < found.resampled <= 20
     assert found.rounding < 1e-9
     assert upright(V_4, 9.2).check(threads=1).proved
 
@@ -361,5 +361,5 @@ def test_the_checker_and_the_search_do_not_know_each_other(repository: Path) -> 
         own = [name for name in names if name.startswith("flexhinf")]
         if file.parent.name == "checker":
             assert all(name.startswith(allowed) for name in own), file
-        elif file.name not in ("certificate.py", "__init__.py"):
+        elif file.name not in ("certificate.py", "theorem.py", "__init__.py"):
             assert not any(name.startswith("flexhinf.certify.checker") for name in own), file

@@ -26,6 +26,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.faces import (
     Layout,
     degrees_of,
@@ -45,7 +46,7 @@ from flexhinf.certify.inequality import (
     times_powers,
 )
 from flexhinf.certify.kernel import kernel_text
-from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape
+from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape, aligned
 from flexhinf.certify.quotients import QuotientTable, quotient_table
 from flexhinf.certify.reading import nearest_double
 from flexhinf.codegen import machine
@@ -135,20 +136,21 @@ class CellBounds:
         Largest radius; few bits.
     extent : sequence of float
         Largest |ℓ_j| for which the functions are enclosed.
+    box : BoxExcess, optional
+        What the parameters' box adds to r; without, all have one value.
     """
 
-    def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
-        self.n = inequality.states
-        self.reach = reach
+    def __init__(
+        self, inequality: Inequality, reach: float, extent: Sequence[float], box: BoxExcess | None = None
+    ) -> None:
+        self.n, self.reach, self.box = inequality.states, reach, box
         self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
         self.symmetric = is_symmetric(inequality)
         signs = (1,) if self.symmetric else (1, -1)
         self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
         d, keep = self.n - 1, self.symmetric
         value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
-        whole, whole_odd = (
-            by_parity(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
-        )
+        whole, whole_odd = by_parity(inequality.polynomial, True) if keep else (inequality.polynomial, {})
         factors = []
         for quotient in inequality.quotients:
             right = parity(quotient.function) == -1  # Φ odd: S even
@@ -254,7 +256,7 @@ class CellBounds:
         self._signs = monomial_links(longest.monomials, shape.directions)
 
     def _context(self, faces: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, level: float) -> _Call:
-        work = _aligned(self.shape.work_places()["count"] * LANES)
+        work = aligned(self.shape.work_places()["count"] * LANES)
         arrays = {
             "faces": faces, "inputs": inputs, "outputs": outputs, "work": work, "level": np.array([level]),
             "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
@@ -279,18 +281,22 @@ class CellBounds:
         first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
         filled[:] = np.repeat(first[faces], LANES)
         filled[slot] = np.arange(len(cells))
-        rows = self._rows(cells)
-        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
+        rows, names = self._rows(cells), self.shape.output_rows
+        score = np.zeros((self.n, len(cells)))
+        if self.box is not None:
+            radii = self.radii(cells.inner), self.radii(cells.outer)
+            numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
+            added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
+            rows[:, self.shape.input_rows["rounding"]] += added
+        inputs = aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
-        size = self.shape.output_rows["count"]
-        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        size = names["count"]
+        outputs = aligned(total * size * LANES).reshape(total, size, LANES)
         call = self._context(np.ascontiguousarray(faces, dtype=np.int64), inputs, outputs, level)
         self._run(call, total, pool)
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
-        names = self.shape.output_rows
-        return Bounds(
-            **{name: found[:, names[name]] for name in list(names)[:-2]}, score=found[:, names["score"] :]
-        )
+        single = {name: found[:, names[name]] for name in list(names)[:-2]}
+        return Bounds(**single, score=found[:, names["score"] :] + score.T)
 
     def _run(self, call: _Call, total: int, pool: ThreadPoolExecutor | None) -> None:
         if pool is None:
@@ -365,9 +371,7 @@ class CellBounds:
         self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """An interval that ℓ stays in on each cell."""
-        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(
-            len(self.faces), -1
-        )
+        slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
         main = np.array([sign * form[variable] for variable, sign in self.faces])
         at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
         wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
@@ -385,15 +389,8 @@ class _Call:
 
     def part(self, first: int, last: int) -> _Call:
         """The same for some of the groups, with its own work buffer."""
-        work = _aligned(len(self.arrays["work"]))
+        work = aligned(len(self.arrays["work"]))
         words = self.words.copy()
         words[:2] = first, last
         words[POINTERS.index("work")] = work.ctypes.data
         return _Call(words, {**self.arrays, "work": work})
-
-
-def _aligned(count: int) -> np.ndarray:
-    """Zeros that start at a multiple of 64 bytes."""
-    raw = np.zeros(count + 8)
-    offset = (-raw.ctypes.data % 64) // 8
-    return raw[offset : offset + count]

@@ -33,7 +33,7 @@ class Certificate(Summarised, Claim):
     """On the component of {V ≤ level} around 0 the dissipation inequality holds; see `Claim` for the attributes."""
 
     def check(
-        self, *, threads: int = 2, sample: int = 20, tick: Callable[[int], None] = lambda cells: None
+        self, *, threads: int = 2, sample: int = 10, tick: Callable[[int], None] = lambda cells: None
     ) -> Verification:
         """Prove it again from its data alone; see `flexhinf.certify.checker`.
 
@@ -96,8 +96,9 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         content = json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
         raise _unreadable(path.name, "JSON", str(error)) from None
-    if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-        raise _unreadable(path.name, f"an object with format = {_FORMAT!r}", value_text(content, 80))
+    kind = content.pop("format", None) if isinstance(content, dict) else content
+    if not isinstance(content, dict) or kind != _FORMAT:
+        raise _unreadable(path.name, f"an object with format = {_FORMAT!r}", value_text(kind, 80))
     version = content.pop("version", None)
     if version != _VERSION:
         raise _unreadable(path.name, f"version {_VERSION}", value_text(version, 60))

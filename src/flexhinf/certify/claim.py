@@ -12,7 +12,6 @@ is no double stands as a parameter with an interval around it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import sqrt
 from typing import Annotated
 
 from pydantic import Field
@@ -176,11 +175,6 @@ class Claim:
     def degree(self) -> int:
         """Of V."""
         return max(sum(powers) for powers, _ in self.value)
-
-    @property
-    def largest_disturbance(self) -> float:
-        """√(2αc)/γ: no persistent disturbance |d| up to this leaves the region; 0.0 without a decay."""
-        return sqrt(2 * self.decay * self.level) / self.gamma
 
     @property
     def step_amplitude(self) -> float:

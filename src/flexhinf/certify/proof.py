@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.inequality import Inequality, inequality_of
@@ -144,7 +145,8 @@ def prove(
     extent = _extent(inequality, statement.level)
     reach = _few_bits(_ROOM * extent.reach)
     for _ in range(4):
-        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist())
+        box = BoxExcess(statement, reach) if any(p.low < p.high for p in statement.parameters) else None
+        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist(), box)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break

@@ -27,7 +27,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 
-__all__ = ["PlantTerms", "nearest_double", "plant_terms", "rational", "terms_of"]
+__all__ = ["PlantTerms", "flat_names", "nearest_double", "plant_terms", "rational", "terms_of"]
 
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
@@ -53,7 +53,10 @@ _AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
 
 @dataclass(frozen=True)
 class PlantTerms:
-    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`."""
+    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
+
+    `inside` are the parameters that stand in functions of the state, with their nominal values.
+    """
 
     drift: tuple[Row, ...]
     g1: tuple[tuple[Row, ...], ...]
@@ -61,6 +64,7 @@ class PlantTerms:
     penalty: Polynomials
     functions: tuple[Function, ...]
     parameters: tuple[Parameter, ...]
+    inside: tuple[str, ...] = ()
 
 
 def rational(value: float) -> fmpq:
@@ -113,7 +117,7 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
     reader = _Reader(
-        n, m + k, _flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
+        n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
     )
     x, inputs = reader.states, reader.inputs
     moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
@@ -127,10 +131,10 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
         for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
     )
     penalty_terms = tuple(reader.polynomial(part) for part in h)
-    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used())
+    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(), reader.inside)
 
 
-def _flat_names(table: ParameterTable) -> list[str]:
+def flat_names(table: ParameterTable) -> list[str]:
     """A name for every entry of the parameter vector."""
     rows = table.values.items()
     return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
@@ -199,6 +203,7 @@ class _Reader:
         self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
         self._seen: set[int] = set()
+        self.inside: tuple[str, ...] = ()
 
     def constant(self, value: float) -> fmpq_mpoly:
         """A number as a polynomial."""
@@ -261,6 +266,7 @@ class _Reader:
             if sum(states) > 1 or any(others) or any(exponents[self.edges[4] :]):
                 raise refused(f"{name} of something else than a linear form of the state")
             for i, power in self._powers(exponents):
+                self.inside = tuple({*self.inside, self.names[i]})
                 value *= rational(self.values[i]) ** power
             place = states.index(1) if any(states) else None
             sums[place] = sums.get(place, fmpq(0)) + value

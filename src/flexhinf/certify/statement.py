@@ -14,7 +14,7 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.untrusted import HUGE
 
-__all__ = ["statement_of"]
+__all__ = ["few_bits", "law_polynomials", "statement_of"]
 
 _BITS = 20  # of the entries of T
 
@@ -56,7 +56,7 @@ def statement_of(
             for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
             if value
         ),
-        law=_law(solution, terms),
+        law=law_polynomials(solution, terms),
         gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
         decay=decay,
         level=level,
@@ -67,7 +67,7 @@ def statement_of(
     )
 
 
-def _law(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
     """−R2⁻¹ g2ᵀ V_xᵀ in doubles: with a constant g2 the controller's own numbers, else the product's, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
@@ -109,6 +109,11 @@ def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay:
     root = np.linalg.cholesky(np.linalg.inv(p))
     _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
     transform = root @ vectors
-    largest = np.abs(transform).max(axis=0, keepdims=True)
+    return few_bits(transform)
+
+
+def few_bits(matrix: np.ndarray) -> np.ndarray:
+    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
+    largest = np.abs(matrix).max(axis=0, keepdims=True)
     scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
-    return np.round(transform * scale) / scale
+    return np.round(matrix * scale) / scale

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.claim import Claim
-from flexhinf.certify.starts import last_start
+from flexhinf.certify.starts import path_states
 from flexhinf.certify.terms import Start
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
@@ -77,7 +77,7 @@ def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: fl
         return float(solution.value(x)) - end
 
     settled.terminal = True  # type: ignore[attr-defined]
-    first = last_start(certificate, start)
+    first = _last_start(certificate, start)
     end = _SETTLED * float(solution.value(first))
     fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _STEPS}
     run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=settled, **fine)
@@ -100,3 +100,10 @@ def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: fl
         run.t,
         state,
     )
+
+
+def _last_start(claim: Claim, start: Start) -> np.ndarray:
+    """The start of the largest amplitude at the middle of the parameters, deviation from the goal (n,)."""
+    middle = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in claim.parameters}
+    table = [row[-1] if row else 0.0 for row in start.table] or [0.0] * len(claim.states)
+    return path_states(start.path, start.functions, middle, np.array([start.amplitude]))[0] + table

@@ -92,6 +92,11 @@ class Parameter:
             self.low <= self.high, f"low ≤ high for the parameter {self.name}", f"{self.low!r}, {self.high!r}"
         )
 
+    @property
+    def middle(self) -> float:
+        """Of the range, as a double."""
+        return 0.5 * (self.low + self.high)
+
 
 @dataclass(frozen=True)
 class Function:

@@ -55,6 +55,9 @@ def certify(
     from rest inside. What is proved is stated by --checked-gamma-ratio and
     --checked-penalty. For robots of one link; the true state is fed back.
 
+    With --check, another program proves a certificate again and reads nothing but
+    the file; the theorem is printed with its hypotheses and what is not proved.
+
     Exit code: 0 if something is proved; 1 if a check refuses a certificate;
     2 for a mistake, or where nothing can be proved; 130 if interrupted.
     """
@@ -69,6 +72,7 @@ def certify(
         )
     from rich.console import Console
 
+    from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
     from flexhinf.design.certification import certify_design, proved
 
@@ -84,13 +88,13 @@ def certify(
     certificate = proved(found, degree).certificate
     assert certificate is not None
     certificate.save(out)
-    typer.echo(report.certificate_text(certificate))
+    typer.echo(theorem_text(certificate))
     typer.echo(f"certificate: {out}\ncheck:       flexhinf certify --check {out}")
 
 
 def _check(path: Path, robot: str, threads: int) -> None:
     from flexhinf.certify import load_certificate
-    from flexhinf.design import report
+    from flexhinf.certify.theorem import theorem_text, verification_text
 
     if robot:
         raise InvalidInput(
@@ -99,10 +103,11 @@ def _check(path: Path, robot: str, threads: int) -> None:
             f"flexhinf certify --check {path}",
         )
     certificate = load_certificate(path)
-    typer.echo(report.certificate_text(certificate))
     with ProofProgress() as bar:
         bar.step("check")
         found = certificate.check(threads=threads, tick=bar.cells)
-    typer.echo(report.verification_text(found))
+    typer.echo(theorem_text(certificate))
+    typer.echo("")
+    typer.echo(verification_text(found))
     if not found.proved:
         raise typer.Exit(NOT_MET)

@@ -81,7 +81,7 @@ def verify(
     claim: Claim,
     *,
     threads: int = 2,
-    sample: int = 20,
+    sample: int = 10,
     seed: int = 0,
     tick: Callable[[int], None] = lambda cells: None,
 ) -> Verification:

@@ -77,21 +77,22 @@ def residual(claim: Claim) -> Residual:
     def add(target: dict[Any, Any], key: Any, polynomial: Any) -> None:
         target[key] = target.get(key, context.constant(0)) + polynomial
 
+    fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
     slopes = [[as_rational(v) for v in function.slope] for function in claim.functions]
     arguments = [sum((a * y for a, y in zip(row, x, strict=True)), context.constant(0)) for row in slopes]
     for i in range(n):
-        for (parameters, function), field in _fields(claim.drift[i], x, context).items():
+        for (parameters, function), field in _fields(claim.drift[i], x, fixed).items():
             if function is None:
                 add(plain, parameters, slope[i] * field)
             else:
                 add(factors, (function, parameters), slope[i] * field * arguments[function])
         for j, entry in enumerate(claim.g2[i]):
-            for (parameters, _), field in _fields(entry, x, context).items():
+            for (parameters, _), field in _fields(entry, x, fixed).items():
                 add(plain, parameters, slope[i] * field * law[j])
     for j in range(len(claim.disturbances)):
         rate: dict[Exponents, Any] = {}
         for i in range(n):
-            for (parameters, _), field in _fields(claim.g1[i][j], x, context).items():
+            for (parameters, _), field in _fields(claim.g1[i][j], x, fixed).items():
                 add(rate, parameters, slope[i] * field)
         attenuation = half / as_rational(claim.gamma) ** 2
         for (p, first), (q, second) in itertools.product(rate.items(), repeat=2):
@@ -115,12 +116,17 @@ def _linear(row: Iterable[fmpq], context: Any) -> Any:
     return sum((a * z for a, z in zip(row, context.gens(), strict=True)), context.constant(0))
 
 
-def _fields(terms: Terms, x: list[Any], context: Any) -> dict[tuple[Exponents, int | None], Any]:
-    """Polynomials in z by product of parameters and function."""
+def _fields(terms: Terms, x: list[Any], fixed: dict[str, fmpq]) -> dict[tuple[Exponents, int | None], Any]:
+    """Polynomials in z by product of uncertain parameters and function; known parameters become numbers."""
+    context = x[0].context()
     grouped: dict[tuple[Exponents, int | None], dict[tuple[int, ...], fmpq]] = {}
     for term in terms:
-        group = grouped.setdefault((_merged(term.parameters), term.function), {})
-        group[term.powers] = group.get(term.powers, fmpq(0)) + as_rational(term.coefficient)
+        value = as_rational(term.coefficient)
+        for name, exponent in term.parameters:
+            value *= fixed.get(name, fmpq(1)) ** exponent
+        uncertain = _merged(pair for pair in term.parameters if pair[0] not in fixed)
+        group = grouped.setdefault((uncertain, term.function), {})
+        group[term.powers] = group.get(term.powers, fmpq(0)) + value
     return {key: context.from_dict(part).compose(*x, ctx=context) for key, part in grouped.items()}
 
 

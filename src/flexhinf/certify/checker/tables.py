@@ -98,14 +98,14 @@ class CellTable:
         self._slopes = np.array([(at[unit[i]], int(i == 0)) for i in range(self.n)]).T
         self._squares = np.array([place[i, i] for i in range(self.n)]).T
         pairs = [(i, j) for i, j in both if i < j]
-        self._pairs = np.array([place[pair] for pair in pairs]).reshape(-1, 2).T
+        self._pairs = np.array([place[pair] for pair in pairs], dtype=int).reshape(-1, 2).T
         self._in_pair = np.array([[float(i in pair) for pair in pairs] for i in range(self.n)]).reshape(
             self.n, -1
         )
         self.powers = max(self.degree - 1, 3)
         other = np.ones((self._low, self.powers + 2), bool)
         for used in (self._slopes, self._squares, self._pairs):
-            other[tuple(used.astype(int))] = False
+            other[tuple(used)] = False
         other[0, 0] = False
         self._others = other
         self._touch_low = np.c_[np.zeros(self._low), self.beta[: self._low] > 0].T

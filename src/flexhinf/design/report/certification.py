@@ -1,4 +1,4 @@
-"""What is proved of a design, and what a check of a certificate says, for a terminal."""
+"""What is proved of a design, for a terminal."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.checker import Verification
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.report.formatting import law_name
 from flexhinf.design.report.text import plain_table
 from flexhinf.report import number
 
-__all__ = ["certificate_text", "certification_notes", "certification_tables", "verification_text"]
+__all__ = ["certification_notes", "certification_tables"]
 
 #: Rules of the integrators' start, in short.
 RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
@@ -55,40 +53,10 @@ def _steps(one: CertifiedDegree) -> Table:
     for step in one.steps:
         first, peak = (", ".join(number(v) for v in values) for values in (step.first_input, step.peak_input))
         table.add_row(
-            step.rule, number(step.amplitude), number(step.overshoot_percent, decimals=1), first, peak
+            RULES.get(step.rule, step.rule),
+            number(step.amplitude),
+            number(step.overshoot_percent, decimals=1),
+            first,
+            peak,
         )
     return table
-
-
-def certificate_text(certificate: Certificate) -> str:
-    """What a certificate claims, in one paragraph."""
-    names = ", ".join(signal.name for signal in certificate.disturbances)
-    parts = [
-        f"Claimed of {certificate.about}: the L2 gain from {names} to the checked penalty is at most "
-        f"{number(certificate.gamma)}, from every state of the component of V <= {number(certificate.level)} around "
-        "the goal, for every disturbance with V(x0) + 0.5 gamma^2 |d|^2 integrated <= that level; without disturbance "
-        "every such state goes to the goal.",
-    ]
-    for start in certificate.starts:
-        unit = certificate.states[0].unit
-        parts.append(f"Steps from rest up to {number(start.amplitude)} {unit} start inside, if {start.rule}.")
-    if certificate.decay:
-        most = number(certificate.largest_disturbance)
-        parts.append(f"The region is not left for any disturbance |d| <= {most} that persists.")
-    fixed = all(parameter.low == parameter.high for parameter in certificate.parameters)
-    parameters = "nominal parameters" if fixed else "every parameter in its stated interval"
-    parts.append(
-        f"It holds for {parameters} and the law fed by the true state at every instant; sampling, an estimator, delay "
-        "and saturation are not covered."
-    )
-    return " ".join(parts)
-
-
-def verification_text(found: Verification) -> str:
-    """What a check of a certificate came to."""
-    if not found.proved:
-        return f"REFUSED: {found.reason}"
-    return (
-        f"PROVED again from the file alone: {found.cells} cells on {found.faces} faces, {found.resampled} of them a "
-        f"second time in rationals and balls, {found.starts} intervals of starts; {found.cpu_s:.1f} s of CPU time."
-    )
