@@ -141,6 +141,15 @@ def test_starts_on_a_path_are_inside_up_to_their_amplitude() -> None:
     assert "is not inside: at rest" in found.reason
 
 
+def test_starts_that_differ_from_plant_to_plant_are_inside_for_all_of_them() -> None:
+    """x1 = −a · weight / inertia: largest at one corner of the box."""
+    term = Term(-0.01, (1,), (("weight", 1), ("inertia", -1)))
+    largest = (LEVEL / 3 / 59.966315470456124) ** 0.5 / (0.01 * GRAVITY * 1.04 / 0.96)
+    for share, proved in ((0.999, True), (1.001, False)):
+        start = Start("for each plant its own", share * largest, ((term,), ()))
+        assert replace(uncertain(0.04), starts=(start,)).check(threads=1, sample=0).proved == proved
+
+
 # Soundness of the bounds, and of each step in them -------------------------------------------------------
 def excess(certificate: Certificate, cells: int = 60, points: int = 80, seed: int = 0) -> float:
     """Largest amount, relative to the values, by which points of random cells exceed their cell's bounds."""
