@@ -322,7 +322,6 @@ MARCHING: dict[str, tuple[Any, str, Any]] = {
         inequality_file.Bounds, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
     ),
     "a split leaves out one half": (march_file, "_split", lambda *a: _SPLIT(*a)[:-1]),
-    "only one face": (inequality_file, "is_even", lambda *a: True),
 }  # fmt: skip
 _SPLIT = march_file._split
 
@@ -330,15 +329,21 @@ _SPLIT = march_file._split
 @pytest.mark.parametrize("name", MARCHING)
 def test_each_rule_of_the_march_is_needed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that is wrong in one place is proved where the rule is broken, and refused where it is not."""
-    tilted = (*V_2, ((3, 0), 1.0))
-    wrong = {
-        "a split leaves out one half": upright(level=LEVEL * 1.0005),
-        "only one face": upright(tilted, 8.0),
-    }.get(name, upright(level=LEVEL * 1.0005))
+    wrong = upright(level=LEVEL * 1.0005)
     assert not wrong.check(threads=1, sample=0).proved
     place, attribute, mutant = MARCHING[name]
     monkeypatch.setattr(place, attribute, mutant)
     assert wrong.check(threads=1, sample=0).proved
+
+
+def test_odd_parts_are_bounded_and_not_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    rounding, tilt = (*V_2, ((3, 0), 1e-12)), (*V_2, ((3, 0), 1.0))
+    assert upright(rounding).check(threads=1).faces == 2
+    assert upright(tilt, 5.0).check(threads=1).faces == 4
+    monkeypatch.setattr(inequality_file, "_nearly_even", lambda *a: True)
+    assert not upright(tilt, 8.0).check(threads=1).proved  # false on one of two opposite faces
+    monkeypatch.setattr(Inequality, "parts", lambda self, polynomial: (polynomial, None))
+    assert upright(tilt, 8.0).check(threads=1, sample=0).proved
 
 
 def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,7 +59,7 @@ class Verification:
     resampled : int
         Cells that were proved a second time, in rationals and balls.
     faces : int
-        Of the cube: n where V and r are exactly even, else 2n.
+        Of the cube: n where V and r are even but for rounding, else 2n.
     starts : int
         Intervals of amplitudes whose starts were shown to be inside.
     gradient_law : bool
@@ -159,6 +159,8 @@ def _second(inequality: Inequality, marched: list[Marched], seed: int) -> int:
     with ctx.workprec(_BITS):
         for cell in cells:
             corner = int(rng.integers(len(inequality.exact_corners)))
+            if inequality.even and rng.integers(2):
+                cell = cell.opposite()
             if not cell_holds(inequality, cell, corner):
                 raise Refusal(f"rationals and balls do not confirm {cell}")
     return len(cells)

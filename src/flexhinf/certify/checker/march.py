@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,10 @@ class Cell:
     begin: float
     end: float
     multiplier: float
+
+    def opposite(self) -> Cell:
+        """The cell at −z."""
+        return replace(self, face=(self.face[0], -self.face[1]), t=tuple(-t for t in self.t))
 
 
 @dataclass(frozen=True)
