@@ -151,6 +151,7 @@ def oscillator(degree: int, **changes: Any) -> fh.HJISolution:
 def test_a_true_statement_is_proved_and_any_worse_one_is_not() -> None:
     solution = oscillator(4)
     sampled = solution.sampled_region()
+    assert sampled is not None
     statement = replace(statement_of(solution, None, None), level=0.9999 * sampled.level)
     assert prove(statement)[1].proved
     flow = [list(row) for row in statement.drift]

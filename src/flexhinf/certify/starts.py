@@ -27,7 +27,7 @@ __all__ = [
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 
-_STEPS = 150  # of the amplitude that the quadratic part of V predicts
+_STEPS = 30  # of the amplitude that the quadratic part of V predicts
 _LONGEST = 20  # give up at this many times that amplitude
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 

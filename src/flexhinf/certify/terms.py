@@ -22,7 +22,7 @@ __all__ = [
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")
 
-MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 12, 8, 20_000
+MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 32, 8, 20_000
 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10

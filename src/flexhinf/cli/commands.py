@@ -64,13 +64,17 @@ COMMANDS = {
         "flexhinf compare planar-two-link --goal 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
+    certify: (
+        "flexhinf certify design.toml --out certificate.json",
+        "flexhinf certify paper --goal 180deg --preset robust --degree 6",
+        "flexhinf certify --check certificate.json",
+    ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
     run_design: (
         "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
     ),
-    certify: ("flexhinf certify --check certificate.json",),
     schema: ("flexhinf schema > design.schema.json",),
 }
 
