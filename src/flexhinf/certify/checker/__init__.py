@@ -1,17 +1,17 @@
 """Proves a certificate again, from its data alone and by another program than the one that found it.
 
 **Theorem.** Let k, V, γ, α, c be those of the certificate, and let S be the component of {x: V(x) ≤ c} that contains 0.
-Let `verify` return. Then, for every value of the parameters in the stated box (constant in time), for exact state
-feedback u = k(x) in continuous time without limits,
+Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact
+state feedback u = k(x) in continuous time without limits,
 
-1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S;
-2. V̇ ≤ −αV + ½γ²|d|² − ½|z|² on S, with z = (h(x), R2^½ u) and the exact elementary functions;
-3. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
-4. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
+1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S; on S, with the exact
+   elementary functions and z = (h(x), R2^½ u), V̇ ≤ −αV + ½γ²|d|² − ½|z|²;
+2. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
+3. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
+4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
+   estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
 5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
-6. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
-   estimate, a hold, a delay, a limit), 3. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
-7. every start of every stated path lies in S.
+6. every start of every stated path lies in S.
 
 **How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
 functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
@@ -63,7 +63,7 @@ class Verification:
     starts : int
         Intervals of amplitudes whose starts were shown to be inside.
     gradient_law : bool
-        Whether 6. of the theorem is proved too.
+        Whether 4. of the theorem is proved too.
     rounding : float
         Largest allowance for rounding in r/ρ².
     cpu_s : float

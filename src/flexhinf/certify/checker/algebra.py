@@ -53,7 +53,7 @@ class Residual:
     arguments : list of fmpq_mpoly
         ℓ_jᵀTz.
     gradient_law : bool
-        Whether g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding of the coefficients: then v of (4) may be bounded.
+        Whether g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding of the coefficients, for 4. of the theorem.
     """
 
     value: Any
