@@ -1,8 +1,8 @@
 """Proves a certificate again, from its data alone and by another program than the one that found it.
 
 **Theorem.** Let k, V, γ, α, c be those of the certificate, and let S be the component of {x: V(x) ≤ c} that contains 0.
-Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact state
-feedback u = k(x) in continuous time without limits,
+Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact
+state feedback u = k(x) in continuous time without limits,
 
 1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S; on S, with the exact
    elementary functions and z = (h(x), R2^½ u), V̇ ≤ −αV + ½γ²|d|² − ½|z|²;
