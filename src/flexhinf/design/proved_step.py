@@ -27,7 +27,7 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["ProvedStep", "search_proved_step"]
+__all__ = ["ProvedLaw", "search_proved_step"]
 
 #: Factors of the preset's bandwidth, dampings (None: the preset's), and γ/γ* of the candidates.
 BANDWIDTHS, DAMPINGS, RATIOS = (0.8, 1.0, 1.3), (None, 0.4), (1.3, 1.5, 2.0)
@@ -43,7 +43,7 @@ LENGTH = 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class ProvedStep:
+class ProvedLaw:
     """A law with the step that is proved.
 
     Attributes
@@ -94,7 +94,7 @@ def search_proved_step(
     ratios: Sequence[float] = RATIOS,
     most_cells: int = 5_000_000,
     progress: Callable[[str], None] = lambda text: None,
-) -> ProvedStep:
+) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
 
     Parameters
@@ -124,7 +124,7 @@ def search_proved_step(
     """
     measured = robot.problem(pose=goal)
     ranges = parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
-    found: list[ProvedStep] = []
+    found: list[ProvedLaw] = []
     presets = (("robust",) if robot.uncertain else ()) + (() if ranges else ("damped",))
     for preset, factor, damping in itertools.product(presets, bandwidths, dampings):
         progress(
@@ -161,7 +161,7 @@ def _laws(
     ratios: Any,
     degrees: Any,
     preset: Any,
-) -> list[ProvedStep]:
+) -> list[ProvedLaw]:
     """The laws of one bandwidth and damping; none where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
@@ -176,7 +176,7 @@ def _laws(
             else choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
         )
         return [
-            ProvedStep(
+            ProvedLaw(
                 solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), chosen.nominal, 0.0, np.inf, 1.0, np.inf,
                 bandwidth, first.target.damping, ratio,
             )
@@ -188,8 +188,8 @@ def _laws(
 
 
 def _judged(
-    candidate: ProvedStep, measured: GeneralisedPlant, ranges: Any, step: float | None, limit: float
-) -> ProvedStep | None:
+    candidate: ProvedLaw, measured: GeneralisedPlant, ranges: Any, step: float | None, limit: float
+) -> ProvedLaw | None:
     """The candidate with its step, the input that this takes, and the sampled γ; None beyond the limit or without γ."""
     solution = candidate.solution
     try:
