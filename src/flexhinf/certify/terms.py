@@ -15,7 +15,7 @@ from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value
 
 __all__ = [
     "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "Double",
-    "Entries", "Function", "Matrix", "Name", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
+    "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
     "check_names", "check_parameters", "check_powers", "check_slopes", "require",
 ]  # fmt: skip
 
@@ -179,6 +179,52 @@ class Start:
             f"a table of {len(self.path)} rows with {len(grid)} or no values",
             f"rows of {lengths}",
         )
+
+
+@dataclass(frozen=True)
+class Observer:
+    """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`.
+
+    Attributes
+    ----------
+    measured : matrix, (p, n)
+        C: y = C x, in deviations.
+    known : tuple of str
+        States that the controller computes itself (its integrators): their estimates have no errors.
+    gain : matrix, (n_e, p)
+        L.
+    weight, storage : matrices, (n_e, n_e)
+        M and X: ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x).
+    gain_error : float
+        γ_e: ½ γ_e² |d|² pays for what disturbances do to e; 0 where they do nothing.
+    energy : float
+        ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε.
+    """
+
+    measured: Matrix
+    known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]
+    gain: Matrix
+    weight: Matrix
+    storage: Matrix
+    gain_error: Double
+    energy: Double
+
+    def __post_init__(self) -> None:
+        distinct("A state that is known to the controller", list(self.known))
+        require(self.gain_error >= 0, "a γ_e that is not negative", repr(self.gain_error))
+        require(self.energy > 0, "a positive energy of the observer's errors", repr(self.energy))
+
+    def check_shapes(self, states: list[str]) -> None:
+        """Refuse matrices that do not fit these states."""
+        unknown = [name for name in self.known if name not in states]
+        require(not unknown, "known states among the states", value_text(unknown, 80))
+        n, e, p = len(states), len(states) - len(self.known), len(self.measured)
+        require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
+        shapes = {"measured": (p, n), "gain": (e, p), "weight": (e, e), "storage": (e, e)}
+        for name, (rows, columns) in shapes.items():
+            matrix = getattr(self, name)
+            fits = len(matrix) == rows and all(len(row) == columns for row in matrix)
+            require(fits, f"{rows} rows of {columns} in the observer's {name}", f"{len(matrix)} rows")
 
 
 def require(holds: bool, expected: str, got: str) -> None:

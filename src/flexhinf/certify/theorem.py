@@ -6,7 +6,7 @@ from math import sqrt
 
 from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Polynomial, Signal
+from flexhinf.certify.terms import Observer, Polynomial, Signal
 
 __all__ = ["persistent_bound", "theorem_text", "verification_text"]
 
@@ -31,7 +31,8 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         *_parameters(claim),
         f"  Disturbance channels: {disturbances}.",
         f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for {inputs}, is fed the true "
-        "state, in continuous time.",
+        f"state{' (1. to 6.) or estimates (7.)' if claim.observer else ''}, in continuous time.",
+        *_observer(claim),
         *(
             f"  Start: {start.rule}; steps from rest to rest of up to {start.amplitude:.6g}."
             for start in claim.starts
@@ -58,14 +59,23 @@ def theorem_text(claim: Claim, found: Verification) -> str:
             f"  5. S is invariant for disturbances with |d(t)| <= {bound:.6g} at all times, of any duration."
         )
     if claim.starts:
-        lines.append("  6. All starts named above lie in S.")
+        kept = f", with V <= {claim.start_level:.6g}" if claim.observer else ""
+        lines.append(f"  6. All starts named above lie in S{kept}.")
+    if claim.observer:
+        lines.append(_with_estimates(claim, claim.observer))
     lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim, found))]
     return "\n".join(lines)
 
 
 def _not_proved(claim: Claim, found: Verification) -> list[str]:
     texts = [
-        "An estimator instead of the true state, sampling and hold, delay, saturation, quantisation and noise"
+        (
+            "Other estimators than the stated one, noise of the measurement,"
+            if claim.observer
+            else "An estimator instead of the true state,"
+        )
+        + " sampling and hold, delay, saturation, quantisation"
+        + ("" if claim.observer else " and noise")
         + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
         "Starts outside S, and starts of the integrators by another rule than the stated ones."
         if claim.starts
@@ -80,6 +90,44 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
     if not claim.decay:
         texts.append("Disturbances that last for ever: no decay rate is claimed.")
     return texts
+
+
+def _observer(claim: Claim) -> list[str]:
+    """The observer as a hypothesis."""
+    if claim.observer is None:
+        return []
+    known = set(claim.observer.known)
+    estimated = ", ".join(s.name for s in claim.states if s.name not in known)
+    sensors = (tuple((tuple(int(i == j) for j in range(len(row))), v) for i, v in enumerate(row) if v)
+               for row in claim.observer.measured)  # fmt: skip
+    measured = ", ".join(_row(row, claim.states) for row in sensors)
+    gains = "; ".join(" ".join(f"{v:.6g}" for v in row) for row in claim.observer.gain)
+    computed = (
+        f" The controller computes {', '.join(claim.observer.known)} itself, from the same." if known else ""
+    )
+    return [
+        f"  Observer (output injection) of {estimated}, from y = ({measured}) without noise: it takes all that is "
+        f"nonlinear from y, so the errors obey e' = (A - LC) e + g1 d exactly; L = [{gains}].{computed}"
+    ]
+
+
+def _with_estimates(claim: Claim, observer: Observer) -> str:
+    """What is proved of output feedback."""
+    names = [s for s in claim.states if s.name not in observer.known]
+    axes = ", ".join(
+        f"{s.name} {sqrt(2 * observer.energy / row[i]):.4g} {s.unit}".rstrip() if row[i] > 0 else s.name
+        for i, (s, row) in enumerate(zip(names, observer.storage, strict=True))
+    )
+    gain = sqrt(claim.gamma**2 + observer.gain_error**2)
+    return (
+        "  7. Output feedback, the law fed with the observer's estimates whose errors begin at e0: while 1/2 e0'X e0 + "
+        f"1/2 gamma_e^2 (energy of d) <= {observer.energy:.6g} with gamma_e = {observer.gain_error:.6g}, and V(x(0)) + "
+        f"1/2 e0'X e0 + 1/2 ({gain:.6g})^2 (energy of d) <= {claim.level:.6g}, the state stays in S, and (energy of z) <= "
+        f"({gain:.6g})^2 (energy of d) + 2 V(x(0)) + e0'X e0. Without disturbances state and errors converge "
+        "exponentially fast. So all starts named above, the integrators started as for the true state, are covered "
+        "together with every e0 in the ellipsoid "
+        f"1/2 e0'X e0 <= {observer.energy:.6g}: an error in one state alone of up to {axes}."
+    )
 
 
 def _parameters(claim: Claim) -> list[str]:

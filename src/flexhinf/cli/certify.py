@@ -41,6 +41,13 @@ def certify(
     decay: Annotated[
         float, typer.Option(help="Rate of decay that is proved too: for disturbances that persist, 1/s.")
     ] = 0.0,
+    observer: Annotated[
+        float | None,
+        typer.Option(
+            help="Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.",
+            show_default=False,
+        ),
+    ] = None,
     threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
     elastic: Elastic = "",
     payload: Payload = "",
@@ -53,7 +60,8 @@ def certify(
     The largest level of V that can be proved about the goal, by arithmetic that
     cannot round the wrong way: the gain from disturbances, and the largest steps
     from rest inside. What is proved is stated by --checked-gamma-ratio and
-    --checked-penalty. For robots of one link; the true state is fed back.
+    --checked-penalty. For robots of one link; the true state is fed back, and
+    with --observer also the estimates of an output-injection observer.
 
     With --check, another program proves a certificate again and reads nothing but
     the file; the theorem is printed with its hypotheses and what is not proved.
@@ -80,7 +88,13 @@ def certify(
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
     with ProofProgress() as bar:
         found = certify_design(
-            request.robot, request.specification, bar.step, bar.share, decay=decay, threads=threads
+            request.robot,
+            request.specification,
+            bar.step,
+            bar.share,
+            decay=decay,
+            observer=observer,
+            threads=threads,
         )
     for table in report.certification_tables(found):
         Console().print(table)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.observer import observed
 from flexhinf.certify.proof import NotProved, certify, check_states
 from flexhinf.certify.steps import ProvedStep, proved_steps
 from flexhinf.design.degrees import DegreeChoice
@@ -54,6 +55,7 @@ def certify_design(
     share: Share,
     *,
     decay: float = 0.0,
+    observer: float | None = None,
     threads: int = 1,
 ) -> tuple[CertifiedDegree, ...]:
     """The laws of a design at its goal, and what is proved of each, nominal and with the true state fed back.
@@ -67,7 +69,7 @@ def certify_design(
         Called with the name of each step before it begins.
     share : callable
         Called with the cells done and the estimated share of a proof, many times.
-    decay : float
+    decay, observer
         As `HJISolution.certify`.
     threads : int
 
@@ -92,6 +94,8 @@ def certify_design(
                 certificate = certify(
                     solution, gamma, penalty, decay=decay, about=about, threads=threads, progress=share
                 )
+                if observer is not None:
+                    certificate = observed(solution, certificate, observer)
                 steps = proved_steps(solution, certificate)
             except NotProved as error:
                 reason = error.found

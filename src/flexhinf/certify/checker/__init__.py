@@ -11,13 +11,15 @@ state feedback u = k(x) in continuous time without limits,
 4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
    estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
 5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
-6. every start of every stated path lies in S.
+6. every start of every stated path lies in S;
+7. with an observer of energy ε: the starts of 6. have V ≤ c − ε, and for u = k̂(x̂) with the stated observer, 2. holds
+   with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and 3. with e too.
 
 **How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
 functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
 each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a centred form and an a-priori bound of all rounding
 (`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`), and
-paths of starts in balls (`starts`). docs/certificate.md has the proof, of every inequality that is relied on here.
+paths of starts in balls (`starts`), an observer in rationals (`observer`). docs/certificate.md has the proof, of every inequality that is relied on here.
 
 Nothing here imports the search, and the search imports nothing from here.
 """
@@ -36,6 +38,7 @@ from flexhinf.certify.checker.algebra import as_rational
 from flexhinf.certify.checker.inequality import FaceInequality, Inequality
 from flexhinf.certify.checker.march import Marched, Refusal, march_face
 from flexhinf.certify.checker.second_route import cell_holds
+from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.claim import Claim
 
@@ -97,6 +100,8 @@ def verify(
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
         inequality = Inequality(claim)
+        if claim.observer is not None:
+            check_observer(claim, claim.observer, inequality.exact.gradient_law)
         with ThreadPoolExecutor(threads) as pool:
             jobs = [pool.submit(_face, inequality, face, sample, seed, tick) for face in inequality.faces]
             try:
