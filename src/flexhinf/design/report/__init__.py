@@ -1,5 +1,6 @@
 """The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
 
+from flexhinf.design.report.campaign_page import campaign_page, replay_table, write_campaign
 from flexhinf.design.report.comparison import comparison_notes, comparison_page
 from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.design.report.page import design_page, notes, verdict
@@ -7,7 +8,7 @@ from flexhinf.design.report.text import comparison_tables, design_tables, requir
 from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
-    "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
-    "design_files", "design_page", "design_tables", "notes", "requirement_table", "robots_table", "verdict",
-    "write_comparison", "write_design",
+    "campaign_page", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
+    "design_files", "design_page", "design_tables", "notes", "replay_table", "requirement_table", "robots_table",
+    "verdict", "write_campaign", "write_comparison", "write_design",
 ]  # fmt: skip

@@ -158,6 +158,15 @@ class Loop(Summarised):
         assert isinstance(self.true_plant, Plant)
         return LoopCode.of(self.true_plant, self.controller, self.channel, self.sub_steps)
 
+    def with_plant(self, plant: Plant | BlackBox) -> Loop:
+        """The same controller, channel and sub-steps round another true plant."""
+        if plant is self.true_plant:
+            return self
+        steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
+        found = Loop(plant, self.controller, steps)
+        found.channel = self.channel
+        return found
+
     @property
     def kernel(self) -> Any:
         """The whole run as one compiled kernel."""
