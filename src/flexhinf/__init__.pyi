@@ -19,6 +19,7 @@ from .export import compile_controller as compile_controller
 from .export import export_c as export_c
 from .export import export_fmu as export_fmu
 from .export import load_compiled as load_compiled
+from .export import run_realtime as run_realtime
 from .hinf import HJISolution as HJISolution
 from .hinf import linear_law as linear_law
 from .hinf import load_solution as load_solution

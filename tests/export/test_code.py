@@ -230,14 +230,3 @@ def test_the_sanitizers_find_nothing(
         )
         run(*words, folder=tmp_path)
         run("./checked", folder=tmp_path)
-
-
-@pytest.mark.slow
-def test_one_link_fits_a_cortex_m4(exported: dict[str, Path], tmp_path: Path) -> None:
-    compiler = tool("arm-none-eabi-gcc")
-    core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
-    folder = exported["float"]
-    run(compiler, *core, "-std=c99", "-O2", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
-    sizes = run(tool("arm-none-eabi-size"), "arm.o", folder=tmp_path).splitlines()[1].split()
-    assert int(sizes[0]) < 32_000
-    assert sizes[1:3] == ["0", "0"]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export import check_room, export_c
+from flexhinf.export import check_room, export_c, package
 from flexhinf.export.names import comment, constants, identifier_of
 
 
@@ -83,7 +86,6 @@ def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
 
 def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
     """A robot's file may name a joint almost anything; the C that comes of it has the same tokens."""
-    import re
 
     def exported(joint: str) -> str:
         robot = fh.load_robot("paper")
@@ -95,3 +97,50 @@ def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
         return re.sub(r"/\*.*?\*/", "", re.sub(r"ARM_[A-Z]_\w+", "NAME", text), flags=re.DOTALL)
 
     assert exported("*/ int x; /*") == exported("plain")
+
+
+@pytest.fixture(scope="module")
+def estimating() -> fh.Controller:
+    """The same law on the estimate of an extended Kalman filter."""
+    arm = fh.paper_arm()
+    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    return fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
+
+
+def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
+    estimating: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    folder = export_c(estimating, tmp_path / "c", "arm", "float")
+    stated = re.search(
+        r"by \| (\S+) % of .*, (\S+) % without .* allows (\S+) %", (folder / "README.md").read_text()
+    )
+    assert stated is not None
+    fused, plain, allowed = (float(number) / 100 for number in stated.groups())
+    assert 0.0 < fused < 1e-3
+    assert allowed == pytest.approx(max(1e-5, 5 * max(fused, plain)), rel=0.05)
+    for flags, expected in (((), fused), (("-DARM_PLAIN",), plain)):
+        subprocess.run(
+            [compiler, "-std=c99", "-O2", *flags, "arm.c", "arm_test.c", "-lm", "-o", "t"],
+            cwd=folder,
+            check=True,
+        )
+        said = subprocess.run(["./t"], cwd=folder, capture_output=True, text=True, check=True).stdout
+        assert float(said.split("error ")[1].split()[0]) == pytest.approx(expected, rel=0.1)
+
+
+def test_a_controller_that_float_does_not_hold_is_refused(
+    estimating: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(package.TOLERANCE, "float", 1e-9)
+    with pytest.raises(InvalidInput, match=r"(?s)too much in float.*--real double"):
+        export_c(estimating, tmp_path / "c", real="float")
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_compiler_for_another_machine_measures_nothing(
+    estimating: fh.Controller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: "/bin/false")
+    folder = export_c(estimating, tmp_path / "c", "arm", "float")
+    assert "not measured: no C compiler for this machine" in (folder / "README.md").read_text()
+    assert "#define TOLERANCE 5e-02f" in (folder / "arm_test.c").read_text()

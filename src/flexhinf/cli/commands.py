@@ -21,6 +21,7 @@ from flexhinf.cli.export import app as export
 from flexhinf.cli.export import compile_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused
 from flexhinf.cli.paper import paper
+from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.untrusted import value_text
@@ -64,11 +65,16 @@ COMMANDS = {
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
+    run_design: (
+        "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
+        "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
+        "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
+    ),
     schema: ("flexhinf schema > design.schema.json",),
 }
 
 #: Commands that are called otherwise than their functions.
-NAMES = {compile_design: "compile"}
+NAMES = {compile_design: "compile", run_design: "run"}
 
 app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from flexhinf.loop import Controller
     from flexhinf.plant import Plant
 
-__all__ = ["app", "compile_design"]
+__all__ = ["Source", "app", "compile_design", "controller_of", "file_of"]
 
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
 
@@ -124,7 +124,7 @@ def plant_of(source: str) -> tuple[Plant, str, float, tuple[Any, Any]]:
     from flexhinf.design import load_design
     from flexhinf.design.design_file import is_design_file
 
-    path = _file_of(source)
+    path = file_of(source)
     if not is_design_file(path):
         raise InvalidInput(
             "A plant is that of a design file.",
@@ -147,7 +147,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
     from flexhinf.loop import load_controller
     from flexhinf.report import unchanged
 
-    path = _file_of(source)
+    path = file_of(source)
     if not is_design_file(path):
         return load_controller(path), "controller"
     beside = path.parent / "controller"
@@ -158,7 +158,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
     return _designed(path)
 
 
-def _file_of(source: str) -> Path:
+def file_of(source: str) -> Path:
     """The file that is meant: of a report's folder its design file."""
     path = Path(source)
     return path / "design.toml" if path.is_dir() else path

@@ -8,7 +8,7 @@ from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
 from flexhinf.codegen.memory import Buffer, Columns, Slice
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, When
 
 __all__ = [
     "DIRECT",
@@ -24,6 +24,7 @@ __all__ = [
     "Guard",
     "Kernel",
     "Map",
+    "Normal",
     "OuterSum",
     "Program",
     "Repeat",

@@ -211,6 +211,7 @@ def fingerprint(program: Program) -> str:
 def emitter_digest() -> str:
     """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
     digest = hashlib.sha256()
-    for path in sorted((Path(__file__).parent / "emit").glob("*.py")):
+    here = Path(__file__).parent
+    for path in (here / "noise.py", *sorted((here / "emit").glob("*.py"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()

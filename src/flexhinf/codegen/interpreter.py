@@ -9,8 +9,9 @@ import numpy as np
 
 from flexhinf.codegen.kernel import Kernel, Status
 from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Step, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Step, When
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -119,6 +120,8 @@ class BoundWalk:
                 target(turns)[:] = source(turns).copy()
 
             return copy
+        if isinstance(step, Normal):
+            return self._normal(step)
         if isinstance(step, Guard):
             watched, code = self._view(step.source), step.code
 
@@ -200,6 +203,17 @@ class BoundWalk:
             target(turns)[:] = cholesky(source(turns).reshape(step.order, step.order)).T.ravel()
 
         return factor
+
+    def _normal(self, step: Normal) -> Walk:
+        step_number, key, target = (self._view(piece) for piece in (step.step, step.key, step.target))
+        channels = np.arange(step.target.size)
+
+        def normal(turns: tuple[int, ...]) -> None:
+            sample, low, high = map(int, key(turns))
+            seed = low + (high << 32)
+            target(turns)[:] = normal_numbers(seed, int(step_number(turns)[0]), channels, sample)
+
+        return normal
 
     def _column_of(self, piece: Slice | Columns) -> Callable[[tuple[int, ...], int], np.ndarray]:
         view = self._view(whole(piece))

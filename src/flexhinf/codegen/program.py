@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import get_args
 
 from flexhinf.codegen.memory import Buffer, Slice, check_identifier
 from flexhinf.codegen.steps import Repeat, Simple, Step, When, slices
@@ -29,7 +30,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When
+    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Normal, Guard, Repeat or When
     counts : tuple of str
         Names of the run-time integers that `Repeat` and shifted slices use.
 
@@ -92,7 +93,7 @@ class Program:
         if not isinstance(step, Simple | When):
             raise InvalidInput(
                 f"Program '{self.name}' holds something that is no step.",
-                f"expected Call, Map, OuterSum, Cholesky, Copy, Guard, Repeat or When, got {type(step).__name__}",
+                f"expected {', '.join(kind.__name__ for kind in get_args(Step))}, got {type(step).__name__}",
                 "wrap a casadi.Function in Call",
             )
         read, written = slices(step)

@@ -19,6 +19,7 @@ __all__ = [
     "Copy",
     "Guard",
     "Map",
+    "Normal",
     "OuterSum",
     "Repeat",
     "Simple",
@@ -222,6 +223,27 @@ class Copy:
 
 
 @dataclass(frozen=True)
+class Normal:
+    """Independent N(0, 1) numbers, one per channel: `flexhinf.codegen.noise.normal_numbers` of a step and a key.
+
+    The step, (1,), and the key, (3,), are integers below 2³². The key is the sample, and the low and the high word of
+    the seed.
+    """
+
+    step: Slice
+    key: Slice
+    target: Slice
+
+    def __post_init__(self) -> None:
+        if (self.step.size, self.key.size) != (1, 3):
+            raise InvalidInput(
+                "The counter of normal numbers has another size.",
+                f"expected a step and a key of 1 and 3 elements, got {self.step} and {self.key}",
+                "the step; the sample and the two words of the seed",
+            )
+
+
+@dataclass(frozen=True)
 class Guard:
     """Stop unless every element is finite.
 
@@ -309,7 +331,7 @@ class When:
             )
 
 
-Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Guard
+Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Normal | Guard
 Step: TypeAlias = Simple | Repeat | When
 
 
@@ -322,6 +344,8 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
         return tuple(piece for piece in read if piece is not None), (step.target,)
     if isinstance(step, Copy | Cholesky):
         return (step.source,), (step.target,)
+    if isinstance(step, Normal):
+        return (step.step, step.key), (step.target,)
     return (step.flag if isinstance(step, When) else step.source,), ()
 
 

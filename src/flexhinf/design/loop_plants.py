@@ -10,11 +10,14 @@ import numpy as np
 from flexhinf.design.estimators import noise_variances, sensor_steps
 from flexhinf.design.joint_limits import JointLimits, joint_limits
 from flexhinf.design.specification import Specification
-from flexhinf.plant import Plant
-from flexhinf.robot import Robot
+from flexhinf.plant import Plant, sub_steps
+from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.extras import DRY
 
 __all__ = ["SMOOTH_EXTRAS", "LoopPlants"]
+
+#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
+MUJOCO_STEP = 0.1
 
 #: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
@@ -67,6 +70,20 @@ class LoopPlants:
         """The nominal robot with the extras."""
         s = self.specification
         return self.robot.plant(s.measured, extras=s.extras)
+
+    def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
+        """The same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase at a pose (n,), or less.
+
+        Raises
+        ------
+        InvalidInput
+            If MuJoCo is not installed, or does not express the extras.
+        """
+        s = self.specification
+        fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        step = s.period / sub_steps(s.period, fastest, MUJOCO_STEP)
+        measured = None if s.estimator == "none" else s.measured
+        return MuJoCoPlant(self.robot, measured=measured, step=step, extras=s.extras)
 
     @cached_property
     def smooth_plant(self) -> Plant:

@@ -52,8 +52,7 @@ from flexhinf.design.weights.choose import preset_of, required_damping
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.design.yardstick import yardstick
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import sub_steps
-from flexhinf.robot import MuJoCoPlant, Robot
+from flexhinf.robot import Robot
 from flexhinf.robot.mujoco_plant import check_expressed
 
 __all__ = ["compare", "comparison_stages", "design", "stages", "step_duration"]
@@ -65,9 +64,6 @@ LONGER = 3.0
 
 #: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
 RIGID_STATES = 15
-
-#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
-MUJOCO_STEP = 0.1
 
 
 # Design -------------------------------------------------------------------------------------------------
@@ -189,20 +185,9 @@ def _starts_inside(setup: LoopSetup, synthesis: Synthesis) -> bool | None:
 
 
 def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:
-    """The step on the same robot in MuJoCo, its step a tenth of a radian of the fastest mode's phase or less.
-
-    Raises
-    ------
-    InvalidInput
-        If MuJoCo is not installed, or does not express the extras.
-    """
+    """The step on the same robot in MuJoCo."""
     progress("the step on MuJoCo's plant")
-    s = setup.specification
-    fastest = setup.true_plant.fastest_mode(*setup.equilibrium(setup.goal))
-    step = s.period / sub_steps(s.period, fastest, MUJOCO_STEP)
-    measured = None if s.estimator == "none" else s.measured
-    plant = MuJoCoPlant(setup.robot, measured=measured, step=step, extras=s.extras)
-    return setup.step(scenario.step_duration, plant=plant)
+    return setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
 
 
 def _rigid(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:

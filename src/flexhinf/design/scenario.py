@@ -19,7 +19,7 @@ from flexhinf.robot import Robot
 
 __all__ = [
     "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start",
-    "run_length", "sample_count", "sample_robots",
+    "run_length", "sample_count", "sample_robots", "start_and_goal",
 ]  # fmt: skip
 
 #: Default step: rad for a joint that turns, m for one that slides.
@@ -82,6 +82,15 @@ def default_start(robot: Robot, goal: np.ndarray) -> np.ndarray:
         up = np.isfinite(low + high) and goal[joint] < (low + high) / 2.0
         start[joint] = np.clip(goal[joint] + (size if up else -size), low, high)
     return start
+
+
+def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[np.ndarray, np.ndarray]:
+    """Link positions (n,) between which the step goes: as stated; the goal is by default the end of a move."""
+    n = len(robot.joint_names)
+    end = None if move is None else np.reshape(move(move.duration), -1)
+    goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
+    start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+    return start, goal
 
 
 def run_length(slowest: float) -> float:

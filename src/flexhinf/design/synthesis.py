@@ -18,7 +18,7 @@ from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone,
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
-from flexhinf.design.scenario import default_start
+from flexhinf.design.scenario import start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
@@ -105,12 +105,9 @@ def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
         With what to change.
     """
-    n = len(robot.joint_names)
     check_stated_units(robot, s)
     move = stated_move(robot, s)
-    end = None if move is None else np.reshape(move(move.duration), -1)
-    goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
-    start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+    start, goal = start_and_goal(robot, s, move)
     check_fast(robot, s.period)
     check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)

@@ -12,3 +12,8 @@ from .package import checked_folder as checked_folder
 from .package import controller_files as controller_files
 from .package import export_c as export_c
 from .package import write_files as write_files
+from .realtime import RealTimeRun as RealTimeRun
+from .realtime import run_realtime as run_realtime
+from .run_log import check_log as check_log
+from .run_log import write_log as write_log
+from .timing import Timing as Timing

@@ -63,6 +63,11 @@ class CompiledController:
         self._bind()
         self.reset()
 
+    @property
+    def code_numbers(self) -> dict[int, str]:
+        """Every value of `code` by its number in C."""
+        return dict(self._codes)
+
     def _load(self) -> dict[str, Any]:
         try:
             self._library = ctypes.CDLL(str(self.path))

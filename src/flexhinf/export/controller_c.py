@@ -19,11 +19,12 @@ from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Program, Repeat, Whe
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
-from flexhinf.export.names import comment, constants
+from flexhinf.export.names import checked_identifier, comment, constants
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.remembered import SPACING, step_program
+from flexhinf.untrusted import value_text
 
-__all__ = ["ControllerCode", "fill", "template"]
+__all__ = ["ControllerCode", "code_of", "fill", "template"]
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
@@ -255,6 +256,23 @@ static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const 
     return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
 }
 """
+
+
+def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
+    """The code of a controller in a type, checked."""
+    if real not in ("double", "float"):
+        raise InvalidInput(
+            "There is no such type of numbers.", f"expected double or float, got {value_text(real)}", "double"
+        )
+    if not isinstance(controller, Controller):
+        raise InvalidInput(
+            "There is no controller to export.",
+            f"expected a flexhinf.Controller, got {type(controller).__name__}",
+            "design(...).controller(), or load_controller(file)",
+        )
+    if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
+        controller = controller.in_pieces()
+    return ControllerCode(controller, checked_identifier(name), Real(real))
 
 
 def _operations(step: Step) -> int:

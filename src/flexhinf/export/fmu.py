@@ -24,10 +24,9 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, fill, template
 from flexhinf.export.library import shared_library
 from flexhinf.export.names import checked_identifier
-from flexhinf.export.package import code_of
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period

@@ -12,13 +12,12 @@ from typing import Any
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import ControllerCode, fill, template
-from flexhinf.export.package import code_of
+from flexhinf.export.controller_c import ControllerCode, code_of, fill, template
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path
 
-__all__ = ["compile_controller", "shared_library"]
+__all__ = ["build", "compile_controller", "shared_library"]
 
 
 def compile_controller(controller: Controller, path: str | os.PathLike[str]) -> Path:
@@ -59,12 +58,18 @@ def _entry(code: ControllerCode) -> str:
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:
-    """What this machine's C compiler makes of some files.
+    """What this machine's C compiler makes of some files; raises as `build`."""
+    with TemporaryDirectory() as work:
+        return build(sources, Path(work), (*flags, "-shared", "-fPIC", "-fvisibility=hidden")).read_bytes()
+
+
+def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
+    """Compile and link files of C in a folder that is there; the path of what comes of it.
 
     Raises
     ------
     InvalidInput
-        If there is none, or it fails.
+        If there is none (``CC``, cc, gcc, clang), or it fails.
     """
     names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
     compiler = next(filter(None, map(shutil.which, names)), None)
@@ -74,27 +79,15 @@ def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -
             "expected the one that CC names, cc, gcc or clang, found none",
             "install one; or `flexhinf export c`, which needs none",
         )
-    with TemporaryDirectory() as work:
-        for file, text in sources.items():
-            (Path(work) / file).write_text(text, encoding="utf-8")
-        files = [file for file in sources if file.endswith(".c")]
-        words = [
-            compiler,
-            "-std=c99",
-            *flags,
-            "-shared",
-            "-fPIC",
-            "-fvisibility=hidden",
-            *files,
-            "-lm",
-            "-o",
-            "library",
-        ]
-        done = subprocess.run(words, cwd=work, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise InvalidInput(
-                "The C compiler does not compile the controller.",
-                f"{' '.join(words)}: {done.stderr.strip()[:400]}",
-                "another compiler in CC",
-            )
-        return (Path(work) / "library").read_bytes()
+    for file, text in sources.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    files = [file for file in sources if file.endswith(".c")]
+    words = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InvalidInput(
+            "The C compiler does not compile the controller.",
+            f"{' '.join(words)}: {done.stderr.strip()[:400]}",
+            "another compiler in CC",
+        )
+    return folder / "built"

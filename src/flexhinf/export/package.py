@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -13,8 +17,9 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, constant
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
-from flexhinf.export.names import checked_identifier, comment
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, fill, template
+from flexhinf.export.library import build
+from flexhinf.export.names import comment
 from flexhinf.export.recording import Recording, record
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
@@ -22,10 +27,17 @@ from flexhinf.untrusted import checked_path, value_text
 
 __all__ = ["controller_files", "export_c", "write_files"]
 
-#: Largest error of the test vector relative to a signal's largest value. In double it is zero where the processor has a
-#: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen);
-#: in float, covariances of 24 bits leave two to three digits of an estimate (0.1 to 2 % were seen).
+#: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
+#: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).
+#: In float it is that of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C compiler
+#: is at hand, and a controller beyond this is refused.
 TOLERANCE = {"double": 1e-9, "float": 5e-2}
+
+#: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
+SPARE, LEAST_TOLERANCE = 5.0, 1e-5
+
+#: Files around the controller that take its name and sizes alone.
+AROUND = ("main.c", "Makefile", "CMakeLists.txt", "cortex_m4/board.c", "cortex_m4/board.ld")
 
 
 def export_c(
@@ -59,7 +71,7 @@ def export_c(
     Raises
     ------
     InvalidInput
-        If the name is none for C, the type is unknown, the folder is not empty, or a number does not fit the type.
+        If the name is none for C, the type is unknown, the folder is not empty, or numbers or law do not fit the type.
     Unsupported
         If law or estimator need an operation that has no form in C.
     """
@@ -166,37 +178,87 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
     return value
 
 
-def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
-    """The code of a controller in a type, checked."""
-    if real not in ("double", "float"):
-        raise InvalidInput(
-            "There is no such type of numbers.", f"expected double or float, got {value_text(real)}", "double"
-        )
-    if not isinstance(controller, Controller):
-        raise InvalidInput(
-            "There is no controller to export.",
-            f"expected a flexhinf.Controller, got {type(controller).__name__}",
-            "design(...).controller(), or load_controller(file)",
-        )
-    if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
-        controller = controller.in_pieces()
-    return ControllerCode(controller, checked_identifier(name), Real(real))
-
-
 def controller_files(
     controller: Controller, name: str = "controller", real: str = "double"
 ) -> dict[str, str]:
     """The files of `export_c`: relative path to text; raises as it does."""
     code = code_of(controller, name, real)
+    run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
+    accuracy = _accuracy(code, run)
     return {
         f"{name}.h": code.header,
         f"{name}.c": code.source,
-        f"{name}_test.c": _test(code, record(code.controller)),
-        "README.md": _readme(code),
-        **{file: _filled(code, file) for file in ("main.c", "Makefile", "CMakeLists.txt")},
+        f"{name}_test.c": _test(code, run, accuracy.allowed),
+        "README.md": _readme(code, accuracy),
+        **{file: _filled(code, file) for file in AROUND},
         f"templates/{name}.ino": _filled(code, "sketch.ino"),
         f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
     }
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How far the inputs of the C are from those of the simulation, over the test vector.
+
+    Attributes
+    ----------
+    allowed : float
+        By the test vector, relative to each input's largest value.
+    text : str
+        The same for the README.
+    """
+
+    allowed: float
+    text: str
+
+
+def _accuracy(code: ControllerCode, run: Recording) -> Accuracy:
+    """In float it is measured with this machine's C compiler, if there is one.
+
+    Raises
+    ------
+    InvalidInput
+        If more is lost than a test vector may allow.
+    """
+    most = TOLERANCE[code.real.name]
+    if code.real.name == "double":
+        bits = "the simulation's bits with fused multiply-adds"
+        return Accuracy(most, f"{bits}, {most:.0e} of the largest value without")
+    fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
+    if fused is None or plain is None:
+        text = (
+            f"not measured: no C compiler for this machine was found; the test vector allows {100 * most:g} %"
+        )
+        return Accuracy(most, text)
+    worst = max(fused, plain)
+    if worst > most:
+        raise InvalidInput(
+            "The controller loses too much in float.",
+            f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
+            f"got {100 * worst:.2g} %",
+            "--real double; or larger noise levels of the estimator, which condition its covariances better",
+        )
+    allowed = min(most, max(LEAST_TOLERANCE, SPARE * worst))
+    return Accuracy(
+        allowed,
+        f"{100 * fused:.2g} % of the input's largest value over the test vector, {100 * plain:.2g} % without fused "
+        f"multiply-adds, measured at the export; the test vector allows {100 * allowed:.2g} %",
+    )
+
+
+def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) -> float | None:
+    """What the test vector says when a compiler builds it for this machine; infinite where a result is not finite."""
+    texts = {f"{code.name}.h": code.header, f"{code.name}.c": code.source}
+    texts["test.c"] = _test(code, run, TOLERANCE[code.real.name])
+    try:
+        with TemporaryDirectory() as work:
+            program = build(texts, Path(work), ("-O1", *flags))
+            said = subprocess.run([program], capture_output=True, text=True, check=False).stdout
+    except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
+        return None
+    found = re.search(r"largest relative error (\S+)", said)
+    error = float(found.group(1)) if found else math.inf
+    return error if math.isfinite(error) else math.inf
 
 
 def _filled(code: ControllerCode, file: str) -> str:
@@ -219,7 +281,7 @@ def _strings(names: Sequence[str]) -> str:
     return ", ".join(f'"{text}"' for text in texts)
 
 
-def _test(code: ControllerCode, run: Recording) -> str:
+def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
     """The test vector: what is stored of the inputs is exact, so that both compute with the same numbers."""
     size = np.maximum(np.abs(run.u).max(axis=0), 1e-30)
     codes = [str(code.codes[kind][0]) for kind in run.codes]
@@ -229,7 +291,7 @@ def _test(code: ControllerCode, run: Recording) -> str:
 
     return fill(
         template("test.c"), code.name, code.real,
-        VERSION=__version__, SAMPLES=len(codes), TOLERANCE=constant(TOLERANCE[code.real.name], code.real),
+        VERSION=__version__, SAMPLES=len(codes), TOLERANCE=constant(allowed, code.real),
         R=code.sizes["r"], Y=rows(run.y), COMMANDS=rows(run.r), U=rows(run.u),
         SIZES="    " + ", ".join(constant(float(v), code.real) for v in size),
         CODES=",\n".join("    " + ", ".join(codes[k : k + 20]) for k in range(0, len(codes), 20)),
@@ -242,11 +304,12 @@ def _number(value: float, real: Real) -> str:
     return "(@NAME@_real)NAN" if np.isnan(value) else constant(value, real)
 
 
-def _readme(code: ControllerCode) -> str:
+def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
     c = code.controller
     facts = {
         **c.summary(),
         "type": code.real.name,
+        "inputs differ from the simulation's by": accuracy.text,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
         "operations of one step": f"about {code.operations}",

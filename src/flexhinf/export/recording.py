@@ -17,6 +17,9 @@ MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
 #: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
 SWING, PERIODS = 0.05, (97, 61)
 
+#: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
+LOUDEST = 0.1 * SWING
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -39,10 +42,17 @@ class Recording:
     codes: list[str]
 
 
-def record(controller: Controller, samples: int = 200, interrupted: bool = True) -> Recording:
-    """Run a closed loop of the controller and the plant that its estimator believes in.
+def record(
+    controller: Controller,
+    samples: int = 200,
+    interrupted: bool = True,
+    exact: type[np.floating] = np.float64,
+) -> Recording:
+    """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
 
-    The commands swing about the operating point; without an estimator there is no plant, and the states swing too.
+    The noise is what the estimator expects: without it, what is measured is what is predicted, and a gain that is wrong
+    would not be seen. The commands swing about the operating point; without an estimator there is no plant, and the
+    states swing too.
 
     Parameters
     ----------
@@ -51,6 +61,8 @@ def record(controller: Controller, samples: int = 200, interrupted: bool = True)
     samples : int
     interrupted : bool
         Replay what was measured with samples left out and samples that are not finite.
+    exact : type
+        Of numbers that hold the measurements and commands as they are.
     """
     time = np.arange(samples)
     rest = controller.operating_reference
@@ -69,7 +81,7 @@ def record(controller: Controller, samples: int = 200, interrupted: bool = True)
         kinds[samples // 3 : samples // 3 + 3] = NOT_FINITE
         if controller.estimator is not None:
             kinds[samples // 2 : samples // 2 + 5] = MISSING
-    return replay(controller, y, r, list(kinds))
+    return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
 
 
 def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
@@ -78,7 +90,8 @@ def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
     loop = Loop(controller.estimator.plant, controller)
     time = controller.period * np.arange(len(r))
     reference = {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)}
-    run = loop.run(reference, duration=controller.period * (len(r) - 1))
+    deviation = np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
+    run = loop.run(reference, noise=np.minimum(deviation, LOUDEST), duration=controller.period * (len(r) - 1))
     return np.asarray(run.data["output"])[: len(r)]
 
 

@@ -99,8 +99,10 @@ class Translator:
                 yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Copy):
                 yield self._copy(step, loops)
-            else:
+            elif isinstance(step, Guard):
                 yield from self._guard(step, loops)
+            else:
+                raise _unsupported("random numbers, which belong to a simulation")
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
         """Address of the first element."""

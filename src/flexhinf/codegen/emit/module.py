@@ -25,10 +25,11 @@ from typing import TYPE_CHECKING
 from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
+from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import Columns, Slice, whole
 from flexhinf.codegen.program import ENTRY, PREFIX, Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, Step, When
 
 if TYPE_CHECKING:
     import casadi
@@ -172,6 +173,8 @@ class _Emitter:
                 )
             elif isinstance(step, Copy):
                 self._copy(step, turns)
+            elif isinstance(step, Normal):
+                self._normal(step, turns)
             else:
                 self._guard(step, turns)
 
@@ -328,6 +331,18 @@ class _Emitter:
         self.module.declarations[name] = f"declare void @{name}(ptr, ptr, i64, i1)"
         size = 8 * step.source.size * self.lanes.width
         writer.do(f"call void @{name}(ptr align 8 {target}, ptr align 8 {source}, i64 {size}, i1 false)")
+
+    def _normal(self, step: Normal, turns: tuple[str, ...]) -> None:
+        writer, whole = self.writer, self.lanes.integer
+
+        def integer(piece: Slice, element: int) -> str:
+            number = load(writer, self._address(piece, turns), element, self._shared(piece))
+            return writer.let(f"fptosi {self.lanes.real} {number} to {whole}")
+
+        number, key = integer(step.step, 0), [integer(step.key, k) for k in range(step.key.size)]
+        target = self._address(step.target, turns)
+        for channel in range(step.target.size):
+            store(writer, target, channel, emit_normal(writer, number, channel, key))
 
     def _each(self, size: int, body: Callable[[str], None]) -> None:
         if size > _UNROLLED:

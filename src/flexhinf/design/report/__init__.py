@@ -2,6 +2,7 @@
 
 from flexhinf.design.report.campaign_page import campaign_page, replay_table, write_campaign
 from flexhinf.design.report.comparison import comparison_notes, comparison_page
+from flexhinf.design.report.deployed_run import run_met, run_notes, run_tables, run_verdict
 from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
 from flexhinf.design.report.page import design_page, notes, verdict
 from flexhinf.design.report.text import comparison_tables, design_tables, requirement_table, robots_table
@@ -9,6 +10,6 @@ from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
     "campaign_page", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
-    "design_files", "design_page", "design_tables", "notes", "replay_table", "requirement_table", "robots_table",
-    "verdict", "write_campaign", "write_comparison", "write_design",
+    "design_files", "design_page", "design_tables", "notes", "replay_table", "requirement_table", "robots_table", "run_met",
+    "run_notes", "run_tables", "run_verdict", "verdict", "write_campaign", "write_comparison", "write_design",
 ]  # fmt: skip

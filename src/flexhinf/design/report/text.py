@@ -26,12 +26,15 @@ from flexhinf.design.report.sections.weights import (
     robust_rows,
     selected_candidates,
 )
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
 
-__all__ = ["comparison_tables", "design_tables", "requirement_table", "robots_table"]
+__all__ = [
+    "comparison_tables", "design_tables", "lines_table", "plain_table", "requirement_table", "robots_table",
+]  # fmt: skip
 
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
@@ -70,7 +73,7 @@ class LiteralTable(Table):
 
 def robots_table() -> Table:
     """The catalogue: what each robot is, and how many of its numbers have a source."""
-    table = _table(
+    table = plain_table(
         "Robots that come with flexhinf: flexhinf design NAME", "name", "joints", "drive", "numbers", ""
     )
     for name in catalogue():
@@ -106,10 +109,14 @@ def design_tables(design: Design) -> list[Table]:
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
     title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
-    table = _table(title, "", "required", "achieved", "met")
+    return lines_table(title, design.requirements, units_of(design.evaluation).degrees)
+
+
+def lines_table(title: str, requirements: Sequence[Requirement], degrees: bool) -> Table:
+    """Requirements grouped by where, those that are not met first; with angles in degrees or rad."""
+    table = plain_table(title, "", "required", "achieved", "met")
     groups: dict[str, list[Any]] = {}
-    degrees = units_of(design.evaluation).degrees
-    for line in design.requirements:
+    for line in requirements:
         groups.setdefault(line.where, []).append(line)
     for where, lines in sorted(groups.items(), key=lambda group: all(line.met for line in group[1])):
         table.add_row(where)
@@ -122,7 +129,7 @@ def requirement_table(design: Design) -> Table:
 
 def _inputs(design: Design) -> Table:
     several = len(design.robot.joint_names) > 1
-    table = _table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
+    table = plain_table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
     for row in input_rows(design):
         table.add_row(row.what, row.text, *([row.joint] if several else []))
     return table
@@ -135,7 +142,9 @@ def _samples(design: Design) -> Table:
     settle = f"{len(samples) - samples.unsettled} settle, {samples.diverged} diverge"
     title = f"The step on {len(samples)} robots sampled within their tolerances: {settle}"
     several = len(e.setup.joints) > 1
-    table = _table(title, "", "nominal", "median", "95 % below", "worst", *(["joint"] if several else []))
+    table = plain_table(
+        title, "", "nominal", "median", "95 % below", "worst", *(["joint"] if several else [])
+    )
     for name, unit, *values, joint in spread_rows(e, units_of(e)):
         cells = (number(value, 3) for value in values)
         table.add_row(f"{name}, {unit}", *cells, *([joint] if several else []))
@@ -147,7 +156,7 @@ def _rest(design: Design) -> Table:
     assert run is not None
     unit, scale = units_of(design.evaluation).small
     title = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting"
-    table = _table(title, "joint", f"amplitude, {unit}", "frequency", f"remaining error, {unit}")
+    table = plain_table(title, "joint", f"amplitude, {unit}", "frequency", f"remaining error, {unit}")
     for joint, cycle, error in zip(run.response.joints, run.cycles, run.errors.tolist()):
         frequency = frequency_text(cycle.frequency) if cycle.amplitude > run.limit else "–"
         table.add_row(joint, number(scale * cycle.amplitude, 3), frequency, number(scale * error, 3))
@@ -157,7 +166,7 @@ def _rest(design: Design) -> Table:
 def _margins(design: Design) -> Table:
     alone = design.specification.estimator == "none"
     heads = ("true state",) if alone else ("running loop", "true state")
-    table = _table("Margins, linearised at the goal", "", *heads)
+    table = plain_table("Margins, linearised at the goal", "", *heads)
     for row in margin_rows(design.evaluation):
         table.add_row(*row)
     return table
@@ -166,7 +175,7 @@ def _margins(design: Design) -> Table:
 def _modes(design: Design) -> Table:
     title = f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal"
     joints = len(design.robot.joint_names)
-    modes = _table(title, "loop", "mode", *(["mainly"] if joints > 1 else []), "Hz", "damping")
+    modes = plain_table(title, "loop", "mode", *(["mainly"] if joints > 1 else []), "Hz", "damping")
     for loop, found in mode_groups(design):
         for mode in found:
             if mode.eigenvalue.imag and (mode.vibration or joints <= MANY):
@@ -181,11 +190,13 @@ def _corners(design: Design) -> Table:
     rows, forms = corner_rows(e), e.corners.forms
     title = f"Corners of the tolerances. {corners_text(e)}"
     if not forms:
-        table = _table(title, "loop", "unstable", "growth, 1/s")
+        table = plain_table(title, "loop", "unstable", "growth, 1/s")
         for found in rows:
             table.add_row(found.form, str(found.unstable), number(found.rate, 3))
         return table
-    table = _table(title + "\nUnstable corners over Rᵛ = q on:", "q/Rⁿ", *(FORMS[form] for form in forms))
+    table = plain_table(
+        title + "\nUnstable corners over Rᵛ = q on:", "q/Rⁿ", *(FORMS[form] for form in forms)
+    )
     by = {(row.form, row.ratio): row for row in rows}
     for ratio in sorted({row.ratio for row in rows if row.ratio is not None}):
         found = [by.get((form, ratio)) for form in forms]
@@ -199,7 +210,7 @@ def _search(design: Design) -> Table:
     shown = selected_candidates(rows)
     title = f"Search for the weights: {len(shown)} of {count_text(len(rows), 'candidate')} (* used)"
     heads = ("weight ζ", "target ω, rad/s", "bandwidth, rad/s", "damping: worst", "nominal", "γ*")
-    table = _table(title, *heads)
+    table = plain_table(title, *heads)
     for weight, target, bandwidth, worst, nominal, gamma, used in shown:
         mark = f"{weight:.3f}{' *' if used else '  '}"
         table.add_row(mark, target, bandwidth, number(worst, 3), number(nominal, 3), number(gamma))
@@ -212,7 +223,7 @@ def _robust(design: Design) -> Table:
     title = (
         f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of the tolerances covered"
     )
-    table = _table(title, "", "without", "with", "cost, %")
+    table = plain_table(title, "", "without", "with", "cost, %")
     for what, plain, robust in robust_rows(design):
         table.add_row(what, number(plain), number(robust), f"{100.0 * (robust / plain - 1.0):.1f}")
     return table
@@ -224,7 +235,7 @@ def _noise(design: Design) -> Table:
     shown = selected(search)
     unit = design.setup.model.unit(design.setup.model.inputs[0])
     title = f"Noise levels of the estimator: {len(shown)} of {count_text(search.count, 'candidate')} (* used)"
-    table = _table(title, f"noise, {unit}", "damping", "compliance", "|S|", "gain", "")
+    table = plain_table(title, f"noise, {unit}", "damping", "compliance", "|S|", "gain", "")
     for one, note in shown:
         cells = (one.input_noise, one.damping, one.compliance, one.peak_sensitivity, one.gain_margin)
         table.add_row(*(_short(value) for value in cells), "*" if is_used(search, one) else note)
@@ -242,7 +253,7 @@ def _budget(design: Design) -> Table:
     if attained is not None:
         gain = f"√(∫|z|²/∫|d|²): {number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         title = f"{gain}\n{title}"
-    table = _table(title, "part", "uses", "with all above", "remaining level", "within budget")
+    table = plain_table(title, "part", "uses", "with all above", "remaining level", "within budget")
     for row in budget_rows(design):
         left = number(row["left"]) if math.isfinite(row["left"]) else "–"
         kept = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
@@ -254,7 +265,7 @@ def _regions(design: Design) -> Table:
     unit, most = units_of(design.evaluation).position, widest_step(design)
     columns = ("degree", "law", "cost", "V ≤", f"step, {unit}", "°", "residual", "time, s")
     title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
-    regions = _table(f"{title}\nRegion of each solution: sampled, not proved (* used)", *columns)
+    regions = plain_table(f"{title}\nRegion of each solution: sampled, not proved (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
@@ -273,7 +284,8 @@ def _regions(design: Design) -> Table:
     return regions
 
 
-def _table(title: str, *columns: str) -> Table:
+def plain_table(title: str, *columns: str) -> Table:
+    """An empty table; columns of words are aligned to the left."""
     table = LiteralTable(
         title=Text(title, "table.title"),
         title_justify="left",

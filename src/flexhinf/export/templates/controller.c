@@ -12,8 +12,12 @@
 #endif
 
 /* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
- * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. */
-#if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FP_FAST_FMA@SUFFIX@) || defined(__x86_64__))
+ * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. Not every <math.h> says what the
+ * compiler knows: the macro with underscores is the compiler's. */
+#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__)
+#define FAST_FMA
+#endif
+#if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FAST_FMA))
 #define FUSED
 #define FMA(a, b, c) fma@F@(a, b, c)
 #else

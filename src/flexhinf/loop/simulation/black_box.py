@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +16,43 @@ from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED
 from flexhinf.loop.simulation.run_arguments import starting_state
 from flexhinf.plant import BlackBox
 
-__all__ = ["run_black_box"]
+__all__ = ["AT_ONCE", "STOPPED", "Pacing", "Stepped", "run_black_box"]
+
+#: How a run ends that was stopped before its last sample.
+STOPPED = -1
+
+
+class Stepped(Protocol):
+    """What is stepped: a `Controller`, or what has the same signals."""
+
+    def step(self, y: Any, reference: Any) -> np.ndarray:
+        """Input (m,) for a measurement (p,) and a command (k,)."""
+        ...
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Of the last step, (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Pacing:
+    """When the samples of a run are made.
+
+    Attributes
+    ----------
+    begin : callable
+        Returns when sample k is due; False ends the run before it.
+    end : callable
+        Called when sample k is over, the plant's own step included.
+    """
+
+    begin: Callable[[int], bool]
+    end: Callable[[int], None]
+
+
+#: One sample after the other, as fast as possible.
+AT_ONCE = Pacing(lambda k: True, lambda k: None)
 
 
 def run_black_box(
@@ -26,16 +64,21 @@ def run_black_box(
     times: np.ndarray,
     start: Any,
     initial_input: Any,
+    stepped: Stepped | None = None,
+    pacing: Pacing = AT_ONCE,
 ) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
     """Recorded signals, and (code, last step): what the compiled run returns too.
+
+    `stepped`, if given, is stepped as it is in the controller's place. A run that `pacing` ends has the code `STOPPED`.
 
     Raises
     ------
     InvalidInput
         If the initial state, the disturbance or the output do not fit.
     """
-    controller = controller.fresh()
-    controller.reset(input=initial_input)
+    if stepped is None:
+        stepped = controller.fresh()
+        stepped.reset(input=initial_input)
     channels = tuple(box.disturbances)
     d = sample_signal(by_name(disturbance, box), times, channels, "disturbance")
     before = controller.input_before(initial_input)
@@ -46,6 +89,8 @@ def run_black_box(
     recorded |= {"reference": signals["reference"], "disturbance": d}
     box.reset(None if start is None else starting_state(start, _states(box, controller), controller))
     for k in range(len(times)):
+        if not pacing.begin(k):
+            return recorded, (STOPPED, k - 1)
         if has_state:
             recorded["state"][k] = box.state()
         y = channel.quantised(_measured(box, controller) + signals["noise"][k])
@@ -53,12 +98,13 @@ def run_black_box(
         if not np.all(np.isfinite(y)):
             return recorded, (PLANT_FAILED, k)
         try:
-            u = controller.step(y, signals["reference"][k] if controller.commanded else None)
+            u = stepped.step(y, signals["reference"][k] if controller.commanded else None)
         except NumericalFailure:
             return recorded, (CONTROL_FAILED, k)
-        recorded["input"][k], recorded["estimate"][k] = u, controller.estimate
+        recorded["input"][k], recorded["estimate"][k] = u, stepped.estimate
         late = k - channel.delay
         box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
+        pacing.end(k)
     return recorded, (0, len(times) - 1)
 
 

@@ -17,7 +17,7 @@ from flexhinf.loop.signals.sampling import (
     sample_signal,
     signal_name,
 )
-from flexhinf.loop.simulation.black_box import run_black_box
+from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing, Stepped, run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun
 from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
@@ -230,9 +230,51 @@ class Loop(Summarised):
                 initial_input,
                 multi_turn=multi_turn,
             ).alone()
+        return self.run_paced(
+            AT_ONCE,
+            None,
+            reference,
+            disturbance,
+            noise,
+            duration,
+            initial_state,
+            seed,
+            initial_input,
+            multi_turn=multi_turn,
+        )
+
+    def run_paced(
+        self,
+        pacing: Pacing,
+        stepped: Stepped | None = None,
+        reference: Any = None,
+        disturbance: Any = None,
+        noise: Any = None,
+        duration: float = 8.0,
+        initial_state: Any = None,
+        seed: int = 0,
+        initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
+    ) -> Trajectory:
+        """As `run` on a black box, its samples made when `pacing` says so; `stepped` is stepped instead of the
+        controller, as it is.
+
+        Raises
+        ------
+        InvalidInput
+            As `run`; or the true plant is none that integrates itself.
+        """
+        if not isinstance(self.true_plant, BlackBox):
+            raise InvalidInput(
+                "A run that is paced needs a plant that integrates itself.",
+                f"expected a flexhinf.plant.BlackBox, got {type(self.true_plant).__name__}",
+                "flexhinf.robot.MuJoCoPlant(robot, ...)",
+            )
         times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
         recorded, (code, last) = run_black_box(
-            self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state, initial_input
+            self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state, initial_input,
+            stepped, pacing,
         )  # fmt: skip
         return Trajectory.until(self.true_plant, self.controller, times, recorded, settings, code, last)
 

@@ -114,10 +114,10 @@ class Trajectory(Summarised):
         last: int,
     ) -> Trajectory:
         """The same from arrays of the whole length: all of them for code 0, else up to the last sample before a guard
-        of `program` failed with this code."""
-        end, message = len(times), ""
-        if code:
-            end, message = last + 1, _divergence(code, times[last])
+        of `program` failed with this code, or before the run was stopped (a negative code)."""
+        end, message = (last + 1 if code else len(times)), ""
+        if code > 0:
+            message = _divergence(code, times[last])
         kept = {name: values[:end] for name, values in recorded.items()}
         return Trajectory.of(plant, controller, times[:end], kept, settings, message)
 

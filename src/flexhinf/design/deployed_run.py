@@ -1,0 +1,273 @@
+"""One run of a design's controller as it is deployed: on MuJoCo's robot, at its period, on the wall clock.
+
+The robot that is driven may be another than the controller was designed for: with a payload, with other parameters.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.loop_plants import LoopPlants
+from flexhinf.design.move_evaluation import move_requirements
+from flexhinf.design.plans import has_integrals, stated_move, step_command
+from flexhinf.design.requirements import Requirement, step_requirements
+from flexhinf.design.responses import Move, Plan, Response
+from flexhinf.design.scenario import start_and_goal
+from flexhinf.design.specification import Specification
+from flexhinf.errors import InvalidInput
+from flexhinf.export.compiled import CompiledController
+from flexhinf.export.realtime import RealTimeRun, run_realtime
+from flexhinf.loop import Controller, Loop, Moving, Step
+from flexhinf.robot import Robot
+from flexhinf.robot.quantities import per_joint
+from flexhinf.robot.signals import signal_names
+from flexhinf.untrusted import value_text
+
+__all__ = ["Conditions", "DeployedRun", "perturbed", "prepare_run"]
+
+#: Length of a run that states none, s: of a step, and of a move in parts of its own time.
+STEP_TIME, MOVE_TIMES = 5.0, 1.5
+
+#: Where a run with a load is not told when it begins: at this fraction of the run.
+LOAD_AT = 0.5
+
+WHERE = "this run, on MuJoCo's robot"
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a run has beside its design.
+
+    Attributes
+    ----------
+    noise : bool
+        Whether measurements have the noise that the specification states.
+    load : float or None
+        Torque on every link, N·m or N.
+    load_at : float or None
+        When it begins, s; in the middle of the run by default.
+    """
+
+    noise: bool = True
+    load: float | None = None
+    load_at: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DeployedRun:
+    """A run that is ready to be made.
+
+    Attributes
+    ----------
+    robot : Robot
+        The one that is driven.
+    specification : Specification
+    plants : LoopPlants
+        Of the robot that the controller was designed for: sensors, noise and limits.
+    controller : Controller
+    loop : Loop
+    start, goal : (n,)
+        Link positions, rad or m.
+    plan : Plan or None
+        The move; None for a step.
+    arguments : dict
+        Of `flexhinf.run_realtime`.
+    conditions : Conditions
+    """
+
+    robot: Robot
+    specification: Specification
+    plants: LoopPlants
+    controller: Controller
+    loop: Loop
+    start: np.ndarray
+    goal: np.ndarray
+    plan: Plan | None
+    arguments: dict[str, Any]
+    conditions: Conditions
+
+    def make(
+        self,
+        library: CompiledController | None = None,
+        real_time: bool = True,
+        priority: int | None = None,
+        core: int | None = None,
+        watch: Callable[[], bool] | None = None,
+    ) -> RealTimeRun:
+        """Make the run; parameters as those of `flexhinf.run_realtime`, which raises what this raises."""
+        return run_realtime(
+            self.loop, **self.arguments, library=library, real_time=real_time, priority=priority, core=core, watch=watch
+        )  # fmt: skip
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.robot.joint_names
+
+    def response(self, run: RealTimeRun) -> Response:
+        """The run with its figures for each joint."""
+        return Response(run.trajectory, self.goal, self.start, self.joints)
+
+    def requirements(self, run: RealTimeRun) -> list[Requirement]:
+        """What the specification requires of a run, and that every input was there in time."""
+        limits, response = self.plants.limits, self.response(run)
+        if self.plan is None:
+            lines = step_requirements(self.specification, limits, response, WHERE)
+        else:
+            lines = move_requirements(self.specification, limits, Move.along(self.plan, response))
+        if not run.timing.real_time:
+            return lines
+        missed = Requirement(
+            "missed deadlines", 0.0, float(run.timing.missed.sum()), "", True, WHERE,
+            "samples whose input was not there before the next sample was due",
+        )  # fmt: skip
+        return [missed, *lines]
+
+
+def prepare_run(
+    controller: Controller,
+    designed: tuple[Robot, Specification],
+    robot: Robot,
+    specification: Specification,
+    conditions: Conditions = Conditions(),
+) -> DeployedRun:
+    """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
+
+    Parameters
+    ----------
+    controller : Controller
+        Of the design.
+    designed : Robot and Specification
+        What it was designed for.
+    robot : Robot
+        The one that is driven.
+    specification : Specification
+        Of the run: start, goal or move, shaping, duration, extras, noise, seed, and what is judged.
+    conditions : Conditions
+
+    Raises
+    ------
+    InvalidInput
+        If MuJoCo is not installed or does not express the robot, a move leaves a limit, or there is nothing to move.
+    """
+    (model, original), s = designed, specification
+    plan = stated_move(model, s)
+    start, goal = start_and_goal(model, s, plan)
+    if plan is not None:
+        start, goal = np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
+    plants = LoopPlants(model, s)
+    box = LoopPlants(robot, s).mujoco_plant(goal)
+    begun, aim = start_and_goal(model, original, stated_move(model, original))
+    if plan is None:
+        command = step_command(model, s, start, goal) if has_integrals(controller.law) else None
+        reference: Any = _standing(controller, model, goal, aim) if command is None else command
+        duration = STEP_TIME if command is None else STEP_TIME + command.duration
+    else:
+        controller = _in_error_coordinates(controller)
+        reference = Moving(plan, partial(model.inverse_dynamics, extras=plants.dry_friction))
+        duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
+    duration = duration if s.duration is None else s.duration
+    x, u = robot.operating_point(start, s.extras)
+    arguments = {
+        "reference": reference, "duration": duration, "initial_state": x[: len(box.states)], "initial_input": u,
+        "noise": plants.noise if conditions.noise else None, "seed": s.seed,
+        "disturbance": _loads(robot, conditions, duration),
+    }  # fmt: skip
+    if controller.estimator is not None and not np.allclose(begun, start, rtol=0.0, atol=1e-12):
+        arguments["initial_estimate"] = model.operating_point(start)[0]
+    loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
+    return DeployedRun(robot, s, plants, controller, loop, start, goal, plan, arguments, conditions)
+
+
+def _standing(
+    controller: Controller, robot: Robot, goal: np.ndarray, aim: np.ndarray
+) -> dict[str, float] | None:
+    """The standing command of a goal (n,) by name; None for a law that holds what it was designed for, `aim` (n,)."""
+    names = signal_names("link_position", robot.joint_names)
+    if set(names) <= set(controller.commanded):
+        return dict(zip(names, goal.tolist(), strict=True))
+    if not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
+        raise InvalidInput(
+            "This controller takes no command: its law has no integrals and holds the pose that it was designed for.",
+            f"expected the goal {aim.tolist()}, got {goal.tolist()}",
+            "the goal of the design; or a design whose penalty weighs link_position_integral",
+        )
+    return None
+
+
+def _in_error_coordinates(controller: Controller) -> Controller:
+    """The same law, estimator and limits about a moving reference, as a design runs its moves."""
+    return Controller(
+        controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
+        integral_dead_zone=controller.integral_dead_zone,
+    )  # fmt: skip
+
+
+def _loads(robot: Robot, conditions: Conditions, duration: float) -> dict[str, Step] | None:
+    """Torques on all links by name."""
+    if conditions.load is None:
+        return None
+    at = LOAD_AT * duration if conditions.load_at is None else conditions.load_at
+    if not 0.0 <= at < duration:
+        raise InvalidInput(
+            "The load begins outside of the run.",
+            f"expected 0 to {duration:g} s, got {at:g} s",
+            "--load-at 1s, or a longer --duration",
+        )
+    return {name: Step(conditions.load, at=at) for name in signal_names("link_torque", robot.joint_names)}
+
+
+# Another robot than the model ---------------------------------------------------------------------------
+def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
+    """The robot with other parameters: ``stiffness=-20%``, ``stiffness_elbow=95``, ``friction=+50%``.
+
+    Parameters
+    ----------
+    robot : Robot
+    changes : sequence of str
+        NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
+
+    Raises
+    ------
+    InvalidInput
+        For a name that the robot does not have, or what is no number.
+    """
+    values = dict(robot.nominal)
+    for text in changes:
+        name, _, number = text.partition("=")
+        names = _parameters(robot, name.strip(), text)
+        share = number.strip().endswith("%")
+        try:
+            value = float(number.strip().rstrip("%"))
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InvalidInput(
+                "A change of the robot cannot be read.",
+                f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
+                "stiffness=-20%",
+            )
+        for one in names:
+            values[one] = robot.nominal[one] * (1.0 + 0.01 * value) if share else value
+    return robot.with_values(values)
+
+
+def _parameters(robot: Robot, name: str, text: str) -> list[str]:
+    """The robot's parameters that a name stands for."""
+    joints = robot.joint_names
+    names = [per_joint(name, joint, len(joints)) for joint in joints]
+    found = [one for one in (name, *names) if one in robot.nominal]
+    if not found:
+        close = difflib.get_close_matches(name, robot.nominal, n=1)
+        raise InvalidInput(
+            f"The robot {robot.name!r} has no such parameter to change.",
+            f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
+            f"{close[0] if close else 'stiffness'}=-20%",
+        )
+    return list(dict.fromkeys(found))

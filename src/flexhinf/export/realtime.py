@@ -1,0 +1,370 @@
+"""A controller in real time: its samples on the wall clock, round a plant that integrates itself.
+
+A sample sleeps until shortly before it is due and then watches the clock. Meanwhile there is no garbage collection, and
+where the system permits it the process has a real-time priority and a core of its own. What is measured is in `Timing`.
+"""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.export.compiled import CompiledController
+from flexhinf.export.timing import Timing
+from flexhinf.loop import Loop, Trajectory
+from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing
+from flexhinf.loop.simulation.run_arguments import sample_count
+from flexhinf.untrusted import value_text
+
+__all__ = ["RealTimeRun", "run_realtime"]
+
+#: From the last sleep to the moment when a sample is due the clock is watched, ns: a sleep ends that much late at most
+#: on a system that is not busy.
+WATCHED_NS = 150_000
+
+#: The first sample is due so long after the loop is ready, ns.
+LEAD_NS = 2_000_000
+
+#: Samples of a run before real time begins: all code is loaded and compiled by then.
+REHEARSED = 4
+
+#: Priorities of SCHED_FIFO.
+PRIORITIES = (1, 99)
+
+#: Linux: how late the kernel may wake a sleeping thread, by `prctl`.
+_SET_TIMER_SLACK, _SLACK_NS = 29, 1
+
+
+@dataclass(frozen=True, eq=False)
+class RealTimeRun:
+    """What a run in real time leaves behind.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        As of `Loop.run`; up to where it was stopped.
+    timing : Timing
+        Of the same samples.
+    codes : (N,) array of int
+        How each step ended; 0 is "OK".
+    code_names : dict of int to str
+    began : int
+        When the first sample was due, ns since 1970.
+    input_range : ((m,), (m,))
+        Lower and upper limits of the inputs, infinite where there are none.
+    stopped : int or None
+        The signal that ended the run before its time; 0 where `watch` did; None for a run that came to its end.
+    scheduling : tuple of str
+        What the system permitted, in sentences.
+    """
+
+    trajectory: Trajectory
+    timing: Timing
+    codes: np.ndarray
+    code_names: dict[int, str]
+    began: int
+    input_range: tuple[np.ndarray, np.ndarray]
+    stopped: int | None
+    scheduling: tuple[str, ...]
+
+
+def run_realtime(
+    loop: Loop,
+    reference: Any = None,
+    disturbance: Any = None,
+    noise: Any = None,
+    duration: float = 8.0,
+    initial_state: Any = None,
+    seed: int = 0,
+    initial_input: Any = None,
+    *,
+    multi_turn: bool = False,
+    initial_estimate: Any = None,
+    library: CompiledController | None = None,
+    real_time: bool = True,
+    priority: int | None = None,
+    core: int | None = None,
+    watch: Callable[[], bool] | None = None,
+    watch_every: float = 1.0 / 30.0,
+) -> RealTimeRun:
+    """Run a loop at the period of its controller on the wall clock.
+
+    The numbers are those of `Loop.run`; only time is another one. Ctrl-C (or SIGTERM, SIGHUP) in the main thread ends
+    the run after the sample that is being made, and what was recorded is returned; a second Ctrl-C interrupts.
+
+    Parameters
+    ----------
+    loop : Loop
+        Its true plant integrates itself, such as `flexhinf.robot.MuJoCoPlant`.
+    reference, disturbance, noise, duration, initial_state, seed, initial_input, multi_turn
+        As for `Loop.run`.
+    initial_estimate : (n,) array, optional
+        At which the controller's estimate starts, see `Controller.reset`.
+    library : CompiledController, optional
+        Steps instead of the loop's controller, of which it was compiled.
+    real_time : bool
+        Whether samples wait for the clock; otherwise they follow each other as fast as possible.
+    priority : int, optional
+        Of SCHED_FIFO, 1 to 99, where the system permits it.
+    core : int, optional
+        The processor core that the loop is kept on, where the system permits it.
+    watch : callable, optional
+        Called after a sample every `watch_every` seconds of the run, for a view; False ends the run.
+
+    Raises
+    ------
+    InvalidInput
+        As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
+        core that there is not.
+    """
+    _check_scheduling(priority, core)
+    given: dict[str, Any] = {
+        "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
+        "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,
+    }  # fmt: skip
+    steps = _Steps(loop, library, initial_estimate, initial_input)
+    period = loop.controller.period
+    samples = sample_count(duration, period)
+    loop.run_paced(AT_ONCE, steps, duration=period * min(samples - 1, REHEARSED), **given)
+    steps.reset()
+    with _undisturbed(priority, core) as scheduling, _stopping() as request:
+        clock = _Clock(period, samples, real_time, steps, request, watch, watch_every)
+        run = loop.run_paced(Pacing(clock.begin, clock.end), clock, duration=duration, **given)
+    run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": steps.name})
+    count = len(run.time)
+    return RealTimeRun(
+        run, clock.timing(run.time), clock.codes[:count], steps.code_names, clock.began,
+        loop.controller.limits.pair, clock.stopped if count < samples and not run.message else None, scheduling,
+    )  # fmt: skip
+
+
+def _check_scheduling(priority: int | None, core: int | None) -> None:
+    low, high = PRIORITIES
+    if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
+        raise InvalidInput(
+            "There is no such real-time priority.",
+            f"expected {low} to {high}, got {value_text(priority)}",
+            "80: above everything but the kernel's own threads",
+        )
+    cores = os.cpu_count() or 1
+    if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
+        raise InvalidInput(
+            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
+        )
+
+
+class _Steps:
+    """What is stepped, from its start: a controller of its own memory, or a compiled library."""
+
+    def __init__(self, loop: Loop, library: CompiledController | None, state: Any, input: Any) -> None:
+        controller = loop.controller
+        self._start = {"state": state, "input": input}
+        self.code_names = {0: "OK"}
+        if library is None:
+            self.stepped: Any = controller.fresh()
+            self.name = "Controller.step"
+        else:
+            _check_library(library, controller)
+            self.stepped = copy.copy(library)
+            self.code_names = {0: "OK", **library.code_numbers}
+            self.name = f"compiled library {library.path.name}"
+        self._numbers = {name: number for number, name in self.code_names.items()}
+        self._has_code = library is not None
+        self.step = self.stepped.step
+        self.reset()
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Of the last step, (n,)."""
+        return self.stepped.estimate
+
+    @property
+    def code(self) -> int:
+        """How the last step ended."""
+        return self._numbers[self.stepped.code] if self._has_code else 0
+
+    def reset(self) -> None:
+        """As at the start."""
+        self.stepped.reset(**self._start)
+
+
+def _check_library(library: CompiledController, controller: Any) -> None:
+    """Refuse a library of another controller by its signals and its period."""
+    own = {
+        "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
+        "inputs": tuple(controller.law.input_names), "states": controller.states,
+    }  # fmt: skip
+    for name, value in own.items():
+        found = getattr(library, name)
+        if found != value:
+            raise InvalidInput(
+                f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
+                f"expected {value_text(value)}, got {value_text(found)} in {library.path.name}",
+                "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
+            )
+
+
+class _Clock:
+    """Says when samples begin, steps the controller, and notes all times."""
+
+    def __init__(
+        self,
+        period: float,
+        samples: int,
+        real_time: bool,
+        steps: _Steps,
+        request: list[int],
+        watch: Callable[[], bool] | None,
+        watch_every: float,
+    ) -> None:
+        self._period, self._real_time, self._steps, self._request = period, real_time, steps, request
+        self._step, self._k, self._first = steps.step, 0, 0
+        self._watch, self._each = watch, max(1, round(watch_every / period))
+        self._due, self._woken, self._computed, self._ready, self._over = np.zeros(
+            (5, samples), dtype=np.int64
+        )
+        self.codes = np.zeros(samples, dtype=np.int64)
+        self.began, self.stopped = 0, None
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Of the last step, (n,)."""
+        return self._steps.estimate
+
+    def begin(self, k: int) -> bool:
+        """Return when sample k is due; False where the run is to end."""
+        if self._request:
+            self.stopped = self._request[0]
+            return False
+        self._k, now = k, time.perf_counter_ns
+        if k == 0:
+            self._first = now() + LEAD_NS * self._real_time
+            self.began = time.time_ns() + LEAD_NS * self._real_time
+        if not self._real_time:
+            self._due[k] = self._woken[k] = now()
+            return True
+        due = self._first + round(1e9 * k * self._period)
+        rest = due - now() - WATCHED_NS
+        if rest > 0:
+            time.sleep(1e-9 * rest)
+        while now() < due:
+            pass
+        self._due[k], self._woken[k] = due, now()
+        return True
+
+    def step(self, y: Any, reference: Any) -> np.ndarray:
+        """The controller's step, timed."""
+        start = time.perf_counter_ns()
+        u = self._step(y, reference)
+        end = time.perf_counter_ns()
+        k = self._k
+        self._computed[k], self._ready[k], self.codes[k] = end - start, end, self._steps.code
+        return u
+
+    def end(self, k: int) -> None:
+        """Sample k is over."""
+        if self._watch is not None and k % self._each == 0 and not self._watch():
+            self._request.append(0)
+        self._over[k] = time.perf_counter_ns()
+
+    def timing(self, times: np.ndarray) -> Timing:
+        """Of the samples that were made, their times (N,) in the run."""
+        n = len(times)
+        due = self._due[:n]
+        ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
+        over = np.maximum(self._over[:n], ready)
+        since = [1e-9 * (row - due) for row in (self._woken[:n], ready, over)]
+        elapsed = 1e-9 * float(over[-1] - self._woken[0]) if n else 0.0
+        return Timing(
+            self._period, self._real_time, times, since[0], 1e-9 * self._computed[:n], since[1], since[2], elapsed
+        )  # fmt: skip
+
+
+# The system -----------------------------------------------------------------------------------------
+@contextmanager
+def _stopping() -> Iterator[list[int]]:
+    """A list that gets the number of a signal that asks to end; a second Ctrl-C does what it did before."""
+    request: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield request
+        return
+
+    def stop(number: int, frame: Any) -> None:
+        if request and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        request.append(number)
+
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names}
+    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
+    """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before."""
+    told, undo = [], []
+    if priority is not None:
+        told.append(_fifo(priority, undo))
+    if core is not None:
+        told.append(_kept_on(core, undo))
+    _exact_sleeps()
+    collects = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield tuple(told)
+    finally:
+        gc.unfreeze()
+        if collects:
+            gc.enable()
+        for back in undo:
+            back()
+
+
+def _fifo(priority: int, undo: list[Callable[[], None]]) -> str:
+    try:
+        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, OSError) as error:
+        reason = getattr(error, "strerror", None) or "this system has none"
+        return f"Real-time priority {priority} was not permitted ({reason}); the loop ran with the usual scheduling."
+    undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+    return f"The loop ran under SCHED_FIFO with priority {priority}."
+
+
+def _kept_on(core: int, undo: list[Callable[[], None]]) -> str:
+    try:
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {core})
+    except (AttributeError, OSError) as error:
+        reason = getattr(error, "strerror", None) or "this system cannot"
+        return f"The loop could not be kept on core {core} ({reason})."
+    undo.append(lambda: os.sched_setaffinity(0, before))
+    return f"The loop was kept on core {core}."
+
+
+def _exact_sleeps() -> None:
+    """Ask Linux to end this thread's sleeps when they are over, and not up to 50 µs later."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)

@@ -1,0 +1,211 @@
+"""The log of a run in real time: CSV and Parquet, as PlotJuggler opens them, and MCAP, as Foxglove does too.
+
+Columns are named ``state/link_position[rad]``: PlotJuggler makes a tree of the slashes and splits a header at commas
+and spaces, so names have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic with
+messages of JSON and their JSON schema, the names without units, which the schema states.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.export.realtime import RealTimeRun
+from flexhinf.files import write_file
+from flexhinf.untrusted import checked_path
+
+__all__ = ["ENDINGS", "LogColumn", "check_log", "check_place", "log_columns", "write_log"]
+
+#: Endings of logs, and the packages that each needs.
+ENDINGS: dict[str, tuple[str, ...]] = {".csv": (), ".parquet": ("pyarrow",), ".mcap": ("mcap", "zstandard")}
+
+#: The first part of a column's name, and its topic, where they are not the kind of the trajectory's signal.
+KINDS = {"output": "measured"}
+
+#: An input that is nearer than this to a limit, relative to its size, is at it.
+AT_LIMIT = 1e-9
+
+
+class LogColumn(NamedTuple):
+    """One signal: its kind, name and unit, and its values (N,)."""
+
+    kind: str
+    name: str
+    unit: str
+    values: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Its name in a table."""
+        unit = self.unit.replace("/", "_per_").replace(" ", "_")
+        name = self.name.replace(",", ";").replace(" ", "_").replace('"', "'")
+        return f"{self.kind}/{name}" + (f"[{unit}]" if unit else "")
+
+
+def log_columns(run: RealTimeRun) -> list[LogColumn]:
+    """Everything that is logged: signals of the trajectory, flags, times of the samples.
+
+    Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
+    as it may be; ``code`` is how the controller's step ended, 0 for OK.
+    """
+    found, trajectory, timing = [], run.trajectory, run.timing
+    for kind, values in trajectory.signals.items():
+        names = zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
+        found += [LogColumn(KINDS.get(kind, kind), name, unit, column) for name, unit, column in names]
+    low, high = run.input_range
+    u, room = trajectory.signals["input"], AT_LIMIT * (np.abs(high) + np.abs(low))
+    limited = np.isfinite(room) & ((u <= low + room) | (u >= high - room))
+    flags = {
+        "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
+    }  # fmt: skip
+    found += [LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()]
+    times = {
+        "lateness": timing.woken,
+        "step_time": timing.computed,
+        "input_ready": timing.ready,
+        "over": timing.over,
+    }
+    found += [LogColumn("timing", name, "s", values) for name, values in times.items()]
+    return found
+
+
+def check_log(path: str | os.PathLike[str]) -> Path:
+    """Refuse, before any work, a log that could not be written at its end.
+
+    Raises
+    ------
+    InvalidInput
+        For another ending, a package that is missing, or a place that cannot be written.
+    """
+    path = checked_path("The log", path)
+    if path.suffix not in ENDINGS:
+        raise InvalidInput(
+            "The format of the log is not known.",
+            f"expected a name that ends with {', '.join(ENDINGS)}, got {str(path)!r}",
+            f"--log {path.with_suffix('.csv').name}",
+        )
+    for package in ENDINGS[path.suffix]:
+        if importlib.util.find_spec(package) is None:
+            raise InvalidInput(
+                f"A log in {path.suffix[1:].upper() if path.suffix == '.mcap' else 'Parquet'} needs another package.",
+                f"expected the package {package!r}, which is not installed, for {path.name}",
+                f"pip install 'flexhinf[log]', or --log {path.with_suffix('.csv').name}",
+            )
+    return check_place(path, "log")
+
+
+def check_place(path: Path, what: str) -> Path:
+    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder.
+
+    Raises
+    ------
+    InvalidInput
+    """
+    try:
+        if path.is_dir():
+            raise OSError("there is a folder of this name")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"The {what} cannot be written.",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
+            "a writable folder that exists",
+        ) from error
+    return path
+
+
+def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
+    """Write a run to a file, whole or not at all; its ending says the format, see `ENDINGS`.
+
+    Raises
+    ------
+    InvalidInput
+        As `check_log`.
+    """
+    path = check_log(path)
+    write = {".csv": _write_csv, ".parquet": _write_parquet, ".mcap": _write_mcap}[path.suffix]
+    write_file(path, "log", lambda name: write(run, name))
+    return path
+
+
+# Tables ---------------------------------------------------------------------------------------------
+def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
+    """Values by label, the time first; a label that stands twice gets a number."""
+    found: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
+    for column in log_columns(run):
+        label, count = column.label, 2
+        while label in found:
+            label, count = f"{column.label}_{count}", count + 1
+        found[label] = column.values
+    return found
+
+
+def _write_csv(run: RealTimeRun, name: str) -> None:
+    table = _table(run)
+    np.savetxt(
+        name, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="", encoding="utf-8"
+    )  # fmt: skip
+
+
+def _write_parquet(run: RealTimeRun, name: str) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    settings = {key: str(value) for key, value in _settings(run).items()}
+    table = pyarrow.table(_table(run)).replace_schema_metadata(settings)
+    parquet.write_table(table, name, compression="zstd")
+
+
+# MCAP -----------------------------------------------------------------------------------------------
+def _write_mcap(run: RealTimeRun, name: str) -> None:
+    """One topic for each kind of signal; times are those of the run after the moment when it began."""
+    from mcap.writer import Writer
+
+    columns: dict[str, list[LogColumn]] = {}
+    for column in log_columns(run):
+        columns.setdefault(column.kind, []).append(column)
+    with open(name, "wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="flexhinf")
+        channels = {}
+        for kind, group in columns.items():
+            schema = writer.register_schema(f"flexhinf.{kind}", "jsonschema", _schema(group))
+            channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
+        for k, at in enumerate(run.trajectory.time.tolist()):
+            moment = run.began + round(1e9 * at)
+            for kind, text in _messages(columns, k):
+                writer.add_message(channels[kind], moment, text, moment, k)
+        writer.add_metadata("flexhinf run", {key: str(value) for key, value in _settings(run).items()})
+        writer.finish()
+
+
+def _schema(group: list[LogColumn]) -> bytes:
+    properties = {
+        column.name: {"type": "number", "description": column.unit or "no unit"} for column in group
+    }
+    return json.dumps({"type": "object", "properties": properties}).encode()
+
+
+def _messages(columns: dict[str, list[LogColumn]], k: int) -> Iterator[tuple[str, bytes]]:
+    """Kind and JSON of sample k; a number that is not finite has no JSON, and is left out."""
+    for kind, group in columns.items():
+        values = {column.name: float(column.values[k]) for column in group}
+        yield kind, json.dumps({name: value for name, value in values.items() if np.isfinite(value)}).encode()
+
+
+def _settings(run: RealTimeRun) -> dict[str, object]:
+    codes = {str(number): name for number, name in run.code_names.items()}
+    ended = "completed" if run.stopped is None else "stopped before its end"
+    return {
+        **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(codes),
+        "began_ns_since_1970": run.began,
+    }  # fmt: skip

@@ -1,0 +1,110 @@
+"""A certificate's file: exact, whole, and read without trust."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term, load_certificate
+from flexhinf.errors import InvalidInput
+
+
+def pendulum(**changes: Any) -> Certificate:
+    """An upright pendulum with an uncertain inertia and an integral; nothing in it is proved."""
+    plant: dict[str, Any] = {
+        "about": "a pendulum",
+        "states": (Signal("angle", "rad"), Signal("rate", "rad/s")),
+        "inputs": (Signal("torque", "N m"),),
+        "disturbances": (Signal("push", "N m"),),
+        "drift": ((Term(1.0, (0, 1)),), (Term(-9.8, (0, 0), (("inertia", -1),), 0),)),
+        "g1": (((),), ((Term(1.0, (0, 0), (("inertia", -1),)),),)),
+        "g2": (((),), ((Term(1.0, (0, 0), (("inertia", -1),)),),)),
+        "penalty": ((((1, 0), 0.1),),),
+        "r2": ((1.0,),),
+        "value": (((2, 0), 0.1), ((0, 2), 1 / 3)),
+        "law": ((((1, 0), -0.7),),),
+        "gamma": 1.5,
+        "level": 3.0,
+        "coordinates": ((1.0, 0.0), (0.0, 1.0)),
+        "reach": 4.0,
+        "parameters": (Parameter("inertia", 0.9, 1.1, "kg m2"),),
+        "functions": (Function("sin", (1.0, 0.0), pi_halves=2),),
+        "starts": (Start("stated", 0.3, ((Term(-1.0, (1,)),), ()), (), (0.0, 0.3), ((), (0.0, 0.1))),),
+        "provenance": {"version": "0"},
+    }
+    return Certificate(**{**plant, **changes})
+
+
+def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
+    certificate = pendulum(sampled_level=-0.0, attained_gain=5e-324)
+    certificate.save(tmp_path / "certificate.json")
+    read = load_certificate(tmp_path / "certificate.json")
+    assert read == certificate
+    assert repr(read.sampled_level) == "-0.0"
+    assert "0x1.5555555555555p-2" in certificate.text()
+    assert [path.name for path in tmp_path.iterdir()] == ["certificate.json"]
+    assert (read.degree, read.step_amplitude) == (2, 0.3)
+
+
+def entry(**changes: Any) -> str:
+    return json.dumps(json.loads(pendulum().text()) | changes)
+
+
+HOSTILE = {
+    "nothing": "",
+    "deep": "[" * 100_000,
+    "NaN": "NaN",
+    "twice": '{"format": 1, "format": 2}',
+    "another format": '{"format": "flexhinf solution"}',
+    "newer": entry(version=2),
+    "unknown entry": entry(proved=True),
+    "missing entry": json.dumps({k: v for k, v in json.loads(pendulum().text()).items() if k != "law"}),
+    "NaN coefficient": entry(value=[[[2, 0], "nan"]]),
+    "infinite number": entry(level="0x1.0p+9999"),
+    "overflow": entry(level="0x1.0p+400"),
+    "decimal text": entry(level="3.0"),
+    "level zero": entry(level="0x0.0p+0"),
+    "degree": entry(value=[[[2_000_000_000, 0], "0x1.0p+0"]]),
+    "negative exponent": entry(value=[[[-2, 4], "0x1.0p+0"]]),
+    "fraction of an exponent": entry(value=[[[2.0, 0], "0x1.0p+0"]]),
+    "linear V": entry(value=[[[1, 0], "0x1.0p+0"]]),
+    "no V": entry(value=[]),
+    "a monomial twice": entry(value=[[[2, 0], "0x1.0p+0"]] * 2),
+    "too many terms": entry(value=[[[2, 0], "0x1.0p+0"]] * 20_001),
+    "wrong type": entry(drift=5),
+    "wrong shape": entry(g1=[[[], []], [[]]]),
+    "wrong length": entry(coordinates=[["0x1.0p+0"], ["0x1.0p+0"]]),
+    "unknown parameter": entry(parameters=[]),
+    "unknown function": entry(functions=[]),
+    "unknown feedback": entry(feedback="a camera"),
+    "function without enclosure": entry(functions=[{"name": "gamma", "slope": ["0x1.0p+0", "0x0.0p+0"]}]),
+    "a parameter through 0": entry(
+        parameters=[{"name": "inertia", "low": "-0x1.0p+0", "high": "0x1.0p+0", "unit": ""}]
+    ),
+    "control characters": entry(about="\x1b[2J"),
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_what_no_certificate_has_is_refused_in_three_parts(text: str, tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput) as caught:
+        load_certificate(tmp_path / "c.json")
+    assert caught.value.what.startswith("c.json: ")
+    assert caught.value.found
+    assert caught.value.advice
+
+
+def test_r_must_be_affine_in_a_power_of_each_parameter() -> None:
+    drift = ((Term(1.0, (0, 1)),), (Term(1.0, (1, 0), (("inertia", 1),)),))
+    with pytest.raises(InvalidInput, match="one exponent of inertia"):
+        pendulum(drift=drift)
+
+
+def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_bytes(b" " * 8_000_001)
+    with pytest.raises(InvalidInput, match="too large"):
+        load_certificate(tmp_path / "c.json")

@@ -1,0 +1,114 @@
+"""``flexhinf run``: what is printed, which files are there, what is refused before any work."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import flexhinf as fh
+from flexhinf import report
+from flexhinf.cli import main
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture
+def design(folder: Path) -> str:
+    """The folder of a report: a design file, and the controller that it gave."""
+    robot = fh.paper_arm()
+    ukf = fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([-0.1])[0], 1e-6)
+    law = fh.linear_law(robot.problem(), gamma=math.inf)
+    fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless").save(folder / "controller")
+    text = '[design]\nrobot = "paper"\nstart = [-0.1]\nduration = 0.2\n'
+    report.write(folder / "arm", {"design.toml": text, "controller": (folder / "controller").read_bytes()})
+    (folder / "controller").unlink()
+    return "arm"
+
+
+def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "run",
+        design,
+        "--mujoco",
+        "--log",
+        "run.csv",
+        "--log",
+        "again.csv",
+        "--perturb",
+        "stiffness=-10%",
+    ]
+    assert main(words) in (0, 1)
+    told = capsys.readouterr()
+    assert "201 samples at 1000 Hz" in told.out or "of 201 deadlines were missed" in told.out
+    assert "lateness of the beginning" in told.out
+    assert "log: run.csv" in told.out
+    assert len((folder / "run.csv").read_text().splitlines()) == 202
+    assert (folder / "run.csv").read_bytes() == (folder / "again.csv").read_bytes()
+    assert {path.name for path in folder.iterdir()} == {"arm", "run.csv", "again.csv"}
+
+
+def test_options_change_the_run(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["run", f"{design}/design.toml", "--mujoco", "--no-realtime", "--no-noise", "--duration", "50ms"]
+    assert main([*words, "--load", "0.2", "--load-at", "20ms", "--goal", "5deg", "--log", "run.csv"]) in (
+        0,
+        1,
+    )
+    rows = [line.split(",") for line in (folder / "run.csv").read_text().splitlines()]
+    assert len(rows) == 52
+    torque, goal = (
+        rows[0].index(name) for name in ("disturbance/link_torque[N·m]", "reference/link_position[rad]")
+    )
+    assert [float(row[torque]) for row in (rows[20], rows[21])] == [0.0, 0.2]
+    assert float(rows[1][goal]) == pytest.approx(math.radians(5.0))
+    assert "Not in real time: 51 samples" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+def test_control_c_keeps_a_whole_log(
+    design: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from flexhinf.robot import MuJoCoPlant
+
+    steps, whole = [], MuJoCoPlant.step
+
+    def step(self: MuJoCoPlant, *arguments: object) -> None:
+        steps.append(0)
+        if len(steps) == 40:
+            os.kill(os.getpid(), signal.SIGINT)
+        whole(self, *arguments)
+
+    monkeypatch.setattr(MuJoCoPlant, "step", step)
+    assert main(["run", design, "--mujoco", "--duration", "60s", "--log", "run.csv"]) == 130
+    told = capsys.readouterr()
+    rows = Path("run.csv").read_text().splitlines()
+    assert 30 < len(rows) < 45
+    assert len({row.count(",") for row in rows}) == 1
+    assert "Stopped at 0.03" in told.out
+    assert "Interrupted; written and whole: run.csv" in told.err
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["DESIGN"], "not said which robot"),
+        (["nothing-here", "--mujoco"], "needs a design file"),
+        (["DESIGN", "--mujoco", "--log", "run.txt"], "format of the log"),
+        (["DESIGN", "--mujoco", "--log", "missing/run.csv"], "log cannot be written"),
+        (["DESIGN", "--mujoco", "--library", "missing.so"], "library cannot be loaded"),
+        (["DESIGN", "--mujoco", "--perturb", "stifness=1"], "no such parameter"),
+        (["DESIGN", "--mujoco", "--load", "1m"], "load"),
+        (["DESIGN", "--mujoco", "--priority", "0"], "real-time priority"),
+        (["DESIGN", "--mujoco", "--extras", "inductance"], "MuJoCo does not express"),
+        (["DESIGN", "--mujoco", "--goal", "400deg"], "turn"),
+        (["DESIGN", "--mujoco", "--duration", "0.1ms"], "shorter than one period"),
+    ],
+)
+def test_a_mistake_is_told_before_any_work(
+    words: list[str], what: str, design: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    refused(["run", *(design if word == "DESIGN" else word for word in words)], what, folder)

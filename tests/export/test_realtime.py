@@ -1,0 +1,221 @@
+"""The real-time runner: the simulation's own numbers, an honest clock, a stop that loses nothing."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.export.timing import MissedSpan, Timing, percentiles
+from flexhinf.loop import BlackBox, Loop
+
+
+class Box(BlackBox):
+    """A mass without friction: as good as no plant at all. `slow` maps samples to seconds that they last."""
+
+    states = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+    units = {"link_position": "rad"}  # noqa: RUF012
+
+    def __init__(self, slow: dict[int, float] | None = None) -> None:
+        self.slow, self.seen = slow or {}, []
+
+    def reset(self, initial_state: Any) -> None:
+        self.x, self.k, self.seen = np.zeros(4), 0, []
+
+    def step(self, u: Any, disturbance: Any, period: float) -> None:
+        self.x[1] += period * (float(u[0]) - self.x[1])
+        self.x[0] += period * self.x[1]
+
+    def output(self) -> np.ndarray:
+        self.seen.append(time.monotonic_ns())
+        time.sleep(self.slow.get(self.k, 0.0))
+        self.k += 1
+        return self.x[:1]
+
+    def state(self) -> np.ndarray:
+        return self.x
+
+
+@pytest.fixture(scope="session")
+def library(controller: fh.Controller, compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fh.compile_controller(controller, tmp_path_factory.mktemp("real-time") / "arm.so")
+
+
+def test_the_numbers_are_those_of_the_loop(controller: fh.Controller) -> None:
+    """Bit for bit, real time or not: only the time at which a sample is made is another one."""
+    given: dict[str, Any] = {"reference": fh.Step(0.2), "duration": 0.05, "noise": 1e-3, "seed": 3}
+    expected = Loop(Box(), controller, delay=2e-3).run(**given)
+    for real_time in (False, True):
+        run = fh.run_realtime(Loop(Box(), controller, delay=2e-3), **given, real_time=real_time)
+        assert run.stopped is None
+        for kind, values in expected.signals.items():
+            np.testing.assert_array_equal(run.trajectory.signals[kind], values)
+        assert run.trajectory.settings["real_time"] is real_time
+        assert len(run.timing.time) == len(run.codes) == 51
+
+
+@pytest.mark.oracle
+def test_the_compiled_library_steps_instead(controller: fh.Controller, library: Path) -> None:
+    compiled = fh.load_compiled(library)
+    given: dict[str, Any] = {"reference": fh.Step(0.2), "duration": 0.2, "real_time": False}
+    runs = [fh.run_realtime(Loop(Box(), controller), **given, library=one) for one in (None, compiled)]
+    inputs = [run.trajectory.signals["input"] for run in runs]
+    np.testing.assert_allclose(inputs[1], inputs[0], rtol=0, atol=1e-9 * np.abs(inputs[0]).max())
+    assert runs[1].code_names[0] == "OK"
+    assert "PREDICTED" in runs[1].code_names.values()
+    assert runs[1].trajectory.settings["stepped"] == "compiled library arm.so"
+    compiled.step(0.3)  # the runner has stepped a copy: this one is where it was
+    np.testing.assert_array_equal(compiled.estimate, _first_estimate(library))
+
+
+def _first_estimate(library: Path) -> np.ndarray:
+    fresh = fh.load_compiled(library)
+    fresh.step(0.3)
+    return fresh.estimate
+
+
+def test_a_sample_that_takes_too_long_is_a_missed_deadline(controller: fh.Controller) -> None:
+    """Ten milliseconds in sample 20: it and those behind it are late, each by one period less."""
+    rehearsed = Box({20: 0.010})
+    run = fh.run_realtime(Loop(rehearsed, controller), duration=0.06)
+    timing = run.timing
+    assert timing.missed[20]
+    assert timing.missed[21]
+    assert timing.ready[20] >= 0.010
+    assert timing.woken[21] >= 0.0089
+    assert timing.missed_spans()[0].begin <= 0.020
+    assert timing.missed_spans()[0].worst >= 0.0089
+
+
+def test_no_garbage_is_collected_and_everything_is_as_before(controller: fh.Controller) -> None:
+    found: list[Any] = []
+
+    def watch() -> bool:
+        found.append(gc.isenabled())
+        return True
+
+    before = signal.getsignal(signal.SIGINT)
+    fh.run_realtime(Loop(Box(), controller), duration=0.02, real_time=False, watch=watch, watch_every=1e-3)
+    assert found == [False] * 21
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_control_c_keeps_what_was_recorded(controller: fh.Controller) -> None:
+    calls: list[int] = []
+
+    def watch() -> bool:
+        calls.append(0)
+        if len(calls) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+        return True
+
+    run = fh.run_realtime(Loop(Box(), controller), duration=10.0, watch=watch, watch_every=1e-3)
+    assert run.stopped == signal.SIGINT
+    assert len(run.trajectory.time) == len(run.codes) == len(run.timing.over) in (5, 6)
+    assert np.isfinite(run.trajectory.signals["input"]).all()
+    ended = fh.run_realtime(Loop(Box(), controller), duration=10.0, watch=lambda: False, real_time=False)
+    assert ended.stopped == 0
+    assert len(ended.trajectory.time) == 1
+
+
+def test_in_another_thread_signals_are_left_alone(controller: fh.Controller) -> None:
+    runs: list[Any] = []
+    thread = threading.Thread(
+        target=lambda: runs.append(
+            fh.run_realtime(Loop(Box(), controller), duration=0.01, priority=50, core=0)
+        )
+    )
+    thread.start()
+    thread.join()
+    assert len(runs[0].trajectory.time) == 11
+    assert len(runs[0].scheduling) >= 2
+
+
+def test_a_run_that_diverges_ends_there(controller: fh.Controller) -> None:
+    class Bad(Box):
+        def output(self) -> np.ndarray:
+            return np.array([np.nan]) if self.k > 8 else super().output()
+
+    run = fh.run_realtime(Loop(Bad(), controller), duration=0.05, real_time=False)
+    assert run.stopped is None
+    assert "no longer finite" in run.trajectory.message
+    assert len(run.timing.time) == len(run.trajectory.time) == 10
+
+
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [
+        ({"priority": 100}, "no such real-time priority"),
+        ({"core": 100_000}, "no such processor core"),
+        ({"duration": 1e9}, "too long"),
+        ({"reference": fh.Step(100.0)}, "more than a full turn"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_any_sample(
+    given: dict[str, Any], what: str, controller: fh.Controller
+) -> None:
+    box = Box()
+    with pytest.raises(InvalidInput, match=what):
+        fh.run_realtime(Loop(box, controller), **given)
+    assert box.seen == []
+
+
+def test_a_plant_or_a_library_of_another_kind(controller: fh.Controller, library: Path) -> None:
+    with pytest.raises(InvalidInput, match="integrates itself"):
+        fh.run_realtime(Loop(fh.paper_arm().plant(), controller))
+    ukf = fh.UnscentedKalmanFilter(fh.paper_arm().plant(), 2e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    other = fh.Controller(controller.law, ukf, 2e-3, 48.0)
+    with pytest.raises(InvalidInput, match="its period is"):
+        fh.run_realtime(Loop(Box(), other), library=fh.load_compiled(library))
+
+
+# Timing ---------------------------------------------------------------------------------------------
+@pytest.mark.oracle
+def test_percentiles_are_values_that_occurred() -> None:
+    """Against the definition: the smallest value that at least so many of them are not above."""
+    values = np.random.default_rng(0).exponential(size=12_345)
+    found = percentiles(values)
+    for name, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("p99.99", 0.9999)):
+        assert found[name] in values
+        assert np.mean(values <= found[name]) >= share
+        assert np.mean(values < found[name]) < share
+    assert found["max"] == values.max()
+    assert percentiles(np.array([2.0, 1.0])) == {"p50": 1.0, **dict.fromkeys(list(found)[1:], 2.0)}
+
+
+def test_where_the_missed_deadlines_lay() -> None:
+    ready = np.array([0.5, 1.5, 2.5, 0.5, 0.5, 1.1]) * 1e-3
+    time = 1e-3 * np.arange(6)
+    timing = Timing(1e-3, True, time, ready, ready, ready, ready, 7e-3)
+    assert timing.missed.tolist() == [False, True, True, False, False, True]
+    spans = timing.missed_spans()
+    assert [span[:2] for span in spans] == [(1e-3, 2), (5e-3, 1)]
+    assert spans[0] == MissedSpan(1e-3, 2, pytest.approx(1.5e-3))
+    assert timing.slowness == pytest.approx(7.0 / 6.0)
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_two_seconds_on_the_wall_clock(controller: fh.Controller) -> None:
+    """The lateness that is recorded is what the plant sees of it, on a clock of its own."""
+    box, start = Box(), time.time()
+    run = fh.run_realtime(Loop(box, controller), duration=2.0)
+    assert time.time() - start >= 2.0
+    seen = 1e-9 * np.array(box.seen, dtype=float)
+    assert len(seen) == len(run.timing.time) == 2001
+    due = seen[0] - run.timing.woken[0] + run.timing.time
+    assert np.median(np.abs(seen - due - run.timing.woken)) < 5e-5
+    assert run.timing.woken.min() >= 0.0
+    assert run.timing.elapsed == pytest.approx(2.0, abs=0.2)
+    assert np.median(run.timing.woken) < 1e-3
