@@ -7,7 +7,7 @@ from .batches import run_batch as run_batch
 from .draws import DISTRIBUTIONS as DISTRIBUTIONS
 from .draws import METHODS as METHODS
 from .draws import Draw as Draw
-from .draws import Drawn as Drawn
+from .draws import Sample as Sample
 from .draws import FunctionDraw as FunctionDraw
 from .draws import Tolerances as Tolerances
 from .draws import Variable as Variable
@@ -18,13 +18,14 @@ from .driver import drive as drive
 from .driver import in_processes as in_processes
 from .driver import run_campaign as run_campaign
 from .journal import Journal as Journal
-from .journal import MergedTable as MergedTable
-from .judgement import CampaignJudgement as CampaignJudgement
-from .judgement import Replayed as Replayed
-from .judgement import replayed as replayed
 from .metrics import STANDARD as STANDARD
 from .metrics import Metrics as Metrics
 from .metrics import Requirement as Requirement
+from .results import CampaignJudgement as CampaignJudgement
+from .results import MergedTable as MergedTable
+from .results import Replayed as Replayed
+from .results import merged as merged
+from .results import replayed as replayed
 from .statistics import Interval as Interval
 from .statistics import Sensitivity as Sensitivity
 from .statistics import sensitivity as sensitivity

@@ -13,15 +13,27 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.campaign.draws import Draw, Drawn, FunctionDraw, sample_seed
-from flexhinf.campaign.metrics import Metrics, chosen_metrics
+from flexhinf.campaign.draws import Draw, Sample, FunctionDraw, sample_seed
+from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Loop, Trajectory, run_many
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
-__all__ = ["COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "Rows", "check_counts", "run_batch", "run_samples"]
+__all__ = [
+    "COMPLETED",
+    "DIVERGED",
+    "NOT_RUN",
+    "TRACE",
+    "TRACED",
+    "Campaign",
+    "Column",
+    "Rows",
+    "check_counts",
+    "run_batch",
+    "run_samples",
+]
 
 #: Values of a row's status.
 COMPLETED, DIVERGED, NOT_RUN = "completed", "diverged", "not run"
@@ -119,7 +131,9 @@ class Campaign:
     def __post_init__(self) -> None:
         if not isinstance(self.loop, Loop):
             raise InvalidInput(
-                "A campaign needs a loop.", f"expected a Loop, got {value_text(self.loop)}", "fh.Loop(plant, controller)"
+                "A campaign needs a loop.",
+                f"expected a Loop, got {value_text(self.loop)}",
+                "fh.Loop(plant, controller)",
             )
         if not isinstance(self.draw, Draw):
             if not callable(self.draw):
@@ -139,7 +153,8 @@ class Campaign:
     def _check_first(self) -> None:
         """Prepare the first sample, so that what does not fit is told before any work."""
         (first,) = self.draw.samples([0], self.samples, self.seed)
-        clash = sorted({n for n in self._names(first) if self._names(first).count(n) > 1})
+        names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
+        clash = sorted({name for name in names if names.count(name) > 1})
         if clash:
             raise InvalidInput(
                 "Two columns of the campaign have one name.",
@@ -150,13 +165,12 @@ class Campaign:
         unknown = [name for name in self.signals or () if name not in self._kept_names]
         if unknown:
             raise InvalidInput(
-                f"There is no signal {unknown[0]!r}.", f"expected states out of {self._kept_names}", "one of these"
+                f"There is no signal {unknown[0]!r}.",
+                f"expected states out of {self._kept_names}",
+                "one of these",
             )
         if not first.failure and isinstance(self.loop.true_plant, Plant):
             self.prepared(0, first)
-
-    def _names(self, drawn: Drawn) -> list[str]:
-        return [*OWN, *drawn.row(), *(name for metrics in self.metrics for name in metrics.units)]
 
     @property
     def _kept_names(self) -> list[str]:
@@ -196,7 +210,7 @@ class Campaign:
         return np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
 
     # Runs -------------------------------------------------------------------------------------------------
-    def loop_of(self, drawn: Drawn) -> Loop:
+    def loop_of(self, drawn: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
         plant = self.loop.true_plant if drawn.plant is None else drawn.plant
         if drawn.parameters:
@@ -204,19 +218,19 @@ class Campaign:
                 raise InvalidInput(
                     "The true plant has no parameters that could be drawn.",
                     f"expected a Plant, got {type(plant).__name__}",
-                    "a draw that returns Drawn(plant=…), a plant of its own for each sample",
+                    "a draw that returns Sample(plant=…), a plant of its own for each sample",
                 )
             plant = plant.with_parameters(**drawn.parameters)
         return self.loop.with_plant(plant)
 
-    def prepared(self, index: int, drawn: Drawn) -> Any:
+    def prepared(self, index: int, drawn: Sample) -> Any:
         """A sample's run, ready to be made."""
         return self.loop_of(drawn).prepared(**self._arguments(index, drawn))
 
-    def _arguments(self, index: int, drawn: Drawn) -> dict[str, Any]:
+    def _arguments(self, index: int, drawn: Sample) -> dict[str, Any]:
         return {**self.options, **drawn.options, "seed": sample_seed(self.seed, index)}
 
-    def drawn(self, index: int) -> Drawn:
+    def drawn(self, index: int) -> Sample:
         """What is special about a sample."""
         checked_integer("sample", index, 0, self.samples - 1, "0")
         return self.draw.samples([index], self.samples, self.seed)[0]
@@ -234,7 +248,7 @@ class Campaign:
             raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
         return self.loop_of(drawn).run(**self._arguments(index, drawn))
 
-    def trajectories(self, indices: Sequence[int], drawn: Sequence[Drawn]) -> Iterator[Trajectory]:
+    def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
         """The runs of samples, in their order."""
         if not isinstance(self.loop.true_plant, Plant):
             for index, one in zip(indices, drawn):
@@ -268,7 +282,7 @@ class Campaign:
             found["plant"] = _hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
         options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
-        run = self.loop_of(Drawn()).run(**options)
+        run = self.loop_of(Sample()).run(**options)
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         found["short run"] = " ".join(f"{value:.{DIGITS}g}" for value in last)
         return found
@@ -282,7 +296,7 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
     InvalidInput
         If there is no such batch, or a sample's run or metric is refused; the message names the sample.
     """
-    checkedchecked_integer("batch", batch, 0, campaign.batches - 1, "0")
+    checked_integer("batch", batch, 0, campaign.batches - 1, "0")
     return run_samples(campaign, campaign.indices(batch))
 
 
@@ -321,7 +335,7 @@ class _Table:
         self.columns["seed"] = np.array([sample_seed(campaign.seed, k) for k in indices], dtype=np.uint64)
         self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
 
-    def describe(self, place: int, index: int, drawn: Drawn) -> None:
+    def describe(self, place: int, index: int, drawn: Sample) -> None:
         """Its numbers, and why it cannot be run."""
         row, names = drawn.row(), self.campaign.named("parameter")
         if set(row) != set(names):
@@ -346,8 +360,9 @@ class _Table:
             self.columns["status"][place], self.columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
         if self.columns["sample"][place] < TRACED:
             at = self.campaign.instants[: np.searchsorted(self.campaign.instants, len(run.time))]
-            for name in self.campaign.signals or ():
-                self.columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]
+            with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
+                for name in self.campaign.signals or ():
+                    self.columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:
@@ -362,7 +377,9 @@ def checked_integer(name: str, value: Any, least: int, most: int, example: str) 
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:
         raise InvalidInput(
-            f"The number of the campaign's {name} is not usable." if name == "samples" else f"No such {name}.",
+            f"The number of the campaign's {name} is not usable."
+            if name == "samples"
+            else f"No such {name}.",
             f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
             f"{name}={example}",
         )

@@ -21,7 +21,7 @@ from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import checked_text, distinct, is_real, value_text
 
 __all__ = [
-    "DISTRIBUTIONS", "METHODS", "Draw", "Drawn", "FunctionDraw", "Tolerances", "Variable", "one_of", "sample_seed",
+    "DISTRIBUTIONS", "METHODS", "Draw", "Sample", "FunctionDraw", "Tolerances", "Variable", "one_of", "sample_seed",
 ]  # fmt: skip
 
 #: How a number is distributed in its interval.
@@ -119,7 +119,7 @@ class Variable:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class Sample:
     """What is special about one sample.
 
     Parameters
@@ -163,7 +163,7 @@ class Draw(ABC):
     """The samples of a campaign, by their numbers."""
 
     @abstractmethod
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Drawn]:
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Samples of these numbers, of `count` in all; a sample does not depend on the others that are asked for."""
 
     @property
@@ -184,12 +184,12 @@ class FunctionDraw(Draw):
     Parameters
     ----------
     function : callable
-        Generator → parameters by name, or a `Drawn`.
+        Generator → parameters by name, or a `Sample`.
     """
 
-    function: Callable[[np.random.Generator], Mapping[str, Any] | Drawn]
+    function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Drawn]:
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
         found = []
         for index in indices:
@@ -204,16 +204,16 @@ class FunctionDraw(Draw):
         return {"draw": f"{getattr(self.function, '__module__', '')}.{name}"}
 
 
-def _drawn(value: Any) -> Drawn:
-    if isinstance(value, Drawn):
+def _drawn(value: Any) -> Sample:
+    if isinstance(value, Sample):
         return value
     if not isinstance(value, Mapping):
         raise InvalidInput(
             "The draw gives no parameters.",
-            f"expected a mapping by name or a Drawn, got {value_text(value)}",
+            f"expected a mapping by name or a Sample, got {value_text(value)}",
             "{'stiffness': rng.uniform(0.9, 1.1)}",
         )
-    return Drawn(value)
+    return Sample(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ class Tolerances(Draw):
         One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
         all of them together are, and a campaign's samples are the first ones of a longer one.
     build : callable, optional
-        Numbers by name → `Drawn`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
+        Numbers by name → `Sample`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
         failure.
 
     Raises
@@ -238,7 +238,7 @@ class Tolerances(Draw):
 
     variables: Sequence[Variable]
     method: str = "random"
-    build: Callable[[Mapping[str, float]], Drawn] | None = None
+    build: Callable[[Mapping[str, float]], Sample] | None = None
 
     def __post_init__(self) -> None:
         one_of("method", self.method, METHODS)
@@ -250,20 +250,20 @@ class Tolerances(Draw):
             )
         distinct("variables", [variable.name for variable in self.variables])
 
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Drawn]:
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Each variable's quantiles of the points that belong to these numbers."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
         columns = [variable.values(points[:, k]) for k, variable in enumerate(self.variables)]
         names = [variable.name for variable in self.variables]
         return [self._built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
 
-    def _built(self, numbers: dict[str, float]) -> Drawn:
+    def _built(self, numbers: dict[str, float]) -> Sample:
         if self.build is None:
-            return Drawn(numbers, numbers=numbers)
+            return Sample(numbers, numbers=numbers)
         try:
             return self.build(numbers)
         except FlexhinfError as error:
-            return Drawn(numbers=numbers, failure=" ".join(str(error).split()))
+            return Sample(numbers=numbers, failure=" ".join(str(error).split()))
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -280,7 +280,9 @@ def one_of(what: str, value: Any, known: Sequence[str]) -> None:
     """Refuse a name that is not one of these."""
     if value not in known:
         raise InvalidInput(
-            f"There is no such {what}.", f"expected one of {', '.join(known)}, got {value_text(value)}", known[0]
+            f"There is no such {what}.",
+            f"expected one of {', '.join(known)}, got {value_text(value)}",
+            known[0],
         )
 
 
@@ -325,7 +327,9 @@ def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
     found = np.empty((len(indices), dimensions))
     for run in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) != 1) + 1):
         if len(run):
-            sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS).fast_forward(int(indices[run[0]]))
+            sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
+            if indices[run[0]]:
+                sequence.fast_forward(int(indices[run[0]]))
             even = 1 << (len(run) - 1).bit_length()  # SciPy warns of other numbers at the beginning
             found[run] = sequence.random(even)[: len(run)]
     return found

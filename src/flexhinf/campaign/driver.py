@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, run_batch
-from flexhinf.campaign.journal import Journal, MergedTable, labelled
+from flexhinf.campaign.journal import Journal
+from flexhinf.campaign.results import MergedTable, merged
+from flexhinf.campaign.storage import labelled
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text
 
@@ -64,7 +66,9 @@ class Shard:
         number, slash, of = text.partition("/")
         if not slash or not number.strip().isdecimal() or not of.strip().isdecimal():
             raise InvalidInput(
-                "The shard cannot be read.", f"expected i/n, got {value_text(text)}", "--shard 1/8 … --shard 8/8"
+                "The shard cannot be read.",
+                f"expected i/n, got {value_text(text)}",
+                "--shard 1/8 … --shard 8/8",
             )
         return Shard(int(number), int(of))
 
@@ -141,15 +145,18 @@ def drive(
         fresh = 0
         for path, wrong in bad:
             path.unlink(missing_ok=True)
-            progress(Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again"))
+            progress(
+                Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
+            )
         progress(Report(done, total, fresh))
-        for batch, rows in (in_this_process if executor is None else executor)(campaign, todo):
+        run = in_this_process if executor is None else executor
+        for batch, rows in run(campaign, todo) if todo else ():
             good[batch] = journal.write(batch, rows)
             fresh += len(rows)
             progress(Report(done + fresh, total, fresh))
         if shard.of > 1:
             good = journal.shards()[0]
-        return None if journal.missing(good) else journal.merge(good)
+        return None if journal.missing(good) else merged(journal, good)
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -174,7 +181,9 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
     """
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise InvalidInput(
-            "The number of workers is not usable.", f"expected an integer >= 1, got {value_text(workers)}", "2"
+            "The number of workers is not usable.",
+            f"expected an integer >= 1, got {value_text(workers)}",
+            "2",
         )
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -257,7 +266,7 @@ def run_campaign(
     loop : Loop
         With the nominal true plant.
     draw : callable or flexhinf.campaign.Draw
-        Generator → parameters of the true plant by name, as `Robot.draw` is one; or → `Drawn`, with an initial state,
+        Generator → parameters of the true plant by name, as `Robot.draw` is one; or → `Sample`, with an initial state,
         a disturbance and more for each sample; or `Tolerances` of numbers in intervals.
     samples : int
     seed : int
@@ -293,7 +302,9 @@ def run_campaign(
     unknown = [name for name in options if name not in _OPTIONS]
     if unknown:
         raise InvalidInput(
-            f"A campaign has no option {unknown[0]!r}.", f"expected names out of {list(_OPTIONS)}", "one of these"
+            f"A campaign has no option {unknown[0]!r}.",
+            f"expected names out of {list(_OPTIONS)}",
+            "one of these",
         )
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
     executor = in_processes(workers) if workers else in_this_process
@@ -316,4 +327,3 @@ def run_campaign(
 _OPTIONS = (
     "reference", "disturbance", "noise", "duration", "initial_state", "initial_input", "multi_turn",
 )  # fmt: skip
-

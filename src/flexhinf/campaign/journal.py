@@ -1,13 +1,12 @@
 """The journal of a campaign: a folder with a manifest and one Parquet file for each batch that is done.
 
-The files are the truth, there is no other record of what was run. Each is written under another name, forced to the disk
-and renamed to one that holds the batch and the SHA-256 of its bytes: a file is whole, or it is found out and run again.
-A batch that is written twice gets the same name twice.
+The files are the truth; there is no other record of what was run. Each is written under another name, forced to the
+disk, and renamed to one that holds the batch and the SHA-256 of its bytes: a file is whole, or it is found out and run
+again. A batch that is written twice gets the same name twice.
 """
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
@@ -17,20 +16,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import TRACED, Campaign, Column, Rows
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.campaign.batches import Campaign, Column, Rows
+from flexhinf.campaign.storage import (
+    FORMAT,
+    check_installed,
+    disk_refusals,
+    numpy_column,
+    parquet_bytes,
+    publish_whole,
+    read_columns,
+    write_whole,
+)
+from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, part_file
 from flexhinf.untrusted import checked_path, read_bytes
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import xarray as xr
-
-__all__ = ["MANIFEST", "TABLE", "Journal", "MergedTable"]
+__all__ = ["MANIFEST", "TABLE", "Journal"]
 
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
@@ -40,6 +45,9 @@ _PREFIX = ".batch-{:08d}."
 
 #: Bytes of the largest manifest and shard that are read.
 _MOST_MANIFEST, _MOST_SHARD = 10_000_000, 4 << 30
+
+#: Rows of a group in the table, at least.
+_GROUP = 65_536
 
 #: Changes of the settings that a refusal lists.
 _LISTED = 8
@@ -77,7 +85,9 @@ class Journal:
         """
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         if place.exists() and not place.is_dir():
-            raise InvalidInput("A campaign needs a folder, and there is a file.", f"got {place}", "another name")
+            raise InvalidInput(
+                "A campaign needs a folder, and there is a file.", f"got {place}", "another name"
+            )
         try:
             manifest = json.loads(read_bytes(place / MANIFEST, _MOST_MANIFEST))
             if not isinstance(manifest, dict) or manifest.get("what") != _WHAT:
@@ -151,9 +161,10 @@ class Journal:
             "columns": [[column.name, column.kind, column.unit] for column in campaign.columns],
             "time_s": (campaign.instants * campaign.loop.controller.period).tolist(),
         }  # fmt: skip
-        with _writing(place):
+        check_installed()
+        with disk_refusals(place):
             (place / SHARDS).mkdir(parents=True, exist_ok=True)
-            _write(place / MANIFEST, json.dumps(manifest, indent=1).encode())
+            write_whole(place / MANIFEST, json.dumps(manifest, indent=1).encode())
         return Journal(place, manifest)
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
@@ -162,7 +173,9 @@ class Journal:
         names = dict.fromkeys(settings if partly else (*settings, *here))
         other = [name for name in names if settings.get(name) != here.get(name)]
         if other:
-            parts = [f"{n}: {here.get(n, 'not stated')} → {settings.get(n, 'not stated')}" for n in other[:_LISTED]]
+            parts = [
+                f"{n}: {here.get(n, 'not stated')} → {settings.get(n, 'not stated')}" for n in other[:_LISTED]
+            ]
             more = [f"{len(other) - _LISTED} more"] if len(other) > _LISTED else []
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
@@ -220,7 +233,7 @@ class Journal:
         """
         lock = self.folder / (f"{LOCK}-{part}" if part else LOCK)
         others = [p for p in self.folder.glob(f"{LOCK}*") if p != lock and (not part or p.name == LOCK)]
-        with _writing(self.folder), locked(lock) as state:
+        with disk_refusals(self.folder), locked(lock) as state:
             if state == "busy" or any(_held(other) for other in others):
                 raise InvalidInput(
                     "Another driver is at work on this campaign.",
@@ -238,22 +251,12 @@ class Journal:
         FlexhinfError
             If the disk is full, or refuses for another reason; what was written before stays.
         """
-        content = _parquet(self._table(rows), self.manifest["digest"])
+        content = parquet_bytes(self.columns, rows.columns, self.manifest["digest"])
         name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
         path = self.folder / SHARDS / name
-        with _writing(self.folder):
-            _write(path, content, _PREFIX.format(batch))
+        with disk_refusals(self.folder):
+            write_whole(path, content, _PREFIX.format(batch))
         return path
-
-    def _table(self, rows: Rows) -> pa.Table:
-        import pyarrow as pa
-
-        fields, arrays = [], []
-        for column in self.columns:
-            array = _arrow(column, rows.columns[column.name])
-            fields.append(pa.field(column.name, array.type, metadata={"kind": column.kind, "unit": column.unit}))
-            arrays.append(array)
-        return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """The shards that are whole, by batch, and those that are not with what is wrong.
@@ -303,16 +306,17 @@ class Journal:
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
-        import pyarrow.parquet as pq
 
         batch, place = divmod(sample, int(self.settings["batch"]))
         for path in (self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"):
             match = _SHARD.match(path.name)
             if match and not self._wrong(path, batch, match[2]):
                 kept = [column.name for column in self.columns if column.kind != "trace"]
-                table = pq.read_table(path, columns=kept, partitioning=None)
-                row = {name: _numpy(table.column(name))[place] for name in kept}
-                return {name: value.item() if hasattr(value, "item") else value for name, value in row.items()}
+                table = read_columns(path, kept)
+                row = {name: numpy_column(table.column(name))[place] for name in kept}
+                return {
+                    name: value.item() if hasattr(value, "item") else value for name, value in row.items()
+                }
         return {}
 
     def missing(self, good: Iterable[int]) -> list[int]:
@@ -333,15 +337,17 @@ class Journal:
         here, (there, bad) = self.shards()[0], other.shards()
         if bad:
             raise InvalidInput(
-                "A shard is damaged.", f"{bad[0][0]}: {bad[0][1]}", "the campaign's command again, which runs it again"
+                "A shard is damaged.",
+                f"{bad[0][0]}: {bad[0][1]}",
+                "the campaign's command again, which runs it again",
             )
         fresh = {batch: path for batch, path in there.items() if batch not in here}
-        with _writing(self.folder):
+        with disk_refusals(self.folder):
             for batch, path in fresh.items():
-                _write(self.folder / SHARDS / path.name, path.read_bytes(), _PREFIX.format(batch))
+                write_whole(self.folder / SHARDS / path.name, path.read_bytes(), _PREFIX.format(batch))
         return len(fresh)
 
-    def merge(self, good: Mapping[int, Path]) -> MergedTable:
+    def merge(self, good: Mapping[int, Path]) -> Path:
         """Write the table of all samples, batch after batch: the same bytes for the same shards.
 
         Parameters
@@ -354,6 +360,7 @@ class Journal:
         InvalidInput
             If one is missing.
         """
+        import pyarrow as pa
         import pyarrow.parquet as pq
 
         if missing := self.missing(good):
@@ -365,162 +372,16 @@ class Journal:
             )
         kept = [column.name for column in self.columns if column.kind != "trace"]
         path = self.folder / TABLE
-        with _writing(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            writer = None
-            try:
+        with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
+            with pq.ParquetWriter(name, read_columns(good[0], kept).schema, **FORMAT) as writer:
+                group: list[pa.Table] = []
                 for batch in range(self.batches):
-                    table = pq.read_table(good[batch], columns=kept, partitioning=None)
-                    if writer is None:
-                        writer = pq.ParquetWriter(name, table.schema, **_FORMAT)
-                    writer.write_table(table)
-            finally:
-                if writer is not None:
-                    writer.close()
-            _published(name, path)
-        return MergedTable(self, dict(good))
-
-
-@dataclass(frozen=True, eq=False)
-class MergedTable:
-    """All rows of a campaign.
-
-    Attributes
-    ----------
-    journal : Journal
-        Whose table was merged.
-    shards : mapping of int to Path
-    """
-
-    journal: Journal
-    shards: Mapping[int, Path]
-
-    @cached_property
-    def columns(self) -> dict[str, np.ndarray]:
-        """By name, (N,); NaN where a row has no number."""
-        import pyarrow.parquet as pq
-
-        table = pq.read_table(self.journal.folder / TABLE, partitioning=None)
-        return {name: _numpy(table.column(name)) for name in table.column_names}
-
-    def names(self, kind: str) -> tuple[str, ...]:
-        """Names of the columns of a kind."""
-        return tuple(column.name for column in self.journal.columns if column.kind == kind)
-
-    def unit(self, name: str) -> str:
-        """Of a column."""
-        return next(column.unit for column in self.journal.columns if column.name == name)
-
-    def trace(self, name: str) -> np.ndarray:
-        """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
-        import pyarrow.parquet as pq
-
-        found: list[np.ndarray] = []
-        for batch in range(self.journal.batches):
-            if sum(map(len, found)) < TRACED:
-                table = pq.read_table(self.shards[batch], columns=[name], partitioning=None)
-                found.append(_numpy(table.column(name)))
-        return np.concatenate(found)[:TRACED]
-
-    def dataset(self) -> xr.Dataset:
-        """The rows as an xarray Dataset; see `run_campaign`."""
-        rows = {**self.columns, **{name: self.trace(name) for name in self.names("trace")}}
-        return labelled(rows, self.journal.columns, self.journal.time, self.journal.settings)
-
-
-def labelled(
-    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
-) -> xr.Dataset:
-    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
-    import xarray as xr
-
-    variables, coordinates = {}, {"sample": rows["sample"]}
-    for column in columns:
-        values = rows[column.name]
-        attributes = {"units": column.unit, "kind": column.kind}
-        if column.kind == "trace":
-            variables[column.name] = (("kept", "time"), values, attributes)
-            coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
-        elif column.name != "sample":
-            variables[column.name] = ("sample", values, attributes)
-    return xr.Dataset(variables, coordinates, dict(settings))
-
-
-# Files ---------------------------------------------------------------------------------------------------------
-_FORMAT: dict[str, Any] = {"compression": "zstd", "write_statistics": True, "use_dictionary": ["status", "failure"]}
-
-
-def _parquet(table: pa.Table, digest: str) -> bytes:
-    """A table as the bytes of a Parquet file: the same bytes for the same table."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    stream = pa.BufferOutputStream()
-    schema = table.schema.with_metadata({"campaign": digest})
-    pq.write_table(table.cast(schema), stream, **_FORMAT)
-    return stream.getvalue().to_pybytes()
-
-
-def _arrow(column: Column, values: np.ndarray) -> pa.Array:
-    import pyarrow as pa
-
-    if column.kind == "trace":
-        flat = pa.array(values.ravel(), mask=np.isnan(values).ravel())
-        return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
-    if values.dtype == object:
-        return pa.array(values.tolist(), pa.string())
-    if values.dtype == float:
-        return pa.array(values, mask=np.isnan(values))
-    return pa.array(values)
-
-
-def _numpy(column: Any) -> np.ndarray:
-    """A column (N,), or (N, T) of lists; NaN for what is missing."""
-    import pyarrow as pa
-
-    whole = column.combine_chunks()
-    if pa.types.is_fixed_size_list(whole.type):
-        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
-    if pa.types.is_string(whole.type) or pa.types.is_dictionary(whole.type):
-        return np.array(whole.to_pylist(), dtype=object)
-    return np.array(whole.to_numpy(zero_copy_only=False))
-
-
-def _write(path: Path, content: bytes, prefix: str | None = None) -> None:
-    """Write a file under another name, force it to the disk, and rename it."""
-    with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
-        with open(name, "wb") as file:
-            file.write(content)
-        _published(name, path)
-
-
-def _published(name: str, path: Path) -> None:
-    """Force a file to the disk, and rename it, and force that as well."""
-    with open(name, "rb") as file:
-        os.fsync(file.fileno())
-    mask = os.umask(0)
-    os.umask(mask)
-    os.chmod(name, 0o666 & ~mask)
-    os.replace(name, path)
-    if hasattr(os, "O_DIRECTORY"):
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
-
-@contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    """Refusals of the disk in three parts."""
-    try:
-        yield
-    except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        raise FlexhinfError(
-            "The disk of the campaign is full." if full else "The campaign's folder cannot be written.",
-            f"{folder}: {error.strerror or error}; every batch that was written before is whole and stays",
-            "more room, and the same command: it goes on where it stopped",
-        ) from error
+                    group.append(read_columns(good[batch], kept))
+                    if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
+                        writer.write_table(pa.concat_tables(group).combine_chunks())
+                        group = []
+            publish_whole(name, path)
+        return path
 
 
 def _held(path: Path) -> bool:

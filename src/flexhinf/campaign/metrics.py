@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,8 @@ class Metrics:
     units : mapping of str to str
         Unit of each metric by name, "" where it has none.
     function : callable
-        Trajectory → numbers by name, in the order of `units`, or the number itself where there is one name. It is
-        called for runs that came to their end only. Infinity is a number: of a run that never settles. None, or NaN: the
-        run has no such number.
+        Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
+        their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
     """
 
     units: Mapping[str, str]
@@ -47,7 +46,8 @@ class Metrics:
         if not isinstance(found, Mapping):
             found = dict.fromkeys(self.units, found) if len(self.units) == 1 else {}
         try:
-            return {name: math.nan if found[name] is None else float(found[name]) for name in self.units}
+            values = {name: found[name] for name in self.units}
+            return {name: math.nan if value is None else float(value) for name, value in values.items()}
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(
                 "A metric does not give numbers.",
@@ -76,7 +76,7 @@ STANDARD_UNITS = {
     "tracking_rmse": "", "estimation_rmse": "",
 }  # fmt: skip
 
-#: The metrics of `Trajectory.metrics`, each the worst of all tracked states; of the estimates, the largest error of all.
+#: The metrics of `Trajectory.metrics`, each the worst of all tracked states; of the estimates the largest error.
 STANDARD = Metrics(STANDARD_UNITS, _tracking)
 
 

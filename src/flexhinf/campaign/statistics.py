@@ -61,7 +61,9 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
 
     if not 0 <= successes <= count or count < 1:
         raise InvalidInput(
-            "There is no such fraction.", f"expected 0 <= successes <= count, got {successes} of {count}", "99 of 100"
+            "There is no such fraction.",
+            f"expected 0 <= successes <= count, got {successes} of {count}",
+            "99 of 100",
         )
     found = binomtest(successes, count).proportion_ci(confidence, method="exact")
     return Interval(successes, count, float(found.low), float(found.high), confidence)
@@ -112,7 +114,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     """
     kept = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
     varied = [k for k in range(numbers.shape[1]) if len(kept) and np.ptp(numbers[kept, k]) > 0.0]
-    x, y = numbers[np.ix_(kept, varied)], values[kept]
+    x, y = numbers[kept][:, varied], values[kept]
     surrogate = _Surrogate.fitting(len(kept), len(varied))
     if surrogate is None or not len(varied) or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return None
@@ -122,7 +124,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     coefficients = surrogate.fit(z, y)
     first, total = _indices(lambda points: surrogate.terms_of(points) @ coefficients, z)
     order = np.argsort(-total, kind="stable")
-    chosen = tuple(names[varied[k]] for k in order)
+    chosen = tuple(names[varied[int(k)]] for k in order)
     return Sensitivity(chosen, first[order], total[order], r_squared, surrogate.text, len(kept))
 
 

@@ -70,7 +70,10 @@ def run(
     ),
     seed: Annotated[int, typer.Option(help="Sample i depends on it and on i alone.")] = 0,
     distribution: Annotated[
-        str, typer.Option(help="Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners.")
+        str,
+        typer.Option(
+            help="Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners."
+        ),
     ] = "uniform",
     method: Annotated[
         str, typer.Option(help="How samples are spread: random (independent), latin-hypercube, sobol.")
@@ -84,21 +87,39 @@ def run(
         ),
     ] = [],  # noqa: B006
     payload: Annotated[
-        str, typer.Option(help="What the true robot carries, 0..2kg; the controller stays the design's.", show_default=False)
+        str,
+        typer.Option(
+            help="What the true robot carries, 0..2kg; the controller stays the design's.", show_default=False
+        ),
     ] = "",
     initial_error: Annotated[
-        float, typer.Option(help="The robot starts up to so much beside where the estimator believes it, rad or m.")
+        float,
+        typer.Option(help="The robot starts up to so much beside where the estimator believes it, rad or m."),
     ] = 0.0,
     disturbance: Annotated[
-        float, typer.Option(help="A constant torque on each link of up to so much, N·m or N, from a tenth of the run on.")
+        float,
+        typer.Option(
+            help="A constant torque on each link of up to so much, N·m or N, from a tenth of the run on."
+        ),
     ] = 0.0,
-    duration: Annotated[float, typer.Option(help="Of a run, s. Default: that of the design.", show_default=False)] = 0.0,
+    duration: Annotated[
+        float, typer.Option(help="Of a run, s. Default: that of the design.", show_default=False)
+    ] = 0.0,
     require: Requirements = [],  # noqa: B006
-    workers: Annotated[int, typer.Option(help="Processes beside this one; 0: this one alone, with two threads.")] = 0,
+    workers: Annotated[
+        int, typer.Option(help="Processes beside this one; 0: this one alone, with two threads.")
+    ] = 0,
     shard: Annotated[
-        str, typer.Option(metavar="<i/n>", help="Every n-th batch only, for one of n jobs; then `merge`.", show_default=False)
+        str,
+        typer.Option(
+            metavar="<i/n>",
+            help="Every n-th batch only, for one of n jobs; then `merge`.",
+            show_default=False,
+        ),
     ] = "",
-    batch: Annotated[int, typer.Option(help="Samples of a file of the journal: what SIGKILL may cost.")] = 256,
+    batch: Annotated[
+        int, typer.Option(help="Samples of a file of the journal: what SIGKILL may cost.")
+    ] = 256,
     elastic: Elastic = "",
 ) -> None:
     """Run a design's step on many robots within their tolerances, each with its own noise.
@@ -124,7 +145,7 @@ def run(
     executor = in_processes(workers, note) if workers else None
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
     with _stages() as stage:
-        campaign, journal = open_campaign(asked, out, reproduce_command(context), stage)
+        campaign, journal = open_campaign(asked, out, _words(context), stage)
     try:
         with _progress(part.name) as progress:
             table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
@@ -134,7 +155,9 @@ def run(
         raise
     if table is None:
         missing = journal.missing(journal.shards()[0])
-        typer.echo(f"shard {shard} is done; {len(missing)} of {journal.batches} batches are still to be run elsewhere.")
+        typer.echo(
+            f"shard {shard} is done; {len(missing)} of {journal.batches} batches are still to be run elsewhere."
+        )
         typer.echo(f"then:  flexhinf campaign merge {out}")
         return
     _finish(table, checked)
@@ -144,7 +167,8 @@ def run(
 def merge(
     folder: Folder,
     others: Annotated[
-        list[Path] | None, typer.Argument(metavar="[DIR…]", help="Folders with other shards of the same campaign.")
+        list[Path] | None,
+        typer.Argument(metavar="[DIR…]", help="Folders with other shards of the same campaign."),
     ] = None,
     require: Requirements = [],  # noqa: B006
 ) -> None:
@@ -153,6 +177,8 @@ def merge(
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
+    from flexhinf.campaign import merged
+
     journal = _journal(folder)
     checked = _requirements(journal, require)
     with journal.driven():
@@ -161,7 +187,7 @@ def merge(
         good, bad = journal.shards()
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
-        table = journal.merge(good)
+        table = merged(journal, good)
     _finish(table, checked)
 
 
@@ -184,7 +210,9 @@ def replay(
         found.run.save(out)
     _print(replay_table(found))
     if not found.same:
-        note("the numbers differ in their last bits: another kind of processor, or other versions, made the table")
+        note(
+            "the numbers differ in their last bits: another kind of processor, or other versions, made the table"
+        )
 
 
 def _print(table: Any) -> None:
@@ -198,8 +226,15 @@ def _journal(folder: Path) -> Journal:
 
     journal = Journal.read(folder)
     if journal is None:
-        raise InvalidInput("There is no campaign.", f"expected its folder, got {folder}", "the --out of its command")
+        raise InvalidInput(
+            "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
+        )
     return journal
+
+
+def _words(context: typer.Context) -> list[str]:
+    """The command without the name of the group's own one."""
+    return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
 
 
 def _named(text: str) -> tuple[str, str]:
@@ -221,10 +256,14 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
 
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
     """Report, verdict, exit code."""
-    from flexhinf.design.report import write_campaign
+    from flexhinf.design import stored_campaign
+    from flexhinf.design.report import campaign_verdict, write_campaign
 
-    judged = write_campaign(table, requirements)
-    typer.echo(judged.verdict)
+    def run(sample: int) -> Any:
+        return stored_campaign(table.journal.folder)[0].replay(sample)
+
+    judged = write_campaign(table, requirements, run)
+    typer.echo(campaign_verdict(judged))
     typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
     typer.echo(f"report: {table.journal.folder / 'index.html'}")
     if judged.failures:
@@ -265,7 +304,9 @@ def _progress(part: str) -> Iterator[Callable[[Report], None]]:
         bar.update(task, total=report.total, completed=report.done, description=text)
         if not console.is_terminal and report.fresh and time.monotonic() - told >= EVERY:
             told = time.monotonic()
-            sys.stderr.write(f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n")
+            sys.stderr.write(
+                f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"
+            )
 
     with bar:
         yield progress
@@ -277,5 +318,11 @@ def _rate(report: Report, seconds: float) -> str:
         return ""
     rate = report.fresh / seconds
     left = (report.total - report.done) / rate
-    shown = f"{left:.0f} s" if left < 120.0 else f"{left / 60.0:.0f} min" if left < 7200.0 else f"{left / 3600.0:.1f} h"
+    shown = (
+        f"{left:.0f} s"
+        if left < 120.0
+        else f"{left / 60.0:.0f} min"
+        if left < 7200.0
+        else f"{left / 3600.0:.1f} h"
+    )
     return f"{rate:.3g} samples/s, {shown} left"

@@ -1,62 +1,43 @@
-"""The campaign of a design: its step as deployed, on robots within their tolerances, with its controller as it is.
-
-A campaign's folder holds what makes it again without a synthesis: the design file and the controller. All else is
-stated in its manifest and compared when it goes on.
-"""
+"""The campaign of a design: its step as deployed, on robots within their tolerances, with its controller as it is."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 
 from flexhinf.campaign import (
     DISTRIBUTIONS,
     METHODS,
     Campaign,
-    Drawn,
-    Journal,
+    Sample,
     Metrics,
     Tolerances,
     Variable,
     check_counts,
     one_of,
 )
-from flexhinf.design.design_file import DesignRequest, load_design, plain, read_request
-from flexhinf.design.design_file_text import request_document
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.hunting import brought_to_rest
+from flexhinf.design.design_file import DesignRequest, plain
 from flexhinf.design.joint_limits import JointLimits, joint_limits
-from flexhinf.design.laws import DESIGN
 from flexhinf.design.loop_plants import LoopPlants
-from flexhinf.design.pipeline import step_duration
 from flexhinf.design.plans import has_integrals, step_command
 from flexhinf.design.responses import Response
 from flexhinf.design.scenario import LOAD_START, default_start
 from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
-from flexhinf.files import locked, write_file
-from flexhinf.loop import Controller, Loop, Step, Trajectory, load_controller
-from flexhinf.report import unchanged
+from flexhinf.loop import Controller, Loop, Step, Trajectory
+from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.extras import inactive_parameters
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.untrusted import read_toml, value_text
+from flexhinf.untrusted import value_text
 
-__all__ = ["SETUP", "CampaignOptions", "DesignCampaign", "StepMetrics", "open_campaign", "stored_campaign"]
-
-#: Folder of the design file and the controller inside a campaign's, and their names.
-SETUP, DESIGN_FILE, CONTROLLER = "setup", "design.toml", "controller"
-
-#: How long a driver waits for another one that designs the controller, s.
-PATIENCE = 3600.0
+__all__ = ["CampaignOptions", "DesignCampaign", "StepMetrics", "fields_text"]
 
 _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
@@ -130,18 +111,20 @@ class RobotDraw:
     extras: tuple[str, ...]
     load_at: float
 
-    def __call__(self, numbers: Mapping[str, float]) -> Drawn:
+    def __call__(self, numbers: Mapping[str, float]) -> Sample:
         """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
         known = self.robot.nominal
         values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
         errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
         x, u = self.robot.operating_point(self.start + errors, self.extras, values)
         options: dict[str, Any] = {"initial_state": x, "initial_input": u}
-        torques = {name: numbers[name] for name in signal_names(TORQUE, self.robot.joint_names) if name in numbers}
+        torques = {
+            name: numbers[name] for name in signal_names(TORQUE, self.robot.joint_names) if name in numbers
+        }
         if torques:
             options["disturbance"] = {name: Step(size, at=self.load_at) for name, size in torques.items()}
         plant = self.robot.plant(extras=self.extras)
-        return Drawn(plant.parameters.known(values), options, numbers)
+        return Sample(plant.parameters.known(values), options, numbers)
 
 
 ERROR, TORQUE = "initial_error", "link_torque"
@@ -181,9 +164,12 @@ class StepMetrics:
             )
             if any(name in row for row in rows)
         }
-        estimates = [k for k in signal_names("link_position", self.limits.joints) if k in run.names["estimate"]]
+        estimates = [
+            k for k in signal_names("link_position", self.limits.joints) if k in run.names["estimate"]
+        ]
         found["estimation_error"] = max(
-            (float(np.abs(run.signal("estimate", k) - run.signal("state", k)).max()) for k in estimates), default=np.nan
+            (float(np.abs(run.signal("estimate", k) - run.signal("state", k)).max()) for k in estimates),
+            default=np.nan,
         )
         found["input_limit_use"] = self.limits.input_use(response).share
         found["speed_limit_use"] = self.limits.speed_use(response).share
@@ -229,7 +215,7 @@ class DesignCampaign:
             if name in off:
                 raise InvalidInput(
                     f"The parameter {name!r} does not act in this design's true plant.",
-                    f"expected a parameter of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
                     "the design with --extras for it",
                 )
             robot = robot.with_parameters(_spread(parameter, spread))
@@ -240,7 +226,9 @@ class DesignCampaign:
         """Start and goal of the step (n,), rad or m."""
         s, robot, n = self.specification, self.request.robot, len(self.request.robot.joint_names)
         goal = robot.operating_point(s.pose)[0][:n]
-        return (default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]), goal
+        return (
+            default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+        ), goal
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -255,7 +243,9 @@ class DesignCampaign:
         slides = robot.links.slides
         off = inactive_parameters(self.specification.extras, robot.joint_names)
         found = [
-            Variable(p.name, *p.interval, o.distribution, p.unit) for p in robot.uncertain if p.name not in off
+            Variable(p.name, *p.interval, o.distribution, p.unit)
+            for p in robot.uncertain
+            if p.name not in off
         ]
         for size, name, signal in (
             (o.initial_error, ERROR, "link_position"),
@@ -274,9 +264,19 @@ class DesignCampaign:
 
     @property
     def stated(self) -> dict[str, str]:
-        """The design and the campaign as text by name: known before anything is designed."""
+        """The design and the campaign as text by name: known before anything is designed.
+
+        Raises
+        ------
+        InvalidInput
+            For what does not fit the robot.
+        """
         o, s, (start, goal) = self.options, self.specification, self.ends
-        fields = {f"design {name}": text for name, text in _fields(s).items()}
+        length = {}
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
+            length = {"duration": str(float(o.duration))}
+        fields = {f"design {name}": text for name, text in fields_text(s).items()}
         robots = {"robot": self.request.robot, "true robot": self.robot}
         parameters = {
             f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip()
@@ -287,7 +287,7 @@ class DesignCampaign:
         drawn = {f"variable {v.name}": v.text() for v in self.variables}
         return {
             "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method, **drawn,
-            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters,
+            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
         }  # fmt: skip
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
@@ -327,7 +327,7 @@ class DesignCampaign:
         return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
 
 
-def _fields(s: Specification) -> dict[str, str]:
+def fields_text(s: Specification) -> dict[str, str]:
     """The fields of a specification that are not at their defaults, as text."""
     values = {name: (plain(name, getattr(s, name)), plain(name, one.default)) for name, one in FIELDS.items()}
     return {name: str(value) for name, (value, default) in values.items() if value != default}
@@ -349,104 +349,3 @@ def _spread(parameter: Parameter, text: str) -> Parameter:
         f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
         f"{1.1 * parameter.value:g}",
     )
-
-
-# Folders ----------------------------------------------------------------------------------------------------
-def open_campaign(
-    asked: DesignCampaign, folder: str | Path, command: Sequence[str] = (), progress: Callable[[str], None] = print
-) -> tuple[Campaign, Journal]:
-    """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
-
-    Parameters
-    ----------
-    asked : DesignCampaign
-    folder : path
-    command : sequence of str
-        That made it, for its reports.
-    progress : callable
-        Called with what comes next while the controller is designed.
-
-    Raises
-    ------
-    InvalidInput
-        Before any work, if the folder holds something else, or a campaign with other settings.
-    FlexhinfError
-        As `flexhinf.design.design`.
-    """
-    _ = asked.stated  # refuses what does not fit
-    journal = Journal.read(folder, (SETUP,))
-    place = Path(folder).expanduser().absolute()
-    if journal is None:
-        (place / SETUP).mkdir(parents=True, exist_ok=True)
-        with locked(place / ".campaign-setup-lock", PATIENCE):
-            journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
-            if journal is None:
-                return _begun(asked, place, command, progress)
-    journal.refuse_other(asked.stated, partly=True)
-    campaign = reopened(asked, journal)
-    journal.refuse_other(campaign.settings)
-    return campaign, journal
-
-
-def _begun(
-    asked: DesignCampaign, place: Path, command: Sequence[str], progress: Callable[[str], None]
-) -> tuple[Campaign, Journal]:
-    """Design the controller and write what makes the campaign again; the manifest comes last."""
-    controller, duration = _controller(asked, progress)
-    duration = duration if asked.options.duration is None else asked.options.duration
-    document = request_document(
-        asked.specification, asked.request.source, asked.request.elastic, place / SETUP, asked.request.payload,
-        asked.request.robot.links.slides,
-    )  # fmt: skip
-    text = tomlkit.dumps(document)
-    write_file(place / SETUP / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
-    controller.save(place / SETUP / CONTROLLER)
-    campaign = asked.campaign(load_controller(place / SETUP / CONTROLLER), duration)
-    o = asked.options
-    about = {
-        "title": f"Campaign of the robot “{asked.request.robot.name}”", "requirements": list(asked.requirements),
-        "nominal": asked.nominal, "options": {**vars(o), "tolerances": [list(one) for one in o.tolerances]},
-    }  # fmt: skip
-    return campaign, Journal.opened(place, campaign, command, about)
-
-
-def _controller(asked: DesignCampaign, progress: Callable[[str], None]) -> tuple[Controller, float]:
-    """The controller and the length of its step, s: of a report that nobody changed, or designed now."""
-    path = asked.file
-    if path is not None and path.name == DESIGN_FILE and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
-        length = read_toml(path, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and _fields(load_design(path)[1]) == _fields(asked.specification):
-            return load_controller(path.parent / CONTROLLER), length
-    robot, s = asked.request.robot, asked.specification
-    synthesis = synthesise(robot, s, progress)
-    setup = brought_to_rest(synthesis.setup(robot, s))[0]
-    return setup.bumpless_controller, step_duration(LawEvaluation(DESIGN, setup), synthesis)
-
-
-def reopened(asked: DesignCampaign, journal: Journal) -> Campaign:
-    """The campaign of a folder, with the controller that is there."""
-    controller = load_controller(journal.folder / SETUP / CONTROLLER)
-    return asked.campaign(controller, float(journal.settings["duration"]))
-
-
-def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
-    """The campaign of a folder as it stands there, for replays: nothing is asked for beside it.
-
-    Raises
-    ------
-    InvalidInput
-        If the folder holds no campaign of a design, or the robot's file was changed since.
-    """
-    journal = Journal.read(folder)
-    if journal is None or "options" not in journal.about:
-        raise InvalidInput(
-            "The folder holds no campaign of a design.",
-            f"expected a folder that `flexhinf campaign` wrote, got {folder}",
-            "its --out; a campaign from Python replays with Campaign(...).replay(sample)",
-        )
-    known = CampaignOptions.__dataclass_fields__
-    stored = {name: value for name, value in journal.about["options"].items() if name in known}
-    stored["tolerances"] = tuple((name, spread) for name, spread in stored["tolerances"])
-    asked = DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), CampaignOptions(**stored))
-    journal.refuse_other(asked.stated, partly=True)
-    return reopened(asked, journal), journal

@@ -1,6 +1,7 @@
 """The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
 
-from flexhinf.design.report.campaign_page import campaign_page, replay_table, write_campaign
+from flexhinf.design.report.campaign_page import campaign_page, write_campaign
+from flexhinf.design.report.campaign_text import campaign_verdict, replay_table
 from flexhinf.design.report.comparison import comparison_notes, comparison_page
 from flexhinf.design.report.deployed_run import run_met, run_notes, run_tables, run_verdict
 from flexhinf.design.report.files import comparison_files, design_files, write_comparison, write_design
@@ -9,7 +10,8 @@ from flexhinf.design.report.text import comparison_tables, design_tables, requir
 from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
-    "campaign_page", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
-    "design_files", "design_page", "design_tables", "notes", "replay_table", "requirement_table", "robots_table", "run_met",
-    "run_notes", "run_tables", "run_verdict", "verdict", "write_campaign", "write_comparison", "write_design",
+    "campaign_page", "campaign_verdict", "comparison_files", "comparison_notes", "comparison_page",
+    "comparison_tables", "comparison_verdict", "design_files", "design_page", "design_tables", "notes", "replay_table",
+    "requirement_table", "robots_table", "run_met", "run_notes", "run_tables", "run_verdict", "verdict",
+    "write_campaign", "write_comparison", "write_design",
 ]  # fmt: skip

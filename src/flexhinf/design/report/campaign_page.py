@@ -1,4 +1,4 @@
-"""The report of a campaign: success rate, bands of signals, distributions, sensitivities, failures with their replay."""
+"""The report of a campaign: success rate, bands of signals, distributions, sensitivities, failures and their replay."""
 
 from __future__ import annotations
 
@@ -8,8 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import CampaignJudgement, MergedTable, Replayed, Requirement
-from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE, TRACED
+from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement
+from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE
+from flexhinf.design.report.campaign_text import (
+    ENDLESS,
+    WORDS,
+    campaign_verdict,
+    changes,
+    limit_text,
+    percent_text,
+    reasons_text,
+    value_text,
+    metric_text,
+)
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
 from flexhinf.files import write_file
@@ -36,21 +47,13 @@ from flexhinf.report import (
     quantile_band,
 )
 
-__all__ = ["campaign_page", "campaign_verdict", "replay_table", "write_campaign"]
+__all__ = ["campaign_page", "write_campaign"]
 
-#: Names of metrics in sentences; others are written with spaces.
-WORDS = {
-    "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
-    "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
-    "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
-    "speed_limit_use": "use of the speed's limit",
-}  # fmt: skip
+#: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
+FAILURES, RANKED, BARS = 20, 4, 8
 
-#: Numbers of a sample that are listed, failures that are listed, metrics whose sensitivity is drawn, bars of each.
-LISTED, FAILURES, RANKED, BARS = 4, 50, 4, 8
-
-#: Time limits beyond this are no limits: the run only has to get there.
-ENDLESS = 1e8
+#: Half height of the panel close to the end, relative to the way of the signal.
+CLOSE = 0.12
 
 
 def write_campaign(
@@ -97,147 +100,126 @@ def campaign_page(judged: CampaignJudgement, run: Callable[[int], Trajectory] | 
     )  # fmt: skip
 
 
-# Sentences ------------------------------------------------------------------------------------------------------
-def campaign_verdict(judged: CampaignJudgement) -> str:
-    """How many fail, with what confidence, and the worst of the main metric with its parameters."""
-    found = judged.success
-    failed = f"{judged.failures} of {judged.count} failed"
-    text = f"{failed}; {_percent(found.low)} to {_percent(found.high)} succeed with 95 % confidence"
-    worst = judged.worst(judged.main) if judged.main else None
-    if worst is not None:
-        value = float(judged.column(judged.main)[worst])
-        text += f"; worst {words(judged.main)} {_value(value, judged.table.unit(judged.main))}, at {changes(judged, worst)}"
-    return f"{text} (sample {worst})." if worst is not None else f"{text}."
-
-
-def words(metric: str) -> str:
-    """A metric in a sentence."""
-    return WORDS.get(metric, metric.replace("_", " "))
-
-
-def changes(judged: CampaignJudgement, sample: int) -> str:
-    """A sample by its numbers that are furthest from nominal, for their spread: ``stiffness −12 %``."""
-    found = []
-    for name, value in judged.numbers(sample).items():
-        column, old = judged.column(name), judged.nominal.get(name)
-        spread = float(column.std())
-        middle = float(column.mean()) if old is None else old
-        if spread <= 0.0 or value == middle:
-            continue
-        unit = judged.table.unit(name)
-        change = 100.0 * (value / old - 1.0) if old else 0.0
-        sign = "+" if change > 0.0 else ""
-        text = f"{sign}{number(change, 2)} %" if old and "payload" not in name else _value(value, unit)
-        found.append((abs(value - middle) / spread, f"{name.replace('_', ' ')} {text}"))
-    ordered = [text for _, text in sorted(found, key=lambda one: -one[0])]
-    return ", ".join([*ordered[:LISTED], *(["others by less"] if len(ordered) > LISTED else [])]) or "nominal numbers"
-
-
 def _asked(judged: CampaignJudgement) -> str:
     settings = judged.table.journal.settings
     names = judged.table.names("parameter")
     method = settings.get("method")
-    spread = {"random": "independently", "latin-hypercube": "by a Latin hypercube", "sobol": "by a Sobol sequence"}
+    spread = {
+        "random": "independently",
+        "latin-hypercube": "by a Latin hypercube",
+        "sobol": "by a Sobol sequence",
+    }
     how = f", spread {spread[method]}" if method in spread else ""
     return (
-        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement noise "
-        f"and with {len(names)} numbers of its own{how}."
+        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
+        f"noise and with {len(names)} numbers of its own{how}."
     )
-
-
-def _percent(fraction: float) -> str:
-    """A fraction close to one, with the digits that tell it from one."""
-    if fraction in (0.0, 1.0):
-        return f"{100 * fraction:.0f} %"
-    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if fraction > 0.5 else 1
-    return f"{100 * fraction:.{digits}f} %"
-
-
-def _value(value: float, unit: str) -> str:
-    if np.isinf(value):
-        return "never"
-    return f"{number(value, 3)} {unit}".strip()
-
-
-def _limit(one: Requirement, unit: str) -> str:
-    if one.at_most and one.limit >= ENDLESS:
-        return "within the run"
-    return f"at {'most' if one.at_most else 'least'} {_value(one.limit, unit)}"
 
 
 def _status(judged: CampaignJudgement) -> list[Status]:
     if judged.failures:
         return [Status("not met", f"{judged.failures} of {judged.count} samples fail.")]
-    return [Status("met", f"Every one of {judged.count} samples; a sample says nothing of the robots between.")]
+    return [
+        Status("met", f"Every one of {judged.count} samples; a sample says nothing of the robots between.")
+    ]
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
-    interval = f"95 %: {_percent(judged.success.low)} to {_percent(judged.success.high)}"
-    found = [KeyNumber("success", _percent(judged.success.rate), note=interval)]
+    interval = f"95 %: {percent_text(judged.success.low)} to {percent_text(judged.success.high)}"
+    found = [KeyNumber("success", percent_text(judged.success.rate), note=interval)]
     found.append(KeyNumber("diverged", judged.of_status(DIVERGED), f"of {judged.count}"))
     for name in [n for n in judged.table.names("metric") if n in WORDS or n.startswith("peak")][:4]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
             values = judged.quantiles(name)
             shown = "never" if np.isinf(values[-1]) else values[-1]
-            note = f"median {_value(float(values[2]), unit)}; sample {worst}"
-            found.append(KeyNumber(f"worst {words(name)}", shown, unit if shown != "never" else "", note))
+            note = f"median {value_text(float(values[2]), unit)}; sample {worst}"
+            found.append(KeyNumber(f"worst {metric_text(name)}", shown, unit if shown != "never" else "", note))
     return found
 
 
 # Sections --------------------------------------------------------------------------------------------------------
 def _success(judged: CampaignJudgement) -> list[Any]:
     rows = [("reaches the end of the run", judged.of_status(DIVERGED) + judged.of_status(NOT_RUN))]
-    rows = [(name, "", bad, _percent(1.0 - bad / judged.count)) for name, bad in rows]
+    rows = [(name, "", bad, percent_text(1.0 - bad / judged.count)) for name, bad in rows]
     for k, one in enumerate(judged.requirements):
         bad = int(judged.violations[:, k].sum())
-        rows.append((words(one.metric), _limit(one, judged.table.unit(one.metric)), bad, _percent(1.0 - bad / judged.count)))
+        rows.append(
+            (
+                metric_text(one.metric),
+                limit_text(one, judged.table.unit(one.metric)),
+                bad,
+                percent_text(1.0 - bad / judged.count),
+            )
+        )
     method = judged.table.journal.settings.get("method", "random")
     caution = "" if method == "random" else (
         f" The samples of the method {method} are not independent; the interval is stated as if they were, and is "
         "wider than theirs as a rule."
     )  # fmt: skip
     text = (
-        "A sample is a success if its run reaches its end and keeps every requirement. The interval of the rate is that of "
-        f"Clopper and Pearson, exact for independent samples.{caution} It is a statement about the distribution that was "
-        "sampled, not a proof for every robot within it."
+        "A sample is a success if its run reaches its end and keeps every requirement. The interval of the rate is "
+        f"that of Clopper and Pearson, exact for independent samples.{caution} It is a statement about the "
+        "distribution that was sampled, not a proof for every robot within it."
     )
-    return [Paragraph(text), Table(("requirement", "limit", "failures", "keep it"), rows, "Requirements", "table-success")]
+    return [
+        Paragraph(text),
+        Table(("requirement", "limit", "failures", "keep it"), rows, "Requirements", "table-success"),
+    ]
 
 
 def _bands(judged: CampaignJudgement, run: Callable[[int], Trajectory] | None) -> list[Any]:
-    """Signals that are kept, in a panel each; the worst run apart."""
+    """Signals that are kept, in a panel each, and the one that differs most close to its end; the worst run apart."""
     names = judged.table.names("trace")
-    traces = [judged.table.trace(name) for name in names]
-    whole = [np.isfinite(trace).all(axis=1) for trace in traces]
-    ended = np.logical_and.reduce(whole) if whole else np.zeros(0, dtype=bool)
+    traces = [judged.table.trace(name).astype(float) for name in names]
+    if not traces:
+        return []
+    ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
     if not ended.any():
         return []
     time, worst = judged.table.journal.time, judged.worst(judged.main) if judged.main else None
-    figure, axes = new_figure(len(names))
-    drawn = False
-    for axis, name, trace in zip(axes, names, traces):
-        quantile_band(axis, time, trace[ended].astype(float))
-        line = None if worst is None else _line(worst, name, trace, ended, time, run)
-        if line is not None:
-            drawn = True
+    lines = [
+        None if worst is None else _line(worst, name, trace, ended, time, run)
+        for name, trace in zip(names, traces)
+    ]
+    close = int(np.argmax([_late_spread(trace[ended]) for trace in traces]))
+    figure, axes = new_figure(len(names) + 1)
+    for axis, k in zip(axes, (*range(len(names)), close)):
+        quantile_band(axis, time, traces[k][ended])
+        if (line := lines[k]) is not None:
             with house_style():
                 axis.plot(time, line, color=INK, linewidth=1.1, dashes=(5.0, 1.5), label=f"sample {worst}")
-        label(axis, name.removeprefix(TRACE).replace("_", " "), judged.table.unit(name))
+        label(axis, names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k]))
+    last = float(np.median(traces[close][ended, -1]))
+    half = CLOSE * float(np.ptp(traces[close][ended])) or 1e-3
+    axes[-1].set_ylim(last - half, last + half)
     legend(axes[0])
-    missing = int((~ended).sum())
+    which = names[close].removeprefix(TRACE).replace("_", " ")
+    missing, kept = int((~ended).sum()), len(ended)
     caption = [
-        f"All runs, 90 % of them, and their median, of the first {len(ended)} samples." if judged.count > TRACED
-        else f"All runs, 90 % of them, and their median, of {int(ended.sum())} samples.",
+        "All runs, 90 % of them, and their median, of "
+        + (f"the first {kept} samples." if judged.count > kept else f"{int(ended.sum())} samples."),
         f"{missing} that did not come to their end are left out." if missing else "",
-        f"Dashed: the run with the worst {words(judged.main)}, sample {worst}: {changes(judged, worst)}."
-        if drawn and worst is not None else "",
+        f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {changes(judged, worst)}."
+        if worst is not None and lines[0] is not None else "",
+        f"Bottom: {which} close to where it ends.",
     ]  # fmt: skip
     return [figure_block("signals", figure, caption, "Signals")]
 
 
+def _late_spread(trace: np.ndarray) -> float:
+    """How far apart runs (R, T) are in the second half, relative to the way of all."""
+    way = float(np.ptp(trace))
+    return float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / way if way > 0.0 else 0.0
+
+
 def _line(
-    worst: int, name: str, trace: np.ndarray, ended: np.ndarray, time: np.ndarray, run: Callable[[int], Trajectory] | None
+    worst: int,
+    name: str,
+    trace: np.ndarray,
+    ended: np.ndarray,
+    time: np.ndarray,
+    run: Callable[[int], Trajectory] | None,
 ) -> np.ndarray | None:
     """A kept signal (T,) of one sample: from the table, or run again; None where neither has it."""
     if worst < len(trace):
@@ -255,9 +237,20 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
     for name in names:
         unit, values = judged.table.unit(name), judged.quantiles(name)
         cells = ["never" if np.isinf(value) else number(float(value), 3) for value in values]
-        rows.append((words(name), unit, *cells, judged.worst(name)))
-    columns = ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst")
-    found: list[Any] = [Table(columns, rows, "Metrics over all samples that have them", "table-metrics")] if rows else []
+        rows.append((metric_text(name), unit, *cells, judged.worst(name)))
+    columns = (
+        "",
+        "unit",
+        "least",
+        "5 % are below",
+        "median",
+        "95 % are below",
+        "largest",
+        "sample of the worst",
+    )
+    found: list[Any] = (
+        [Table(columns, rows, "Metrics over all samples that have them", "table-metrics")] if rows else []
+    )
     figure = _histograms(judged, names)
     return [*([] if figure is None else [figure]), *found]
 
@@ -281,7 +274,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Any:
             for limit in limits:
                 if np.abs(values).max() > 0.5 * abs(limit):
                     axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
-        axis.set_xlabel(f"{words(name)} ({unit})" if unit else words(name), fontsize=8)
+        axis.set_xlabel(f"{metric_text(name)} ({unit})" if unit else metric_text(name), fontsize=8)
         label(axis, "samples" if axis in [row[0] for row in grid] else "", "")
     for axis in axes[len(varied) :]:
         axis.set_visible(False)
@@ -322,7 +315,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
             axis.set_yticks(places, [name.replace("_", " ") for name in one.names[: len(places)]], fontsize=8)
             axis.set_xlim(0.0, 1.0)
             axis.grid(axis="y", visible=False)
-            axis.set_title(f"{words(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
+            axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
     axes = [axis for row in grid for axis in row]
     for axis in axes[len(found) :]:
         axis.set_visible(False)
@@ -330,15 +323,15 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     with house_style():
         legend_axis.legend(loc="lower right", fontsize=7.5)
     first = next(iter(found.values()))
-    low = [words(name) for name, one in found.items() if one.r_squared < 0.5]
+    low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
     notes = [Note(
-        f"The polynomial explains less than half of the variance of {', '.join(low)} in samples that were left out of its "
-        "fit: there the ranking says little."
+        f"The polynomial explains less than half of the variance of {', '.join(low)} in samples that were left out of "
+        "its fit: there the ranking says little."
     )] if low else []  # fmt: skip
     caption = (
-        f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, not of "
-        "the loop itself. R² is the fraction of the variance that it explains in samples left out of the fit; the rest "
-        "is of higher order, or measurement noise."
+        f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "
+        "not of the loop itself. R² is the fraction of the variance that it explains in samples left out of the fit; "
+        "the rest is of higher order, or measurement noise."
     )
     return [*notes, figure_block("sensitivity", figure, caption, "Which number matters")]
 
@@ -355,37 +348,31 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
             Listing(f"{replay} {worst}"),
         ]
     rows = [
-        (int(k), judged.reasons(int(k)), changes(judged, int(k)), f"`{replay} {int(k)}`")
+        (int(k), reasons_text(judged, int(k)), changes(judged, int(k)), f"`{replay} {int(k)}`")
         for k in judged.failed[:FAILURES]
     ]
-    more = f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+    more = (
+        f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+    )
     return [
-        Paragraph(f"{judged.failures} samples fail. The last column runs one again, in the folder above.{more}"),
+        Paragraph(
+            f"{judged.failures} samples fail. The last column runs one again, in the folder above.{more}"
+        ),
         Table(("sample", "why", "its numbers", "replay"), rows, "Failures", "table-failures", stacks=True),
     ]
 
 
 def _settings(settings: dict[str, str]) -> dict[str, list[Setting]]:
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
-    heads = {"variable ": "Numbers that differ", "design ": "Design", "robot ": "Robot", "true robot ": "Robot"}
+    heads = {
+        "variable ": "Numbers that differ",
+        "design ": "Design",
+        "robot ": "Robot",
+        "true robot ": "Robot",
+    }
     for name, value in settings.items():
         head = next((head for head in heads if name.startswith(head)), "")
-        groups[heads.get(head, "Campaign")].append(Setting(name.removeprefix(head) if head != "true robot " else name, value))
+        groups[heads.get(head, "Campaign")].append(
+            Setting(name.removeprefix(head) if head != "true robot " else name, value)
+        )
     return {name: group for name, group in groups.items() if group}
-
-
-# Terminal -----------------------------------------------------------------------------------------------------------
-def replay_table(found: Replayed) -> Any:
-    """A sample that was run again: its numbers and metrics, in the table and now."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table as Terminal
-
-    state = "the same bits" if found.same and found.recorded else "not in the table yet" if found.same else "differs"
-    table = Terminal(title=f"sample {found.sample}: {found.run.status}; {state}", box=SIMPLE_HEAD, title_justify="left")
-    for column in ("", "table", "run again"):
-        table.add_column(column, justify="left" if not column else "right")
-    for name, value in found.again.items():
-        if name not in ("sample", "failure") and value == value:
-            old = found.recorded.get(name, "–")
-            table.add_row(name, *(f"{v:.10g}" if isinstance(v, float) else str(v) for v in (old, value)))
-    return table

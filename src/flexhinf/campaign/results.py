@@ -2,22 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import COMPLETED, DIVERGED, NOT_RUN, Campaign, run_samples
-from flexhinf.campaign.journal import Journal, MergedTable
+from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign, run_samples
+from flexhinf.campaign.journal import TABLE, Journal
 from flexhinf.campaign.metrics import Requirement
 from flexhinf.campaign.statistics import Interval, Sensitivity, sensitivity, success_interval
+from flexhinf.campaign.storage import labelled, numpy_column, read_columns
 from flexhinf.loop import Trajectory
 
-__all__ = ["CampaignJudgement", "Replayed", "replayed"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CampaignJudgement", "MergedTable", "Replayed", "merged", "replayed"]
 
 #: Quantiles that are stated of every metric.
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MergedTable:
+    """All rows of a campaign.
+
+    Attributes
+    ----------
+    journal : Journal
+        Whose table was merged.
+    shards : mapping of int to Path
+        By batch, all of them.
+    """
+
+    journal: Journal
+    shards: Mapping[int, Path]
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """By name, (N,); NaN where a row has no number."""
+        table = read_columns(self.journal.folder / TABLE)
+        return {name: numpy_column(table.column(name)) for name in table.column_names}
+
+    def names(self, kind: str) -> tuple[str, ...]:
+        """Names of the columns of a kind."""
+        return tuple(column.name for column in self.journal.columns if column.kind == kind)
+
+    def unit(self, name: str) -> str:
+        """Of a column."""
+        return next(column.unit for column in self.journal.columns if column.name == name)
+
+    def trace(self, name: str) -> np.ndarray:
+        """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
+        found: list[np.ndarray] = []
+        for batch in range(self.journal.batches):
+            if sum(map(len, found)) < TRACED:
+                found.append(numpy_column(read_columns(self.shards[batch], [name]).column(name)))
+        return np.concatenate(found)[:TRACED]
+
+    def dataset(self) -> xr.Dataset:
+        """The rows as an xarray Dataset; see `run_campaign`."""
+        rows = {**self.columns, **{name: self.trace(name) for name in self.names("trace")}}
+        return labelled(rows, self.journal.columns, self.journal.time, self.journal.settings)
+
+
+def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
+    """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
+    journal.merge(good)
+    return MergedTable(journal, dict(good))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +148,11 @@ class CampaignJudgement:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)
         values = values[~np.isnan(values)]
-        return np.quantile(values, QUANTILES, method="higher") if len(values) else np.full(len(QUANTILES), np.nan)
+        return (
+            np.quantile(values, QUANTILES, method="higher")
+            if len(values)
+            else np.full(len(QUANTILES), np.nan)
+        )
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
         """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
@@ -109,15 +168,9 @@ class CampaignJudgement:
         """Nominal values of the numbers, where they are known."""
         return self.table.journal.about.get("nominal", {})
 
-    def reasons(self, sample: int) -> str:
-        """Why a sample fails: its status, or the requirements that it misses."""
-        status = str(self.column("status")[sample])
-        if status == NOT_RUN:
-            return f"{NOT_RUN}: {self.column('failure')[sample]}"
-        if status == DIVERGED:
-            return f"{DIVERGED} at {self.column('diverged_at_s')[sample]:g} s"
-        missed = [one for one, bad in zip(self.requirements, self.violations[sample]) if bad]
-        return ", ".join(f"{one.metric} {self.column(one.metric)[sample]:.4g}" for one in missed)
+    def missed(self, sample: int) -> list[Requirement]:
+        """The requirements that a completed sample misses."""
+        return [one for one, bad in zip(self.requirements, self.violations[sample]) if bad]
 
 
 @dataclass(frozen=True, eq=False)
