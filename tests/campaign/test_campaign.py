@@ -7,7 +7,7 @@ import pytest
 from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop, tolerances
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, Sample, Metrics, run_batch, run_campaign
+from flexhinf.campaign import Campaign, Metrics, Sample, run_batch, run_campaign
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flexhinf.campaign import DISTRIBUTIONS, METHODS, Sample, FunctionDraw, Tolerances, Variable, sample_seed
+from flexhinf.campaign import DISTRIBUTIONS, METHODS, FunctionDraw, Sample, Tolerances, Variable, sample_seed
 from flexhinf.errors import InvalidInput, NumericalFailure
 
 

@@ -68,6 +68,17 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     assert "Not in real time: 51 samples" in capsys.readouterr().out
 
 
+def test_a_film(
+    design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flexhinf.design.report import arm_picture
+
+    monkeypatch.setattr(arm_picture, "SHORTEST", 0.2)
+    assert main(["run", design, "--mujoco", "--no-realtime", "--record", "arm.gif"]) in (0, 1)
+    assert (folder / "arm.gif").read_bytes().startswith(b"GIF89a")
+    assert "film: arm.gif" in capsys.readouterr().out
+
+
 @pytest.mark.usefixtures("folder")
 def test_control_c_keeps_a_whole_log(
     design: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -99,6 +110,8 @@ def test_control_c_keeps_a_whole_log(
         (["nothing-here", "--mujoco"], "needs a design file"),
         (["DESIGN", "--mujoco", "--log", "run.txt"], "format of the log"),
         (["DESIGN", "--mujoco", "--log", "missing/run.csv"], "log cannot be written"),
+        (["DESIGN", "--mujoco", "--record", "arm.avi"], "format of the film"),
+        (["DESIGN", "--mujoco", "--view"], "no display"),
         (["DESIGN", "--mujoco", "--library", "missing.so"], "library cannot be loaded"),
         (["DESIGN", "--mujoco", "--perturb", "stifness=1"], "no such parameter"),
         (["DESIGN", "--mujoco", "--load", "1m"], "load"),
@@ -109,6 +122,14 @@ def test_control_c_keeps_a_whole_log(
     ],
 )
 def test_a_mistake_is_told_before_any_work(
-    words: list[str], what: str, design: str, folder: Path, refused: Callable[..., str]
+    words: list[str],
+    what: str,
+    design: str,
+    folder: Path,
+    refused: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     refused(["run", *(design if word == "DESIGN" else word for word in words)], what, folder)

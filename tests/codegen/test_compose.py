@@ -1,9 +1,10 @@
 """One text read directly and composed: the same numbers, compiled and interpreted."""
 
+import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import DIRECT, Block, Buffer, Composer, Program, Slice, compile_program, interpret
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Program, Slice, compile_program, interpret
 from flexhinf.errors import InvalidInput
 
 rng = np.random.default_rng(3)
@@ -22,6 +23,23 @@ def columns_of_both(one, other, factor):
     return one[:3] * other * factor
 
 
+def turning(c, v):
+    return np.cos(c + v) / (1.0 + v * v) + v[1] / v[2] - 2.0 * v[0]
+
+
+def again(run, column, v):
+    return run.repeat(3, lambda c: (run.call(turning, run.call(turning, c, v), v),), column)[0]
+
+
+def longer(run, row, w):
+    first = run.call(lambda row, w: np.append(row, row[0] / w[0]), row, w)
+    return run.call(lambda first, w: first * run_free(w), first, w)
+
+
+def run_free(w):
+    return np.exp(w[0])
+
+
 TEXTS = {
     "call": lambda run, x: run.call(lambda a, v: v @ a, x["a"], x["v"]),
     "call with several results": lambda run, x: run.call(lambda a, v: (a.T, v * v), x["a"], x["v"])[1],
@@ -30,7 +48,10 @@ TEXTS = {
     "columns": lambda run, x: run.columns(turned, x["a"], x["v"])[1],
     "columns of two matrices": lambda run, x: run.columns(columns_of_both, (x["a"], x["b"]), 2.0),
     "rows as columns": lambda run, x: run.columns(lambda row, w: row * w, x["a"].T, x["w"]),
-    "again and again": lambda run, x: run.columns(lambda c, v: np.cos(c + v), x["a"], x["v"], times=4),
+    "again and again": lambda run, x: run.sweep(again, x["a"], x["v"]),
+    "a sweep of one column": lambda run, x: run.sweep(again, x["v"].reshape(4, 1), x["v"]),
+    "a sweep of a column and two": lambda run, x: run.sweep(again, run.column_stack((x["v"], x["a"])), x["v"]),
+    "a sweep along rows": lambda run, x: run.sweep(longer, x["a"].T, x["w"]),
     "column stack": lambda run, x: run.column_stack((x["v"], x["a"], x["v"])),
     "a call on columns stacked": lambda run, x: run.call(
         lambda m, v: v @ m, run.column_stack((x["v"], x["a"])), x["v"]
@@ -74,6 +95,20 @@ def test_composed_is_direct(name, make):
 def test_the_bits_do_not_depend_on_lanes(name):
     one, many = composed(TEXTS[name], compile_program), composed(TEXTS[name], compile_program, 4)
     np.testing.assert_array_equal(many, np.repeat(one, 4, axis=-1))
+
+
+def test_a_sweep_computes_outside_what_does_not_depend_on_the_column():
+    run = Composer()
+    blocks = {k: Block(Slice(k, 0, v.size), v.shape) for k, v in GIVEN.items() if v.size}
+    again(DIRECT, GIVEN["v"], GIVEN["v"])
+    run.sweep(again, blocks["a"], blocks["v"])
+    before, sweep = run.body
+    called = [step.function for step in sweep.body[1].body if isinstance(step, Call)]
+    assert called[0] is called[1]  # one text, called twice
+    assert before.function.n_in() == 1
+    used = {called[0].instruction_id(k) for k in range(called[0].n_instructions())}
+    assert casadi.OP_COS in used
+    assert not used & {casadi.OP_DIV, casadi.OP_SQ, casadi.OP_INV}
 
 
 def test_a_function_is_traced_once_for_each_shape():

@@ -6,7 +6,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice, When
+from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice, Sweep, When
 from flexhinf.codegen.compiler import emitter_digest, fingerprint
 
 X = casadi.SX.sym("x", 2)
@@ -22,10 +22,13 @@ def function(constant: float = 3.0, flip: bool = False) -> casadi.Function:
 
 def program(traced=None, count=4, times=1, code=1, weights=WEIGHTS, order="C", turns="n", flag=0) -> Program:
     traced = traced or function()
-    pieces = Columns(Slice("a", 0, 8), 4, order)
+    pieces, place = Columns(Slice("a", 0, 8), 4, order), Slice("column", 0, 2)
     body = (
         Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),
-        Map(traced, (pieces,), (pieces,), times),
+        Map(traced, (pieces,), (pieces,)),
+        Sweep(
+            (Repeat(times, (Call(traced, (place,), (place,)),)),), ((pieces, place),), ((pieces, place),), 2
+        ),
         OuterSum(Slice("a", 0, 4), Slice("a", 4, 4), Slice("b", 0, 1), count, weights),
         When(Slice("a", flag, 1), (Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),)),
         Repeat(turns, (Guard(Slice("b"), code),)),

@@ -9,14 +9,19 @@ from flexhinf.codegen import (
     Call,
     Cholesky,
     Columns,
+    Copy,
+    Guard,
     Map,
     OuterSum,
     Program,
     Repeat,
     Slice,
+    Sweep,
     compile_program,
     interpret,
 )
+from flexhinf.codegen.memory import COLUMN
+from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
 
 A, B = casadi.SX.sym("a", 3), casadi.SX.sym("b", 2)
@@ -100,12 +105,14 @@ def test_a_map_in_place_inside_a_loop(make, lanes):
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("make", [compile_program, interpret])
-@pytest.mark.parametrize("count", [3, 8, 21])
+@pytest.mark.parametrize("count", [1, 3, 8, 9, 21])
 @pytest.mark.parametrize("place", ["a", "y"])
 def test_again_and_again_in_another_order(make, lanes, count, place):
-    """Columns one after the other; three times, in place or not."""
-    columns = (Columns(Slice(buffer, 0, 3 * count), count, "F") for buffer in ("a", place))
-    step = Map(SHIFT, (next(columns), Slice("b", 0, 2)), (next(columns),), times=3)
+    """Columns one after the other, in memory of their own; three times, in place or not."""
+    here, there = (Slice(COLUMN, at, 3) for at in (1, 4))
+    turn = (Call(SHIFT, (here, Slice("b", 0, 2)), (there,)), Copy(there, here))
+    pairs = [((Columns(Slice(buffer, 0, 3 * count), count, "F"), here),) for buffer in ("a", place)]
+    step = Sweep((Repeat(3, turn),), *pairs, size=7)
     buffers = (Buffer("a", 3 * count, "state"), Buffer("b", 2, "in"), Buffer("y", 3 * count, "out"))
     a = np.random.default_rng(0).normal(size=(3 * count, lanes))
     b = np.array([[1.0], [2.0]]) * np.ones(lanes)
@@ -248,8 +255,6 @@ def test_lanes_that_are_no_power_of_two_lie_side_by_side():
 
 def test_long_runs_need_no_more_stack_than_short_ones():
     """Loops and guards inside of a loop once took stack in every turn."""
-    from flexhinf.codegen import Guard
-
     body = (
         Map(
             casadi.Function("f", [A[0]], [A[0] + 1]),
@@ -266,6 +271,13 @@ def test_long_runs_need_no_more_stack_than_short_ones():
 
 
 MATRIX = Columns(Slice("a", 0, 6), 2)
+
+
+def sweep(*body: Step, place: Slice = Slice(COLUMN, 0, 3)) -> Sweep:  # noqa: B008
+    """In place, over two columns of three numbers."""
+    return Sweep(body, ((MATRIX, place),), ((MATRIX, place),), 3)
+
+
 REFUSED = {
     "columns that do not divide": lambda: Columns(Slice("a", 0, 7), 2),
     "no columns": lambda: Columns(Slice("a", 0, 7), 0),
@@ -279,8 +291,11 @@ REFUSED = {
     "a result over what is held": lambda: Map(
         TURN, (MATRIX, Slice("y", 3, 2)), (Columns(Slice("y", 0, 4), 2),)
     ),
-    "again on other sizes": lambda: Map(TURN, (MATRIX, Slice("b", 0, 2)), (Columns(Slice("y", 0, 4), 2),), 2),
-    "no times": lambda: Map(SHIFT, (MATRIX, Slice("b", 0, 2)), (MATRIX,), 0),
+    "a sweep that writes elsewhere": lambda: sweep(Copy(Slice("b", 0, 2), Slice("a", 0, 2))),
+    "a sweep of other steps": lambda: sweep(Guard(Slice(COLUMN, 0, 3), 1)),
+    "a sweep of a loop without a number": lambda: sweep(Repeat("n", (Copy(Slice("b"), Slice(COLUMN)),))),
+    "a sweep beyond its memory": lambda: sweep(Copy(Slice("b"), Slice(COLUMN, 3))),
+    "a sweep of other columns": lambda: sweep(place=Slice(COLUMN, 0, 2)),
     "an unknown order": lambda: Columns(Slice("a", 0, 6), 2, "K"),
     "a sum of another size": lambda: OuterSum(Slice("w", 0, 3), Slice("r", 0, 7), Slice("y", 0, 2), 3),
     "a sum over its terms": lambda: OuterSum(Slice("w", 0, 3), Slice("r", 0, 6), Slice("w", 2, 2), 3),

@@ -7,8 +7,8 @@ from .batches import run_batch as run_batch
 from .draws import DISTRIBUTIONS as DISTRIBUTIONS
 from .draws import METHODS as METHODS
 from .draws import Draw as Draw
-from .draws import Sample as Sample
 from .draws import FunctionDraw as FunctionDraw
+from .draws import Sample as Sample
 from .draws import Tolerances as Tolerances
 from .draws import Variable as Variable
 from .draws import one_of as one_of

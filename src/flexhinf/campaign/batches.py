@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.campaign.draws import Draw, Sample, FunctionDraw, sample_seed
+from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
 from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Loop, Trajectory, run_many
@@ -22,18 +22,9 @@ from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "COMPLETED",
-    "DIVERGED",
-    "NOT_RUN",
-    "TRACE",
-    "TRACED",
-    "Campaign",
-    "Column",
-    "Rows",
-    "check_counts",
-    "run_batch",
+    "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "Rows", "check_counts", "run_batch",
     "run_samples",
-]
+]  # fmt: skip
 
 #: Values of a row's status.
 COMPLETED, DIVERGED, NOT_RUN = "completed", "diverged", "not run"

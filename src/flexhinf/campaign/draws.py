@@ -21,7 +21,15 @@ from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import checked_text, distinct, is_real, value_text
 
 __all__ = [
-    "DISTRIBUTIONS", "METHODS", "Draw", "Sample", "FunctionDraw", "Tolerances", "Variable", "one_of", "sample_seed",
+    "DISTRIBUTIONS",
+    "METHODS",
+    "Draw",
+    "FunctionDraw",
+    "Sample",
+    "Tolerances",
+    "Variable",
+    "one_of",
+    "sample_seed",
 ]  # fmt: skip
 
 #: How a number is distributed in its interval.

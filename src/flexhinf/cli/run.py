@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,12 +12,13 @@ import typer
 
 from flexhinf.cli.arguments import GoalXyz, Payload, Tool, request_of, with_specification
 from flexhinf.cli.export import Source, controller_of, file_of
-from flexhinf.cli.messages import NOT_MET, note
+from flexhinf.cli.messages import NOT_MET, Progress, note
 from flexhinf.design.specification import FIELDS
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.design.deployed_run import DeployedRun
+    from flexhinf.export import RealTimeRun
 
 __all__ = ["run_design"]
 
@@ -140,25 +143,54 @@ def run_design(
         raise InvalidInput(
             "It is not said which robot is driven.", "expected --mujoco, the robot in MuJoCo, got none", "--mujoco"
         )  # fmt: skip
-    from flexhinf.export import check_log, write_log
+    from rich.console import Console
 
-    logs = [check_log(path) for path in log]
-    prepared = _prepared(context, source, payload, goal_xyz, tool, perturb, load, load_at, noise)
-    from flexhinf.export import load_compiled
+    from flexhinf.design.report import check_film, run_met, run_notes, run_tables, run_verdict
+    from flexhinf.export import check_log, load_compiled, write_log
+    from flexhinf.robot.mujoco_view import check_display
 
+    logs, films = [check_log(path) for path in log], [check_film(path) for path in record]
+    if view:
+        check_display()
     compiled = None if library is None else load_compiled(library)
-    run = prepared.make(compiled, realtime, priority, core)
+    prepared = _prepared(context, source, payload, goal_xyz, tool, perturb, load, load_at, noise)
+    with _view(prepared) if view else nullcontext() as watch:
+        run = prepared.make(compiled, realtime, priority, core, watch)
     for path in logs:
         write_log(run, path)
-    _report(prepared, run)
-    for path in logs:
-        typer.echo(f"log: {path}")
-    from flexhinf.design.report import run_met
-
+    _write_films(prepared, run, films)
+    for table in run_tables(prepared, run):
+        Console().print(table)
+    for text in run_notes(run):
+        note(text)
+    typer.echo(run_verdict(prepared, run))
+    for kind, paths in (("log", logs), ("film", films)):
+        for path in paths:
+            typer.echo(f"{kind}: {path}")
     if run.stopped:
         raise typer.Exit(128 + run.stopped)
-    if not run_met(prepared, run):
+    if run.stopped is None and not run_met(prepared, run):
         raise typer.Exit(NOT_MET)
+
+
+@contextmanager
+def _view(prepared: DeployedRun) -> Iterator[Callable[[], bool]]:
+    """MuJoCo's viewer: a function that draws the robot as it stands."""
+    from flexhinf.robot.mujoco_view import MuJoCoView
+
+    with MuJoCoView(prepared.robot, prepared.box) as viewer:
+        yield viewer.show
+
+
+def _write_films(prepared: DeployedRun, run: RealTimeRun, films: list[Path]) -> None:
+    if not films:
+        return
+    from flexhinf.design.report import write_film
+
+    with Progress(len(films)) as progress:
+        for path in films:
+            progress(f"draw {path.name}")
+            write_film(prepared, run, path)
 
 
 def _prepared(
@@ -197,16 +229,3 @@ def _prepared(
         noise, request.specification.load if load else None, seconds(load_at) if load_at else None
     )
     return prepare_run(controller, designed, robot, request.specification, conditions)
-
-
-def _report(prepared: DeployedRun, run: Any) -> None:
-    """Tables, notes and the verdict."""
-    from rich.console import Console
-
-    from flexhinf.design import report
-
-    for table in report.run_tables(prepared, run):
-        Console().print(table)
-    for text in report.run_notes(run):
-        note(text)
-    typer.echo(report.run_verdict(prepared, run))

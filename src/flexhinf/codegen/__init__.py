@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from flexhinf.codegen.compiler import compile_program
-from flexhinf.codegen.compose import DIRECT, Block, Composer, Direct
+from flexhinf.codegen.compose import DIRECT, Composer, Direct
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
-from flexhinf.codegen.memory import Buffer, Columns, Slice
+from flexhinf.codegen.memory import Block, Buffer, Columns, Slice
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, Sweep, When
 
 __all__ = [
     "DIRECT",
@@ -30,6 +30,7 @@ __all__ = [
     "Repeat",
     "Slice",
     "Status",
+    "Sweep",
     "When",
     "compile_program",
     "interpret",

@@ -18,7 +18,7 @@ import numpy as np
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import Kernel, Status
 from flexhinf.codegen.program import ENTRY, Program, Unsupported
-from flexhinf.codegen.steps import Call, Map, Repeat, Step, When
+from flexhinf.codegen.steps import Call, Map, Repeat, Step, Sweep, When
 
 if TYPE_CHECKING:
     from flexhinf.codegen.machine import Code
@@ -192,14 +192,15 @@ def fingerprint(program: Program) -> str:
             return f"Repeat({step.count!r}: {'; '.join(map(line, step.body))})"
         if isinstance(step, When):
             return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
+        if isinstance(step, Sweep):
+            return f"Sweep({step.inputs!r}, {step.outputs!r}, {step.size}: {'; '.join(map(line, step.body))})"
         if not isinstance(step, Call | Map):
             return repr(step)
         key = step.function.__hash__()
         if key not in functions:
             functions[key] = step.function.serialize()
-        times = step.times if isinstance(step, Map) else None
         number = list(functions).index(key)
-        return f"{type(step).__name__}({number}, {step.inputs!r}, {step.outputs!r}, {times})"
+        return f"{type(step).__name__}({number}, {step.inputs!r}, {step.outputs!r})"
 
     steps = [line(step) for step in program.body]
     lines = [repr(program.buffers), repr(program.counts), *steps]

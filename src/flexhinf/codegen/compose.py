@@ -11,78 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from functools import partial
 from math import prod
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.memory import Buffer, Columns, Order, Slice
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Repeat, Step, When
-from flexhinf.errors import InvalidInput
+from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Slice
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Repeat, Step, Sweep, When
 
-__all__ = ["DIRECT", "Block", "Composer", "Direct"]
+__all__ = ["DIRECT", "Composer", "Direct"]
 
 SCRATCH = "scratch"
-
-
-@dataclass(frozen=True)
-class Block:
-    """An array of a program that is being composed: where it lies, its shape, and its order.
-
-    Parameters
-    ----------
-    piece : Slice or None
-        None for an array without elements.
-    shape : tuple of int
-    order : {"C", "F"}
-        Of a matrix: rows, or columns, one after the other. Only matrices may have "F".
-    """
-
-    piece: Slice | None
-    shape: tuple[int, ...]
-    order: Order = "C"
-
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return prod(self.shape)
-
-    @property
-    def place(self) -> Slice:
-        """Where it lies; only for arrays with elements."""
-        if self.piece is None:
-            raise InvalidInput("An empty array has no place.", f"got shape {self.shape}", "no step for it")
-        return self.piece
-
-    @property
-    def T(self) -> Block:
-        """The transposed matrix: the same elements in the other order."""
-        return Block(self.piece, self.shape[::-1], "F" if self.order == "C" else "C")
-
-    @property
-    def columns(self) -> Columns:
-        """The columns of a matrix, for a `Map`."""
-        return Columns(self.place, self.shape[1], self.order)
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, part: slice) -> Block:
-        """Neighbouring elements of a vector, or rows of a matrix in C order."""
-        start, stop, _ = part.indices(self.shape[0])
-        shape = (max(0, stop - start), *self.shape[1:])
-        if not prod(shape):
-            return Block(None, shape)
-        width, piece = prod(self.shape[1:]), self.place
-        return Block(replace(piece, offset=piece.offset + start * width, size=prod(shape)), shape)
-
-    def reshape(self, *shape: Any) -> Block:
-        """The same elements in C order in another shape."""
-        wanted = tuple(shape[0]) if len(shape) == 1 and isinstance(shape[0], tuple) else tuple(shape)
-        if prod(wanted) != self.size or self.order == "F":
-            raise InvalidInput("A block does not fit another shape.", f"got {self} and {wanted}", "C order")
-        return Block(self.piece, wanted)
 
 
 class Direct:
@@ -102,7 +42,7 @@ class Direct:
             arrays = function(*arrays)
         return arrays
 
-    def columns(self, function: Callable[..., Any], moving: Any, *held: Any, times: int = 1) -> Any:
+    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
         """``function(column, *held)`` for every column.
 
         Parameters
@@ -111,21 +51,25 @@ class Direct:
             Takes a vector per moving matrix, and what is held; returns a vector, or a tuple of vectors.
         moving : (r, s) array, or tuple of such
         held : arrays
-        times : int
-            Again and again, each time on the results of the last.
 
         Returns
         -------
         (r', s) array, or tuple of such
         """
-        for _ in range(times):
-            matrices = moving if isinstance(moving, tuple) else (moving,)
-            results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
-            if isinstance(results[0], tuple):
-                moving = tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
-            else:
-                moving = np.stack(results, axis=1)
-        return moving
+        matrices = moving if isinstance(moving, tuple) else (moving,)
+        results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
+        if isinstance(results[0], tuple):
+            return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
+        return np.stack(results, axis=1)
+
+    def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
+        """``stages(run, column, *held)`` for every column of a matrix (n, s): what is too large for one function.
+
+        Returns
+        -------
+        (n', s) array
+        """
+        return self.columns(partial(stages, self), matrix, *held)
 
     def column_stack(self, parts: Any) -> Any:
         """Matrices and vectors, as columns, side by side."""
@@ -170,6 +114,8 @@ class Composer:
     body : list of Step
     """
 
+    scratch = SCRATCH
+
     def __init__(self) -> None:
         self.body: list[Step] = []
         self._size = 0
@@ -177,16 +123,21 @@ class Composer:
         self._kept: list[Any] = []
 
     @property
+    def size(self) -> int:
+        """Numbers of scratch memory so far."""
+        return self._size
+
+    @property
     def buffers(self) -> tuple[Buffer, ...]:
         """The scratch memory that the steps need."""
-        return (Buffer(SCRATCH, self._size, "work", cleared=False),) if self._size else ()
+        return (Buffer(self.scratch, self._size, "work", cleared=False),) if self._size else ()
 
     def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
         """New scratch memory."""
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
-        piece = Slice(SCRATCH, self._size, size)
+        piece = Slice(self.scratch, self._size, size)
         self._size += size
         return Block(piece, shape, order)
 
@@ -237,7 +188,6 @@ class Composer:
         function: Callable[..., Any],
         moving: Any,
         *held: Any,
-        times: int = 1,
         into: tuple[Block, ...] | None = None,
     ) -> Any:
         """As `Direct.columns`: one piece, traced for one column; into new memory, or that of given blocks."""
@@ -248,8 +198,18 @@ class Composer:
         results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
         inputs = [matrix.columns for matrix in matrices]
         inputs += [array.place for array in held if isinstance(array, Block) and array.size]
-        self.body.append(Map(traced, tuple(inputs), tuple(result.columns for result in results), times))
+        self.body.append(Map(traced, tuple(inputs), tuple(result.columns for result in results)))
         return results if several else results[0]
+
+    def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
+        """As `Direct.sweep`: steps in the memory of a column."""
+        inside = _ColumnComposer(self)
+        column = inside.work((matrix.shape[0],))
+        result = stages(inside, column, *held)
+        target = self.work((len(result), matrix.shape[1]), matrix.order)
+        pairs = ((matrix.columns, column.place),), ((target.columns, result.place),)
+        self.body.append(Sweep(tuple(inside.body), *pairs, inside.size))
+        return target
 
     def column_stack(self, parts: Any) -> Block:
         """As `Direct.column_stack`: copied to one place."""
@@ -257,7 +217,7 @@ class Composer:
         whole = self.work((len(blocks[0]), sum(1 if len(b.shape) == 1 else b.shape[1] for b in blocks)), "F")
         start = whole.place.offset
         for block in blocks:
-            self.body.append(Copy(block.place, Slice(SCRATCH, start, block.size)))
+            self.body.append(Copy(block.place, Slice(self.scratch, start, block.size)))
             start += block.size
         return whole
 
@@ -342,6 +302,47 @@ class Composer:
         self._pieces[key] = (traced, seen, several)
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
+
+
+class _ColumnComposer(Composer):
+    """Composes the steps of a sweep; what does not depend on the column is computed outside, once for all of them."""
+
+    scratch = COLUMN
+
+    def __init__(self, outside: Composer) -> None:
+        super().__init__()
+        self._outside = outside
+        self._parts: dict[Hashable, tuple[Any, tuple[Slice, ...]]] = {}
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """As `Direct.call`: one traced piece, or two."""
+        blocks = [array for array in arrays if isinstance(array, Block) and array.size]
+        moving = tuple(block.place.buffer == COLUMN for block in blocks)
+        if not any(moving):
+            return self._outside.call(function, *arrays)
+        traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
+        held = tuple(block.place for block, moves in zip(blocks, moving) if not moves)
+        key = (traced.__hash__(), moving, held)
+        if key not in self._parts:
+            self._parts[key] = self._divided(traced, moving, held)
+        rest, more = self._parts[key]
+        results = [self.work(shape) for shape in shapes]
+        inputs = (*(block.place for block in blocks), *more)
+        self.body.append(Call(rest, inputs, tuple(result.place for result in results if result.size)))
+        return tuple(results) if several else results[0]
+
+    def _divided(
+        self, traced: Any, moving: tuple[bool, ...], held: tuple[Slice, ...]
+    ) -> tuple[Any, tuple[Slice, ...]]:
+        """What is called for every column, and where that finds the numbers that are computed outside."""
+        from flexhinf.scalars import divide
+
+        before, rest = divide(traced, moving)
+        if before is None:
+            return rest, ()
+        values = self._outside.work((before.size1_out(0),)).place
+        self._outside.body.append(Call(before, held, (values,)))
+        return rest, (values,)
 
 
 def _constants(array: Any) -> Any:

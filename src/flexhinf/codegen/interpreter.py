@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.kernel import Kernel, Status
-from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Step, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Step, Sweep, When
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -109,6 +109,8 @@ class BoundWalk:
     def _walk(self, step: Step) -> Walk:
         if isinstance(step, Call | Map):
             return self._call(step)
+        if isinstance(step, Sweep):
+            return self._sweep(step)
         if isinstance(step, OuterSum):
             return self._outer_sum(step)
         if isinstance(step, Cholesky):
@@ -160,8 +162,7 @@ class BoundWalk:
             evaluator.set_res(k, result.data)
         sources = [self._column_of(piece) for piece in step.inputs]
         targets = [self._column_of(piece) for piece in step.outputs]
-        moving = [k for k, piece in enumerate(step.inputs) if isinstance(piece, Columns)]
-        columns, times = (step.count, step.times) if isinstance(step, Map) else (1, 1)
+        columns = step.count if isinstance(step, Map) else 1
 
         def call(
             turns: tuple[int, ...], _alive: Any = evaluator
@@ -170,14 +171,30 @@ class BoundWalk:
                 for argument, source in zip(arguments, sources, strict=True):
                     argument[:] = source(turns, column)
                 trigger()
-                for _ in range(times - 1):
-                    for k, result in zip(moving, results, strict=True):
-                        arguments[k][:] = result
-                    trigger()
                 for target, result in zip(targets, results, strict=True):
                     target(turns, column)[:] = result
 
         return call
+
+    def _sweep(self, step: Sweep) -> Walk:
+        self._columns[COLUMN] = memory = np.full(step.size, np.nan)
+        before, after = (
+            [(self._column_of(columns), self._view(place)) for columns, place in pairs]
+            for pairs in (step.inputs, step.outputs)
+        )
+        body = [self._walk(part) for part in step.body]
+
+        def sweep(turns: tuple[int, ...]) -> None:
+            for column in range(step.count):
+                memory[:] = np.nan
+                for matrix, place in before:
+                    place(())[:] = matrix(turns, column)
+                for walk in body:
+                    walk(turns)
+                for matrix, place in after:
+                    matrix(turns, column)[:] = place(())
+
+        return sweep
 
     def _outer_sum(self, step: OuterSum) -> Walk:
         left, right, target = (self._view(piece) for piece in (step.left, step.right, step.target))

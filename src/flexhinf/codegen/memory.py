@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import prod
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from flexhinf.errors import InvalidInput
 
+if TYPE_CHECKING:
+    import casadi
+
 __all__ = [
+    "COLUMN",
+    "Block",
     "Buffer",
     "Columns",
     "Order",
     "Role",
     "Slice",
+    "check_function",
     "check_identifier",
     "is_integer",
     "overlap",
@@ -21,6 +29,9 @@ __all__ = [
 
 Role = Literal["in", "out", "state", "work"]
 Order = Literal["C", "F"]
+
+#: The memory of the column in hand, inside of a `flexhinf.codegen.steps.Sweep`; no buffer of a program.
+COLUMN = "column"
 
 
 @dataclass(frozen=True)
@@ -183,6 +194,65 @@ class Columns:
         return f"columns of {self.whole}"
 
 
+@dataclass(frozen=True)
+class Block:
+    """An array of a program that is being composed: where it lies, its shape, and its order.
+
+    Parameters
+    ----------
+    piece : Slice or None
+        None for an array without elements.
+    shape : tuple of int
+    order : {"C", "F"}
+        Of a matrix: rows, or columns, one after the other. Only matrices may have "F".
+    """
+
+    piece: Slice | None
+    shape: tuple[int, ...]
+    order: Order = "C"
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return prod(self.shape)
+
+    @property
+    def place(self) -> Slice:
+        """Where it lies; only for arrays with elements."""
+        if self.piece is None:
+            raise InvalidInput("An empty array has no place.", f"got shape {self.shape}", "no step for it")
+        return self.piece
+
+    @property
+    def T(self) -> Block:
+        """The transposed matrix: the same elements in the other order."""
+        return Block(self.piece, self.shape[::-1], "F" if self.order == "C" else "C")
+
+    @property
+    def columns(self) -> Columns:
+        """The columns of a matrix, for a `Map`."""
+        return Columns(self.place, self.shape[1], self.order)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, part: slice) -> Block:
+        """Neighbouring elements of a vector, or rows of a matrix in C order."""
+        start, stop, _ = part.indices(self.shape[0])
+        shape = (max(0, stop - start), *self.shape[1:])
+        if not prod(shape):
+            return Block(None, shape)
+        width, piece = prod(self.shape[1:]), self.place
+        return Block(replace(piece, offset=piece.offset + start * width, size=prod(shape)), shape)
+
+    def reshape(self, *shape: Any) -> Block:
+        """The same elements in C order in another shape."""
+        wanted = tuple(shape[0]) if len(shape) == 1 and isinstance(shape[0], tuple) else tuple(shape)
+        if prod(wanted) != self.size or self.order == "F":
+            raise InvalidInput("A block does not fit another shape.", f"got {self} and {wanted}", "C order")
+        return Block(self.piece, wanted)
+
+
 def whole(piece: Slice | Columns) -> Slice:
     """All that the columns of a matrix cover; a slice is its own."""
     return piece.whole if isinstance(piece, Columns) else piece
@@ -208,3 +278,45 @@ def check_identifier(name: object, kind: str) -> None:
             f"expected an ASCII identifier, got {name!r}",
             "letters, digits and underscores, not starting with a digit",
         )
+
+
+def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+    """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
+    if not function.is_a("SXFunction"):
+        raise InvalidInput(
+            f"Function '{function.name()}' cannot be compiled.",
+            f"expected a casadi.Function of SX operations, got {function.class_name()}",
+            "function.expand(), or trace it with flexhinf.scalars.trace",
+        )
+    if function.has_free():
+        raise InvalidInput(
+            f"Function '{function.name()}' has symbols that are no arguments.",
+            f"free symbols: {', '.join(function.get_free())}",
+            "pass them as arguments",
+        )
+    arguments = [function.sparsity_in(k) for k in range(function.n_in())]
+    results = [function.sparsity_out(k) for k in range(function.n_out())]
+    _check_sizes(function.name(), "argument", function.name_in(), arguments, inputs)
+    _check_sizes(function.name(), "result", function.name_out(), results, outputs)
+
+
+def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
+    if len(shapes) != len(pieces):
+        raise InvalidInput(
+            f"Function '{function}' is called with the wrong number of {kind}s.",
+            f"expected {len(shapes)} slices ({', '.join(names)}), got {len(pieces)}",
+            f"one slice per {kind}",
+        )
+    for name, shape, piece in zip(names, shapes, pieces, strict=True):
+        if not shape.is_dense():
+            raise InvalidInput(
+                f"Function '{function}' has the sparse {kind} '{name}'.",
+                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
+                "casadi.densify",
+            )
+        if shape.numel() != piece.size:
+            raise InvalidInput(
+                f"Function '{function}' does not fit the slice for its {kind} '{name}'.",
+                f"expected {shape.numel()} elements, got {piece}",
+                f"a slice of size {shape.numel()}",
+            )

@@ -30,7 +30,7 @@ class Program:
     name : str
         An identifier.
     buffers : tuple of Buffer
-    body : tuple of Call, Map, OuterSum, Cholesky, Copy, Normal, Guard, Repeat or When
+    body : tuple of Call, Map, Sweep, OuterSum, Cholesky, Copy, Normal, Guard, Repeat or When
     counts : tuple of str
         Names of the run-time integers that `Repeat` and shifted slices use.
 

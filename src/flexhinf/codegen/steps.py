@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from flexhinf.codegen.memory import Columns, Slice, is_integer, overlap, whole
+from flexhinf.codegen.memory import COLUMN, Columns, Slice, check_function, is_integer, overlap, whole
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ __all__ = [
     "Repeat",
     "Simple",
     "Step",
+    "Sweep",
     "When",
     "slices",
 ]
@@ -48,7 +49,7 @@ class Call:
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
-        _check_function(self.function, self.inputs, self.outputs)
+        check_function(self.function, self.inputs, self.outputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,39 +64,27 @@ class Map:
         A slice is the same for all columns.
     outputs : tuple of Columns
         May be the very columns of an input (in place), but overlap no input otherwise.
-    times : int
-        How often: with more than once, what is computed takes the place of the columns that are read.
 
     Raises
     ------
     InvalidInput
-        As `Call`; columns of different numbers, no columns, results that overlap arguments, or that cannot take
-        their place.
+        As `Call`; columns of different numbers, no columns, or results that overlap arguments.
     """
 
     function: casadi.Function
     inputs: tuple[Slice | Columns, ...]
     outputs: tuple[Columns, ...]
-    times: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
-        _check_function(self.function, self.inputs, self.outputs)
+        check_function(self.function, self.inputs, self.outputs)
         counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
         if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
             raise InvalidInput(
                 f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
                 f"expected results in columns, and one number of columns, got {sorted(counts)}",
                 "Columns(slice, count) for every result, with the same count",
-            )
-        moving = [piece.size for piece in self.inputs if isinstance(piece, Columns)]
-        again = self.times == 1 or moving == [piece.size for piece in self.outputs]
-        if not is_integer(self.times) or self.times < 1 or not again:
-            raise InvalidInput(
-                f"Function '{self.function.name()}' cannot be mapped again and again.",
-                f"expected times >= 1, and columns in of the sizes of those out, got {self.times!r} and {moving}",
-                "times=1",
             )
         for result in self.outputs:
             for piece in self.inputs:
@@ -331,7 +320,65 @@ class When:
             )
 
 
-Simple: TypeAlias = Call | Map | OuterSum | Cholesky | Copy | Normal | Guard
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Run steps on every column of matrices, in any order, several at once; a column has memory of its own meanwhile.
+
+    Parameters
+    ----------
+    body : tuple of Call, Copy and Repeat
+        They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all columns.
+    inputs, outputs : tuple of (Columns, Slice)
+        Columns of a matrix, and where each is before or after the steps, in a memory of `size` numbers.
+
+    Raises
+    ------
+    InvalidInput
+        Other steps, columns of different numbers, sizes that do not fit, or writing elsewhere.
+    """
+
+    body: tuple[Step, ...]
+    inputs: tuple[tuple[Columns, Slice], ...]
+    outputs: tuple[tuple[Columns, Slice], ...]
+    size: int
+
+    def __post_init__(self) -> None:
+        for field in ("body", "inputs", "outputs"):
+            object.__setattr__(self, field, tuple(getattr(self, field)))
+        pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))
+        known = all(isinstance(step, Call | Copy) for step in steps)
+        read, written = (
+            [piece for step in steps for piece in slices(step)[k]] if known else [] for k in (0, 1)
+        )
+        inside = [
+            *(place for _, place in pairs),
+            *written,
+            *(piece for piece in read if piece.buffer == COLUMN),
+        ]
+        fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
+        fits = fits and all(columns.size == place.size for columns, place in pairs)
+        if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
+            raise InvalidInput(
+                "A sweep over columns does not fit.",
+                f"expected calls, copies and fixed loops writing to '{COLUMN}' ({self.size} numbers), columns of one "
+                f"count, got {self.inputs} and {self.outputs}",
+                "Composer.sweep",
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.outputs[0][0].count
+
+
+def leaves(body: Sequence[Any]) -> Iterator[Any]:
+    """The steps of a body and of its loops of a fixed count, without those loops."""
+    for step in body:
+        fixed = isinstance(step, Repeat) and not isinstance(step.count, str)
+        yield from leaves(step.body) if fixed else (step,)
+
+
+Simple: TypeAlias = Call | Map | Sweep | OuterSum | Cholesky | Copy | Normal | Guard
 Step: TypeAlias = Simple | Repeat | When
 
 
@@ -339,6 +386,10 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     """The slices that a step reads, and those that it writes."""
     if isinstance(step, Call | Map):
         return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
+    if isinstance(step, Sweep):
+        inside = [piece for leaf in leaves(step.body) for piece in slices(leaf)[0] if piece.buffer != COLUMN]
+        columns = [tuple(matrix.whole for matrix, _ in pairs) for pairs in (step.inputs, step.outputs)]
+        return (*columns[0], *inside), columns[1]
     if isinstance(step, OuterSum):
         read = (step.left, step.right, step.weights, step.plus)
         return tuple(piece for piece in read if piece is not None), (step.target,)
@@ -347,45 +398,3 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     if isinstance(step, Normal):
         return (step.step, step.key), (step.target,)
     return (step.flag if isinstance(step, When) else step.source,), ()
-
-
-def _check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-    """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
-    if not function.is_a("SXFunction"):
-        raise InvalidInput(
-            f"Function '{function.name()}' cannot be compiled.",
-            f"expected a casadi.Function of SX operations, got {function.class_name()}",
-            "function.expand(), or trace it with flexhinf.scalars.trace",
-        )
-    if function.has_free():
-        raise InvalidInput(
-            f"Function '{function.name()}' has symbols that are no arguments.",
-            f"free symbols: {', '.join(function.get_free())}",
-            "pass them as arguments",
-        )
-    arguments = [function.sparsity_in(k) for k in range(function.n_in())]
-    results = [function.sparsity_out(k) for k in range(function.n_out())]
-    _check_sizes(function.name(), "argument", function.name_in(), arguments, inputs)
-    _check_sizes(function.name(), "result", function.name_out(), results, outputs)
-
-
-def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
-    if len(shapes) != len(pieces):
-        raise InvalidInput(
-            f"Function '{function}' is called with the wrong number of {kind}s.",
-            f"expected {len(shapes)} slices ({', '.join(names)}), got {len(pieces)}",
-            f"one slice per {kind}",
-        )
-    for name, shape, piece in zip(names, shapes, pieces, strict=True):
-        if not shape.is_dense():
-            raise InvalidInput(
-                f"Function '{function}' has the sparse {kind} '{name}'.",
-                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
-                "casadi.densify",
-            )
-        if shape.numel() != piece.size:
-            raise InvalidInput(
-                f"Function '{function}' does not fit the slice for its {kind} '{name}'.",
-                f"expected {shape.numel()} elements, got {piece}",
-                f"a slice of size {shape.numel()}",
-            )

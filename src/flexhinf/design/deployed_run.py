@@ -24,7 +24,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Moving, Step
-from flexhinf.robot import Robot
+from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.signals import signal_names
 from flexhinf.untrusted import value_text
@@ -71,6 +71,8 @@ class DeployedRun:
     plants : LoopPlants
         Of the robot that the controller was designed for: sensors, noise and limits.
     controller : Controller
+    box : MuJoCoPlant
+        The robot that is driven, in MuJoCo.
     loop : Loop
     start, goal : (n,)
         Link positions, rad or m.
@@ -85,6 +87,7 @@ class DeployedRun:
     specification: Specification
     plants: LoopPlants
     controller: Controller
+    box: MuJoCoPlant
     loop: Loop
     start: np.ndarray
     goal: np.ndarray
@@ -124,7 +127,7 @@ class DeployedRun:
         if not run.timing.real_time:
             return lines
         missed = Requirement(
-            "missed deadlines", 0.0, float(run.timing.missed.sum()), "", True, WHERE,
+            "missed deadlines", 0.0, 100.0 * float(np.mean(run.timing.missed)), "%", True, WHERE,
             "samples whose input was not there before the next sample was due",
         )  # fmt: skip
         return [missed, *lines]
@@ -182,7 +185,7 @@ def prepare_run(
     if controller.estimator is not None and not np.allclose(begun, start, rtol=0.0, atol=1e-12):
         arguments["initial_estimate"] = model.operating_point(start)[0]
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
-    return DeployedRun(robot, s, plants, controller, loop, start, goal, plan, arguments, conditions)
+    return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 
 
 def _standing(

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.plant import Estimator, Gaussian, Plant, rk4_step, sub_steps
+from flexhinf.plant import Estimator, Gaussian, Plant, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
@@ -278,8 +278,19 @@ class RecursiveFilter(Estimator):
 
     def sub_step(self, x: Any, u: Any, p: Any) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
-        step, still = self.period / self.sub_steps, np.zeros(len(self.plant.disturbances))
-        return rk4_step(lambda s, v: self.plant.evaluate_flow(s, v, still, p), x, (u, u, u), step)
+        return rk4_stages(DIRECT, self.flow, x, self.period / self.sub_steps, u, p)
+
+    def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
+        """F of Eq. (9) on a run, with one text of the flow for all stages of all steps."""
+
+        def step(x: Any) -> tuple[Any]:
+            return (rk4_stages(run, self.flow, x, self.period / self.sub_steps, u, p),)
+
+        return run.repeat(self.sub_steps, step, x)[0]
+
+    def flow(self, x: Any, u: Any, p: Any) -> Any:
+        """ẋ without disturbances; p is the vector of parameters."""
+        return self.plant.evaluate_flow(x, u, np.zeros(len(self.plant.disturbances)), p)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:
         """H of Eq. (9); p is the vector of parameters."""

@@ -111,7 +111,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
-        moved = self.inside(run, run.columns(self.sub_step, points, u, p, times=self.sub_steps))  # 2
+        moved = self.inside(run, run.sweep(self.moved, points, u, p))  # 2
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
         deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4

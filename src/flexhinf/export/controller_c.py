@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Program, Repeat, When
+from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Program, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
@@ -284,7 +284,9 @@ def _operations(step: Step) -> int:
     if isinstance(step, Call):
         return step.function.n_instructions()
     if isinstance(step, Map):
-        return step.count * step.times * step.function.n_instructions()
+        return step.count * step.function.n_instructions()
+    if isinstance(step, Sweep):
+        return step.count * sum(map(_operations, step.body))
     if isinstance(step, OuterSum):
         return step.count * step.target.size
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import add_part, product
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import digest, trace
+
+if TYPE_CHECKING:
+    from flexhinf.certify.certificate import Certificate
 
 __all__ = ["EXACT_INPUT_MATRIX", "GradientLaw", "HJISolution", "input_matrix_of", "load_solution"]
 
@@ -101,6 +104,53 @@ class HJISolution(ValueFunction, Law):
     def checked_margin(self, gamma: float | None = None, penalty: Penalty | None = None) -> CheckedMargin:
         """How much weaker the checked pair of `sampled_region` is than the designed one, near 0; same arguments."""
         return checked_margin(self, gamma, penalty)
+
+    def certify(
+        self,
+        gamma: float | None = None,
+        penalty: Penalty | None = None,
+        level: float | None = None,
+        *,
+        decay: float = 0.0,
+        about: str = "",
+        threads: int = 1,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> Certificate:
+        """Prove the dissipation inequality on a level set of V, by arithmetic that cannot round the wrong way.
+
+        Parameters
+        ----------
+        gamma, penalty
+            The checked pair, weaker than the designed one; as `sampled_region`.
+        level : float, optional
+            The level c to prove. Default: the largest that is proved, from just below the one that
+            `sampled_region` finds.
+        decay : float
+            α in V̇ ≤ −αV + ½γ²|d|² − ½|z|²: with α > 0 the region is invariant for all |d| ≤ √(2αc)/γ.
+        about : str
+            What is certified, for readers of the certificate.
+        threads : int
+            The certificate does not depend on it.
+        progress : callable, optional
+            Called with the number of cells done and the estimated share of the whole, many times.
+
+        Returns
+        -------
+        Certificate
+            Of the state feedback, nominal parameters: see docs/certificate.md for what it claims.
+
+        Raises
+        ------
+        InvalidInput
+            A plant of more than five states, or with functions that the method cannot take, by name.
+        NumericalFailure
+            `flexhinf.certify.NotProved`: the level, or none, could be proved; ``.point`` is where it fails.
+        """
+        from flexhinf.certify.proof import certify
+
+        return certify(
+            self, gamma, penalty, level, decay=decay, about=about, threads=threads, progress=progress
+        )
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.

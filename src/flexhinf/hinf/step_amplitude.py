@@ -9,7 +9,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["equilibrium_state", "step_amplitude"]
+__all__ = ["equilibrium_state", "settled", "step_amplitude", "step_roles"]
 
 _INTEGRAL = "_integral"
 _STEPS = 200  # continuation steps up to the amplitude that the quadratic part predicts
@@ -47,11 +47,11 @@ def step_amplitude(
     Followed by continuation from a = 0, because the minimum over the integrals can jump to another
     component of the level set. At an equilibrium every rate but the integrals' vanishes, with some constant input.
     """
-    shares, free = _roles(solution.state_names, moved, integrals)
+    shares, free = step_roles(solution.state_names, moved, integrals)
     if not np.isfinite(level) or level <= 0:
         return float(max(level, 0.0))
     probe = 1e-3
-    state = _settled(solution, equilibrium_state(solution, -probe * shares, free), free)
+    state = settled(solution, equilibrium_state(solution, -probe * shares, free), free)
     step = probe * float(np.sqrt(level / solution.value(state))) / _STEPS
     reached, state = 0.0, np.zeros(len(shares))
     for index in range(1, _LONGEST * _STEPS + 1):
@@ -59,14 +59,14 @@ def step_amplitude(
         start = equilibrium_state(
             solution, -amplitude * shares, free, guess=state * amplitude / max(reached, step)
         )
-        state = _settled(solution, start, free)
+        state = settled(solution, start, free)
         if solution.value(state) > level:
             return reached
         reached = amplitude
     return reached
 
 
-def _roles(
+def step_roles(
     names: tuple[str, ...], moved: str | Mapping[str, float] | None, integrals: Sequence[str] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of every state in the step, and which states are integrals."""
@@ -138,7 +138,7 @@ def equilibrium_state(
     return x
 
 
-def _settled(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray:
+def settled(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray:
     """The nearest minimum of V over the free states, by damped Newton steps."""
     index = np.flatnonzero(free)
     if len(index) == 0:

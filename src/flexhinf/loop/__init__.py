@@ -13,7 +13,9 @@ from flexhinf.loop.signals.spline import Spline
 from flexhinf.loop.signals.waypoints import Waypoints
 from flexhinf.loop.simulation.closed_loop import Loop
 from flexhinf.loop.simulation.compiled_runs import PreparedRun, run_many
+from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
 from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
+from flexhinf.loop.simulation.reductions import Instant, Reduction
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import BlackBox
 
@@ -21,11 +23,15 @@ __all__ = [
     "BlackBox",
     "Constant",
     "Controller",
+    "Ensemble",
+    "EnsembleResult",
+    "Instant",
     "JerkLimited",
     "Loop",
     "Moving",
     "PreparedRun",
     "Quintic",
+    "Reduction",
     "Samples",
     "Schedule",
     "Signal",

@@ -2,7 +2,7 @@
 
 from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.plant.from_control import plant_from_control
-from flexhinf.plant.integration import rk4_step, sub_steps
+from flexhinf.plant.integration import fastest_modes, rk4_stages, rk4_step, sub_steps
 from flexhinf.plant.linear import linear_plant
 from flexhinf.plant.model_code import StoredCode
 from flexhinf.plant.parameters import Parameters, ParameterTable
@@ -27,9 +27,11 @@ __all__ = [
     "ProblemLaw",
     "StoredCode",
     "equilibrium",
+    "fastest_modes",
     "linear_plant",
     "plant_from_control",
     "python_control",
+    "rk4_stages",
     "rk4_step",
     "sub_steps",
 ]

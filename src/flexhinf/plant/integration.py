@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.plant.parameters import ParameterTable
+from flexhinf.untrusted import real_array
 
-__all__ = ["SIMULATION_STEP", "rk4_step", "sub_steps"]
+__all__ = ["SIMULATION_STEP", "fastest_modes", "rk4_stages", "rk4_step", "sub_steps"]
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
 #: so that a vibration with little damping is right to 1e-9 for some periods.
@@ -18,6 +21,25 @@ SIMULATION_STEP = 0.01
 
 #: More sub-steps per sample than this are a mistake in the parameters rather than a plant.
 MOST_SUB_STEPS = 100_000
+
+
+class Linearised(Protocol):
+    """What of a `Plant` its modes are computed from."""
+
+    @property
+    def states(self) -> Sequence[str]: ...
+    @property
+    def inputs(self) -> Sequence[str]: ...
+    @property
+    def disturbances(self) -> Sequence[str]: ...
+    @property
+    def parameters(self) -> ParameterTable: ...
+    @property
+    def engaged(self) -> Callable[[Any, Any], Any] | None: ...
+    @property
+    def traced_jacobians(self) -> Any:
+        """∂flow/∂x and others as one CasADi function of (x, u, d, parameter vector)."""
+        ...
 
 
 def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
@@ -35,11 +57,50 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
         Length of the step, s.
     """
     start, middle, end = inputs
-    k1 = np.asarray(flow(x, start))
-    k2 = np.asarray(flow(x + step / 2 * k1, middle))
-    k3 = np.asarray(flow(x + step / 2 * k2, middle))
-    k4 = np.asarray(flow(x + step * k3, end))
-    return x + step / 6 * (k1 + 2 * (k2 + k3) + k4)
+    k1 = flow(x, start)
+    k2 = flow(_Ahead(step / 2)(x, k1), middle)
+    k3 = flow(_Ahead(step / 2)(x, k2), middle)
+    k4 = flow(_Ahead(step)(x, k3), end)
+    return _Whole(step)(x, k1, k2, k3, k4)
+
+
+def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
+    """`rk4_step` of ẋ = flow(x, *held), the flow called four times by a run.
+
+    Parameters
+    ----------
+    run : flexhinf.codegen.Direct or Composer
+    flow : callable
+    x : (n,)
+    step : float
+        s.
+    held : arrays
+    """
+    k1 = run.call(flow, x, *held)
+    k2 = run.call(flow, run.call(_Ahead(step / 2), x, k1), *held)
+    k3 = run.call(flow, run.call(_Ahead(step / 2), x, k2), *held)
+    k4 = run.call(flow, run.call(_Ahead(step), x, k3), *held)
+    return run.call(_Whole(step), x, k1, k2, k3, k4)
+
+
+@dataclass(frozen=True)
+class _Ahead:
+    """x + h k; equal ones are one function."""
+
+    step: float
+
+    def __call__(self, x: Any, k: Any) -> Any:
+        return x + self.step * np.asarray(k)
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """x + h (k1 + 2 (k2 + k3) + k4) / 6."""
+
+    step: float
+
+    def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
+        return x + self.step / 6 * (np.asarray(k1) + 2 * (np.asarray(k2) + np.asarray(k3)) + np.asarray(k4))
 
 
 def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_STEP) -> int:
@@ -68,3 +129,38 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
             "check the units of the parameters; leave out a mode that is far faster than the control",
         )
     return max(1, math.ceil(wanted))
+
+
+def fastest_modes(plant: Linearised, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+    """`Plant.fastest_mode` of plants that differ in their parameters, (N, P), all at one point: (N,), rad/s.
+
+    Raises
+    ------
+    InvalidInput
+        If one of them has no finite Jacobian there.
+    """
+    point = np.zeros(len(plant.states)) if x is None else real_array(x)
+    held = np.zeros(len(plant.inputs)) if u is None else real_array(u)
+    points = [np.broadcast_to(point, (len(parameters), len(plant.states)))]
+    if plant.engaged is not None and len(parameters):
+        points.append(np.array([plant.engaged(point, plant.parameters.named(row)) for row in parameters]))
+    return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
+
+
+def _fastest_at(plant: Linearised, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    count, n = points.shape
+    if not count:
+        return np.zeros(0)
+    rest = (np.tile(row[:, None], count) for row in (u, np.zeros(len(plant.disturbances))))
+    jacobians = np.asarray(plant.traced_jacobians(points.T, *rest, parameters.T)[0], dtype=float)
+    jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
+    bad = np.argwhere(~np.isfinite(jacobians))
+    if len(bad):
+        k, row, column = bad[0].tolist()
+        raise InvalidInput(
+            "The plant has no linearisation at this point.",
+            f"expected finite derivatives, got d({plant.states[row]}')/d({plant.states[column]}) = "
+            f"{jacobians[k, row, column]} at x = {points[k].tolist()}",
+            "a point where the model is smooth",
+        )
+    return np.abs(np.linalg.eigvals(jacobians)).max(axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.to_control import linear_system, nonlinear_system
@@ -357,22 +358,11 @@ class Model(Summarised):
         InvalidInput
             If the plant has no finite Jacobian there.
         """
-        points = [np.zeros(self.n) if x is None else real_array(x)]
-        if self.engaged is not None:
-            points.append(self.engaged(points[0], self.parameters.named(self.parameters.vector())))
-        return max(self._fastest_at(point, u) for point in points)
-
-    def _fastest_at(self, x: np.ndarray, u: Any) -> float:
-        a = self.linearise(x, u)[0]
-        if not np.all(np.isfinite(a)):
-            row, column = np.argwhere(~np.isfinite(a))[0]
-            raise InvalidInput(
-                "The plant has no linearisation at this point.",
-                f"expected finite derivatives, got d({self.states[row]}')/d({self.states[column]}) = "
-                f"{a[row, column]} at x = {x.tolist()}",
-                "a point where the model is smooth",
-            )
-        return float(np.abs(np.linalg.eigvals(a)).max())
+        point = [
+            _points(value, names, letter, 1)[0]
+            for value, names, letter in ((x, self.states, "x"), (u, self.inputs, "u"))
+        ]
+        return float(fastest_modes(self, self.parameters.vector()[None], *point)[0])
 
 
 def _points(value: Any, names: Sequence[str], letter: str, at_once: int | None = None) -> np.ndarray:

@@ -3,6 +3,7 @@
 from flexhinf.report.blocks import Bullets, Figure, FigureRow, Listing, Note, Paragraph
 from flexhinf.report.claims import Claim, ClaimEvidence, Claims, by_verdict, summary
 from flexhinf.report.figure import (
+    GRID,
     INK,
     MUTED,
     SERIES,
@@ -24,8 +25,8 @@ from flexhinf.report.table import Column, Table
 from flexhinf.report.text import number, to_json
 
 __all__ = [
-    "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure", "FigureRow",
-    "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
+    "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure",
+    "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
     "Status", "Table", "by_verdict", "check", "figure_to_svg", "house_style", "is_report", "label", "legend",
     "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary", "time_response",
     "to_json", "unchanged", "versions", "write",

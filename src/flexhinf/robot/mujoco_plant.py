@@ -41,6 +41,12 @@ MISSING = {
 #: with τ (1 − d) / (d J b), b = 2 / (d · time constant): 5e-6 rad/s for 1 N·m and 1 kg·m².
 STICKING = 'solreffriction="0.01 1" solimpfriction="0.999 0.999 0.001"'
 
+#: Light and sky of MuJoCo's viewer; without them it is black.
+LOOK = (
+    '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.6 0.6 0.6"/></visual><asset><texture type="skybox" '
+    'builtin="gradient" rgb1="0.98 0.98 0.99" rgb2="0.86 0.89 0.92" width="16" height="96"/></asset>'
+)
+
 
 class MuJoCoPlant(BlackBox):
     """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4.
@@ -211,7 +217,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     turning = [own[i] if i in layout.rigid else "" for i in range(n)]
     return (
         f'<mujoco><compiler angle="radian"/><option integrator="RK4" gravity="{_row(robot.links.fall(p))}">'
-        f'<flag contact="disable"/></option><worldbody>{_bodies(rigid, -1, links, turning)}'
+        f'<flag contact="disable"/></option>{LOOK}<worldbody>{_bodies(rigid, -1, links, turning)}'
         f"{''.join(rotors)}</worldbody>"
         f"<tendon>{''.join(springs)}</tendon></mujoco>"
     )

@@ -6,7 +6,18 @@ from flexhinf.scalars.piecewise import absolute, clip, maximum, minimum, sign, w
 from flexhinf.scalars.series import Series, derivative, series
 from flexhinf.scalars.stored import function_arrays, function_from_arrays
 from flexhinf.scalars.symbol import Symbol
-from flexhinf.scalars.trace import apply, digest, drop_empty, jacobian, pack, serial, symbols, trace, unpack
+from flexhinf.scalars.trace import (
+    apply,
+    digest,
+    divide,
+    drop_empty,
+    jacobian,
+    pack,
+    serial,
+    symbols,
+    trace,
+    unpack,
+)
 
 __all__ = [
     "Jet",
@@ -19,6 +30,7 @@ __all__ = [
     "coefficients",
     "derivative",
     "digest",
+    "divide",
     "drop_empty",
     "function_arrays",
     "function_from_arrays",

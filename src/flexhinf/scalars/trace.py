@@ -15,7 +15,18 @@ from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.untrusted import is_real, value_text
 
-__all__ = ["apply", "digest", "drop_empty", "jacobian", "pack", "serial", "symbols", "trace", "unpack"]
+__all__ = [
+    "apply",
+    "digest",
+    "divide",
+    "drop_empty",
+    "jacobian",
+    "pack",
+    "serial",
+    "symbols",
+    "trace",
+    "unpack",
+]
 
 Shape = int | tuple[int, ...]
 
@@ -158,3 +169,82 @@ def drop_empty(function: ca.Function) -> ca.Function:
     if len(kept) == len(arguments):
         return function
     return ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
+
+
+def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
+    """A function in two: what depends on some of its arguments alone, and the rest.
+
+    Quotients by what is computed before are products with its reciprocal, which is computed before too.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        As `trace` makes it.
+    moving : sequence of bool
+        Which arguments the rest alone may read.
+
+    Returns
+    -------
+    before : casadi.Function or None
+        Of the other arguments: a column of numbers. None where there is nothing to compute.
+    rest : casadi.Function
+        Of all arguments, and of that column if there is one: the results of the function.
+    """
+    arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
+    results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
+    places: dict[int, _Value] = {}  # of the function's work vector
+    before: list[ca.SX] = []
+    names: list[ca.SX] = []
+
+    def named(value: ca.SX) -> ca.SX:
+        before.append(value)
+        names.append(ca.SX.sym(f"before{len(names)}"))
+        return names[-1]
+
+    def outside(value: _Value) -> ca.SX:
+        """A number as the rest has it."""
+        if not value.moves and not value.given and value.name is None:
+            value.name = named(value.sx)
+        return value.sx if value.name is None else value.name
+
+    for k in range(function.n_instructions()):
+        code, read = function.instruction_id(k), function.instruction_input(k)
+        written = function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            results[written[0]][written[1]] = outside(places[read[0]])
+            continue
+        if code == ca.OP_CONST:
+            value = _Value(ca.SX(function.instruction_constant(k)), False, True)
+        elif code == ca.OP_INPUT:
+            value = _Value(arguments[read[0]][read[1]], moving[read[0]], True)
+        else:
+            operands = [places[place] for place in read]
+            moves = any(operand.moves for operand in operands)
+            given = [outside(operand) if moves else operand.sx for operand in operands]
+            if moves and code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
+                code, given[1] = ca.OP_MUL, operands[1].reciprocal(named)
+            build = ca.SX.unary if len(given) == 1 else ca.SX.binary
+            value = _Value(build(code, *given), moves, False)
+        places[written[0]] = value
+    if not before:
+        return None, function
+    held = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
+    one = ca.Function("before", held, [ca.densify(ca.vertcat(*before))], {"cse": True})
+    rest = ca.Function(function.name(), [*arguments, ca.vertcat(*names)], list(map(ca.densify, results)))
+    return one, rest
+
+
+@dataclass
+class _Value:
+    """A number of a function that is divided: whether it moves, is an argument or a constant, and its later names."""
+
+    sx: ca.SX
+    moves: bool
+    given: bool
+    name: ca.SX | None = None
+    inverse: ca.SX | None = None
+
+    def reciprocal(self, named: Callable[[ca.SX], ca.SX]) -> ca.SX:
+        if self.inverse is None:
+            self.inverse = named(1.0 / self.sx)
+        return self.inverse

@@ -5,6 +5,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.codegen.emit.trigonometry import REACH
 
 X = casadi.SX.sym("x")
@@ -72,3 +73,20 @@ def test_symmetry_is_exact(pointwise):
         np.testing.assert_array_equal(
             pointwise(FUNCTIONS[name], -points), sign * pointwise(FUNCTIONS[name], points)
         )
+
+
+def test_what_is_done_again_for_a_far_angle_still_has_its_arguments():
+    """In place: nothing is overwritten before all angles are known to be near, also where only the last one is not."""
+    x = casadi.SX.sym("x", 2)
+    function = casadi.Function("turn", [x], [casadi.vertcat(casadi.sin(x[1]), casadi.cos(x[0]) + x[1])])
+    piece = Slice("x", size=2)
+    program = Program("again", (Buffer("x", 2, "state"),), (Call(function, (piece,), (piece,)),))
+    start = np.array([[0.1, 1e200, np.nan, 3.0], [2.0, 0.3, 1e15, -0.0]])
+    found, alone = start.copy(), np.empty_like(start)
+    compile_program(program, 4).run({"x": found})
+    for lane in range(4):
+        one = start[:, lane].copy()
+        compile_program(program).run({"x": one})
+        alone[:, lane] = one
+    np.testing.assert_array_equal(found, alone)
+    np.testing.assert_allclose(found, [np.sin(start[1]), np.cos(start[0]) + start[1]], rtol=1e-15)

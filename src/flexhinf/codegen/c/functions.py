@@ -7,7 +7,7 @@ what later loops need of earlier ones is kept in rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi
@@ -28,7 +28,7 @@ def function_text(
     lanes: int = 1,
     moving: tuple[bool, ...] = (),
     calls: Mapping[int, str] | None = None,
-    rows: Mapping[int, str] | None = None,
+    rows: Callable[[tuple[int, ...]], str] | None = None,
 ) -> str:
     """The definition of ``static void name(in₀, …, out₀, …)``.
 
@@ -38,13 +38,16 @@ def function_text(
     function : casadi.Function
     real : Real
     lanes : int
-        For more than one, element e of a moving argument or of a result is the row ``[e * lanes + lane]``, and no
-        result may lie where an argument does. For one, every store comes after every load, so that results may take
-        the place of arguments.
+        0 for any number of them, which is then the last argument ``count``: of a function without library calls, and
+        with one element in every moving argument and result. For more than one, element e of a moving argument or of
+        a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For one, every store
+        comes after every load, so that results may take the place of arguments.
     moving : tuple of bool
         Which arguments differ from lane to lane.
-    calls, rows : mapping, optional
-        Names of our own C functions for an operation, by CasADi's opcode: of a number, and (x, out) of all lanes.
+    calls : mapping, optional
+        Names of our own C functions for an operation, by CasADi's opcode.
+    rows : callable, optional
+        The name of such a function of all lanes, (x, out…), for the opcodes of its results in ascending order.
 
     Raises
     ------
@@ -52,10 +55,11 @@ def function_text(
         An operation that is not in the table.
     """
     flow = read_dataflow(function, OPERATIONS, fused=True)
-    writer = _Function(flow, real, lanes, moving or (False,) * function.n_in(), calls or {}, rows or {})
-    restrict = "restrict " if lanes > 1 else ""
+    writer = _Function(flow, real, lanes, moving or (False,) * function.n_in(), calls or {}, rows)
+    restrict = "restrict " if lanes != 1 else ""
     arguments = [f"const {real.name} *{restrict}in{k}" for k in range(function.n_in())]
     arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
+    arguments += ["int count"] * (lanes == 0)
     used = {op.arguments[0] for op in flow.operations if op is not None and op.code == casadi.OP_INPUT}
     unused = [f"{INDENT}(void)in{k};" for k in range(function.n_in()) if k not in used]
     body = writer.single() if lanes == 1 else writer.several()
@@ -73,7 +77,7 @@ class _Function:
     lanes: int
     moving: tuple[bool, ...]
     calls: Mapping[int, str]
-    rows: Mapping[int, str]
+    rows: Callable[[tuple[int, ...]], str] | None
 
     def single(self) -> Iterator[str]:
         """Straight lines."""
@@ -96,16 +100,25 @@ class _Function:
             plain = [k for k in here if self.flow.operations[k].code not in LIBRARY]  # type: ignore[union-attr]
             called = [k for k in here if k not in set(plain)]
             yield from self._loop(self._lines(plain, kept, level == last))
-            rows = [k for k in called if self._row_function(k)]
+            rows = [k for k in called if self._of_rows(k)]
             yield from self._loop(self._lines([k for k in called if k not in set(rows)], kept, False))
-            for k in rows:
-                operation = self.flow.operations[k]
-                assert operation is not None
-                yield f"{INDENT}{self._row_function(k)}({self._row_of(operation.arguments[0])}, w{k});"
+            yield from self._row_calls(rows)
+
+    def _row_calls(self, rows: list[int]) -> Iterator[str]:
+        """The calls for all lanes at once; a sine and a cosine of one argument are one call."""
+        of: dict[int, dict[int, int]] = {}  # argument → operation → value
+        for k in rows:
+            operation = self.flow.operations[k]
+            assert operation is not None
+            of.setdefault(operation.arguments[0], {})[operation.code] = k
+        for argument, values in of.items():
+            assert self.rows is not None
+            places = "".join(f", w{values[code]}" for code in sorted(values))
+            yield f"{INDENT}{self.rows(tuple(sorted(values)))}({self._row_of(argument)}{places});"
 
     def _loop(self, lines: list[str]) -> Iterator[str]:
         if lines:
-            yield f"{INDENT}for (int l = 0; l < {self.lanes}; ++l) {{"
+            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
             yield from (INDENT * 2 + line for line in lines)
             yield f"{INDENT}}}"
 
@@ -135,16 +148,16 @@ class _Function:
             ]
         return lines
 
-    def _row_function(self, k: int) -> str:
-        """What computes the value for all lanes at once; empty where nothing does."""
+    def _of_rows(self, k: int) -> bool:
+        """Whether one call computes the value for all lanes."""
         operation = self.flow.operations[k]
-        if operation is None or operation.code not in self.rows:
-            return ""
+        if operation is None or self.rows is None or operation.code not in self.calls:
+            return False
         source = self.flow.operations[operation.arguments[0]]
         held = _is(source, casadi.OP_CONST) or (
             _is(source, casadi.OP_INPUT) and not self.moving[source.arguments[0]]  # type: ignore[union-attr]
         )
-        return "" if held else self.rows[operation.code]
+        return not held
 
     def _row_of(self, value: int) -> str:
         """Where the numbers of all lanes stand."""
@@ -224,7 +237,7 @@ class _Function:
     def _expression(self, operation: Operation, row: str, here: set[int]) -> str:
         if operation.code == casadi.OP_INPUT:
             argument, element = operation.arguments
-            several = self.lanes > 1 and self.moving[argument]
+            several = self.lanes != 1 and self.moving[argument]
             return f"in{argument}[{self._row(element) if several else element}]"
         operands = [self._operand(argument, row, here) for argument in operation.arguments]
         if operation.code in self.calls:

@@ -9,11 +9,12 @@ import casadi
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.functions import INDENT, function_text
 from flexhinf.codegen.c.numbers import Real, constant
+from flexhinf.codegen.c.operations import LIBRARY
 from flexhinf.codegen.c.trigonometry import function as sine_function
 from flexhinf.codegen.c.trigonometry import row_function
-from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import Program, Unsupported
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, Sweep, When
 from flexhinf.scalars import drop_empty
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ class Translator:
                 yield f"{self._function(step.function)}({', '.join(places)});"
             elif isinstance(step, Map):
                 yield from self._map(step, loops)
+            elif isinstance(step, Sweep):
+                yield from self._sweep(step, loops)
             elif isinstance(step, OuterSum):
                 yield self._outer_sum(step, loops)
             elif isinstance(step, Cholesky):
@@ -134,20 +137,24 @@ class Translator:
         return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
 
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
-        """Columns are gathered from where they lie, `lanes` at once, and put back."""
+        """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
+        moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
+        if self.lanes > 1 and _elementwise(step):
+            name = self._function(step.function, 0, moving)
+            places = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
+            yield f"{name}({', '.join(places)}, {step.count});"
+            return
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
-        moving = tuple(isinstance(piece, Columns) for piece in step.inputs)
         name = self._function(step.function, lanes, moving if lanes > 1 else ())
-        through = lanes > 1 or step.times > 1
         declared, gather, scatter, places = [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 places.append(start)
                 continue
             along, across = piece.moves
-            if not through and (along == 1 or piece.size == 1):
+            if lanes == 1 and (along == 1 or piece.size == 1):
                 places.append(f"{start} + {_times('c', across)}")
                 continue
             place = f"column{k}"
@@ -160,37 +167,67 @@ class Translator:
             else:
                 line = f"{self._packer(k < read, lanes)}({start} + {_times('c', across)}, {place}, {sizes}, left);"
             (gather if k < read else scatter).append(line)
-        yield from self._columns_loop(
-            step, lanes, declared, gather, self._again(step, name, places, lanes), scatter
-        )
-
-    def _columns_loop(
-        self,
-        step: Map,
-        lanes: int,
-        declared: list[str],
-        gather: list[str],
-        call: list[str],
-        scatter: list[str],
-    ) -> Iterator[str]:
         yield f"for (int c = 0; c < {step.count}; c += {lanes}) {{"
         if lanes > 1:
             yield f"{INDENT}const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
-        yield from (INDENT + line for line in (*declared, *gather, *call, *scatter))
+        call = f"{name}({', '.join(places)});"
+        yield from (INDENT + line for line in (*declared, *gather, call, *scatter))
         yield "}"
 
-    def _again(self, step: Map, name: str, places: list[str], lanes: int) -> list[str]:
-        """The call, and between one and the next the results in the place of the moving arguments."""
-        call = f"{name}({', '.join(places)});"
-        if step.times == 1:
-            return [call]
-        moving = [place for place, piece in zip(places, step.inputs) if isinstance(piece, Columns)]
-        back = [
-            f"{self._copier()}({place}, {target}, {piece.size * lanes});"
-            for place, target, piece in zip(places[len(step.inputs) :], moving, step.outputs, strict=True)
-        ]
-        lines = [call, *back]
-        return [f"for (int t = 0; t < {step.times}; ++t) {{", *(INDENT + line for line in lines), "}"]
+    def _sweep(self, step: Sweep, loops: list[str]) -> Iterator[str]:
+        """Blocks of columns side by side; a column or two that are left over go alone."""
+        first = 0
+        while first < step.count:
+            left = step.count - first
+            lanes = self.lanes if left >= self.lanes or left > 2 else 1
+            end = step.count - left % lanes if left >= lanes else step.count
+            number = str(min(left, lanes))
+            lines = [f"{self.real.name} column[{step.size * lanes}];"]
+            lines += [self._move(pair, loops, lanes, number, True) for pair in step.inputs]
+            lines += self._inside(step.body, loops, lanes)
+            lines += [self._move(pair, loops, lanes, number, False) for pair in step.outputs]
+            yield f"for (int c = {first}; c < {end}; c += {lanes}) {{"
+            yield from (INDENT + line for line in lines)
+            yield "}"
+            first = end
+
+    def _move(
+        self, pair: tuple[Columns, Slice], loops: list[str], lanes: int, number: str, read: bool
+    ) -> str:
+        """Columns of a matrix to the memory of a sweep, or back."""
+        columns, place = pair
+        along, across = columns.moves
+        matrix = f"{self._at(columns.whole, loops)} + {_times('c', across)}"
+        ends = f"{matrix}, column + {place.offset * lanes}, {columns.size}, {along}"
+        if lanes == 1:
+            return f"{self._mover(read)}({ends});"
+        return f"{self._packer(read, lanes)}({ends}, {across}, {number});"
+
+    def _inside(self, body: Sequence[Step], loops: list[str], lanes: int) -> Iterator[str]:
+        """The steps of a sweep for as many columns side by side."""
+
+        def at(piece: Slice) -> str:
+            inside = piece.buffer == COLUMN
+            return f"column + {piece.offset * lanes}" if inside else self._at(piece, loops)
+
+        for step in body:
+            if isinstance(step, Repeat):
+                counter = f"k{len(loops)}"
+                yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
+                yield from (INDENT + line for line in self._inside(step.body, [*loops, counter], lanes))
+                yield "}"
+            elif isinstance(step, Call):
+                if lanes > 1 and any(overlap(one, other) for one in step.inputs for other in step.outputs):
+                    raise _unsupported("a sweep in which a result takes the place of an argument")
+                moving = tuple(piece.buffer == COLUMN for piece in step.inputs)
+                name = self._function(step.function, lanes, moving if lanes > 1 else ())
+                yield f"{name}({', '.join(map(at, (*step.inputs, *step.outputs)))});"
+            elif isinstance(step, Copy) and step.source.buffer == COLUMN:
+                yield f"{self._copier()}({at(step.source)}, {at(step.target)}, {step.source.size * lanes});"
+            elif isinstance(step, Copy):
+                yield f"for (int i = 0; i < {step.source.size * lanes}; ++i) {{"
+                yield f"{INDENT}({at(step.target)})[i] = ({at(step.source)})[i / {lanes}];"
+                yield "}"
 
     # Functions ----------------------------------------------------------------------------------------
     def function(self, function: casadi.Function) -> str:
@@ -203,7 +240,7 @@ class Translator:
         if key not in self._names:
             name = f"{self.prefix}_{function.name()}{len(self._names)}"
             calls = self._calls(function)
-            rows = self._rows(calls) if lanes > 1 else {}
+            rows = self._row if lanes > 1 else None
             self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
             self._names[key] = name
         return self._names[key]
@@ -219,15 +256,11 @@ class Translator:
             if code in used and self.real.name == "double"
         }
 
-    def _rows(self, calls: dict[int, str]) -> dict[int, str]:
-        """The same of rows."""
-        return {
-            code: self._helper(
-                f"{SINES[code]}_row",
-                row_function(f"{one}_row", one, code == casadi.OP_COS, self.real, self.lanes),
-            )
-            for code, one in calls.items()
-        }
+    def _row(self, codes: tuple[int, ...]) -> str:
+        """One of them, or both, of a row."""
+        short = "".join(SINES[code] for code in codes) + "_row"
+        ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
+        return self._helper(short, row_function(f"{self.prefix}_{short}", ones, self.real, self.lanes))
 
     def _copier(self) -> str:
         return self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
@@ -251,6 +284,15 @@ class Translator:
                 text = text.replace(mark, meant)
             self.functions[name] = text
         return name
+
+
+def _elementwise(step: Map) -> bool:
+    """Whether numbers become numbers one by one, without library calls and not in place."""
+    pieces = (*step.inputs, *step.outputs)
+    simple = all(piece.size == 1 for piece in pieces if isinstance(piece, Columns))
+    codes = {step.function.instruction_id(k) for k in range(step.function.n_instructions())}
+    apart = not any(overlap(whole(one), result.whole) for one in step.inputs for result in step.outputs)
+    return simple and apart and not codes & LIBRARY
 
 
 def _times(counter: str, stride: int) -> str:

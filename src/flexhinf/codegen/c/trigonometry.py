@@ -23,7 +23,7 @@ SHORT_REACH = 1e6
 
 def function(name: str, cosine: bool, real: Real) -> str:
     """``name(x)``: sin or cos; of the type double."""
-    lines = "\n".join(f"    {line}" for line in _statements(cosine, real, "x", "return"))
+    lines = "\n".join(f"    {line}" for line in _statements(real, "x", {cosine: "return"}))
     return f"""static {{R}} {name}({{R}} x)
 {{
 #ifdef FUSED
@@ -38,10 +38,16 @@ def function(name: str, cosine: bool, real: Real) -> str:
 }}""".replace("    #", "#")
 
 
-def row_function(name: str, one: str, cosine: bool, real: Real, lanes: int) -> str:
-    """``void name(x, out)``: sin or cos of a row of lanes, as the function `one` of a number."""
-    lines = "\n".join(f"        {line}" for line in _statements(cosine, real, "x[l]", "out[l] ="))
-    return f"""static void {name}(const {{R}} *restrict x, {{R}} *restrict out)
+def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> str:
+    """``void name(x, sine, cosine)``, or with one result, of a row of lanes: as the functions `ones` of a number."""
+    results = {cosine: ("cosine" if cosine else "sine") for cosine in sorted(ones)}
+    statements = _statements(real, "x[l]", {cosine: f"{place}[l] =" for cosine, place in results.items()})
+    lines = "\n".join(f"        {line}" for line in statements)
+    far = "\n".join(f"            {place}[l] = {ones[cosine]}(x[l]);" for cosine, place in results.items())
+    arguments = ", ".join(
+        ["const {R} *restrict x", *(f"{{R}} *restrict {place}" for place in results.values())]
+    )
+    return f"""static void {name}({arguments})
 {{
     int far = 0;
     for (int l = 0; l < {lanes}; ++l) {{
@@ -52,14 +58,22 @@ def row_function(name: str, one: str, cosine: bool, real: Real, lanes: int) -> s
     }}
     if (far > 0) {{
         for (int l = 0; l < {lanes}; ++l) {{
-            out[l] = {one}(x[l]);
+{far}
         }}
     }}
 }}""".replace("        #", "#")
 
 
-def _statements(cosine: bool, real: Real, x: str, result: str) -> list[str]:
-    """What is done with an x within the reach: reduced, two polynomials, one of them by the quadrant."""
+def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
+    """What is done with an x within the reach: reduced, two polynomials, one of them by the quadrant.
+
+    Parameters
+    ----------
+    real : Real
+    x : str
+    results : dict of bool to str
+        What is said before the value of the sine (False) and the cosine (True).
+    """
 
     def number(value: float) -> str:
         return constant(value, real)
@@ -76,11 +90,15 @@ def _statements(cosine: bool, real: Real, x: str, result: str) -> list[str]:
             text = f"FMA(-k, {number(part)}, {text})"
         return text
 
+    def choice(cosine: bool) -> tuple[str, str]:
+        """The value but for its sign, and when that is negative."""
+        odd, even = ("s", "c") if cosine else ("c", "s")
+        value = f"(m * (m - {number(2.0)}) < {number(0.0)} || m > {high}) ? {odd} : {even}"
+        return value, f"m > {half} && m < {high}" if cosine else f"(m > {low}) != ({x} < {number(0.0)})"
+
     rounder = number(ROUNDER)
-    odd, even = ("s", "c") if cosine else ("c", "s")
     half, low, high = number(0.5), number(1.5), number(2.5)
-    negative = f"m > {half} && m < {high}" if cosine else f"(m > {low}) != ({x} < {number(0.0)})"
-    return [
+    lines = [
         f"const {{R}} size = {{fabs}}({x});",
         f"const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};",
         f"const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});",
@@ -92,6 +110,8 @@ def _statements(cosine: bool, real: Real, x: str, result: str) -> list[str]:
         "const {R} z = r * r;",
         f"const {{R}} s = FMA({horner(SINE)}, z * r, r);",
         f"const {{R}} c = FMA({horner(COSINE)}, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
-        f"const {{R}} value = (m * (m - {number(2.0)}) < {number(0.0)} || m > {high}) ? {odd} : {even};",
-        f"{result} ({negative}) ? -value : value;",
     ]
+    for cosine, said in results.items():
+        (value, negative), short = choice(cosine), "cv" if cosine else "sv"
+        lines += [f"const {{R}} {short} = {value};", f"{said} ({negative}) ? -{short} : {short};"]
+    return lines

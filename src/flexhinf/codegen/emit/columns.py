@@ -86,7 +86,7 @@ class Packer:
         self.each(rows, row)
 
     def _neighbours(self, moves: tuple[int, int]) -> bool:
-        return moves[1] == 1 and self.left == self.wide.width
+        return self.left == self.wide.width and (moves[1] == 1 or self.left == 1)
 
     def _place(self, matrix: str, element: str, move: int, unit: str) -> str:
         offset = self.writer.let(f"mul nsw i64 {element}, {move}")

@@ -20,6 +20,9 @@ MULTIPLY_ADD = -1  # a·b + c
 MULTIPLY_SUBTRACT = -2  # a·b - c
 SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
 
+#: Quotients by one number from which they share its reciprocal, whatever it is.
+MANY = 3
+
 
 @dataclass(frozen=True)
 class Operation:
@@ -110,15 +113,18 @@ def _share_reciprocals(
 ) -> tuple[list[Operation | None], list[tuple[int, int, int]]]:
     """The same values with one division for all quotients by one number.
 
-    Only by an argument of the function (a mass, an inertia) and by a square root (a pivot of Cholesky's), which may
-    have been replaced by zero: the reciprocal of a number that is below 6e-309 is infinite, which a square root other
-    than zero never is, and no argument should be.
+    Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
+    have been replaced by zero, and by what divides `MANY` numbers (an articulated inertia): the reciprocal of a number
+    that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
+    inertia should be.
     """
     quotients = Counter(
         operation.arguments[1] for operation in operations if operation and operation.code == casadi.OP_DIV
     )
 
     def shared(divisor: int) -> bool:
+        if quotients[divisor] >= MANY:
+            return True
         operation = operations[divisor]
         if operation is not None and operation.code == casadi.OP_IF_ELSE_ZERO:
             operation = operations[operation.arguments[1]]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import casadi
 
-from flexhinf.codegen.emit.dataflow import read_dataflow
-from flexhinf.codegen.emit.opcodes import OPCODES
+from flexhinf.codegen.emit.dataflow import Dataflow, read_dataflow
+from flexhinf.codegen.emit.opcodes import NEAR, OPCODES
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.trigonometry import is_far
 
 
 def emit_function(
@@ -45,10 +48,36 @@ def emit_function(
     -----
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
+
+    With several lanes a function that has sines is written twice. The first is a straight line without the C library's
+    sines, whose calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm).
+    If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
     """
     flow = read_dataflow(function, OPCODES, fused)
+    turning = any(operation and operation.code in NEAR for operation in flow.operations)
+    if lanes.width > 1 and turning:
+        far = f"{name}_far"
+        _define(module, far, function, flow, lanes, shared, "noinline optnone cold")
+        _define(module, name, function, flow, lanes, shared, far=far)
+    else:
+        _define(module, name, function, flow, lanes, shared)
+    return len(flow.operations)
+
+
+def _define(
+    module: ModuleText,
+    name: str,
+    function: casadi.Function,
+    flow: Dataflow,
+    lanes: Lanes,
+    shared: tuple[bool, ...],
+    attributes: str = "",
+    far: str = "",
+) -> None:
+    """Write the function; if `far` names one beside it, as a straight line, from which only far angles lead there."""
     writer = Writer(module, lanes)
     values: list[str] = []
+    angles: list[str] = []
     for operation in flow.operations:
         if operation is None:
             values.append("")
@@ -59,14 +88,23 @@ def emit_function(
             values.append(load(writer, f"%in{argument}", element, shared[argument]))
         else:
             operands = [values[argument] for argument in operation.arguments]
-            values.append(OPCODES[operation.code](writer, *operands))
-    for result, element, value in flow.outputs:
-        store(writer, f"%out{result}", element, values[value])
+            near = bool(far) and operation.code in NEAR
+            values.append((NEAR if near else OPCODES)[operation.code](writer, *operands))
+            angles += operands if near else []
     pointers = [f"ptr %in{k}" for k in range(function.n_in())]
     pointers += [f"ptr %out{k}" for k in range(function.n_out())]
-    head = f"define internal void @{name}({', '.join(pointers)}) nounwind {{"
+    if far:  # before anything is stored: a result may overwrite an argument
+        beyond = [is_far(writer, angle) for angle in dict.fromkeys(angles)]
+        some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
+        writer.do(f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
+        writer.place("far")
+        writer.do(f"call void @{far}({', '.join(pointers)})")
+        writer.do("ret void")
+        writer.place("near")
+    for result, element, value in flow.outputs:
+        store(writer, f"%out{result}", element, values[value])
+    head = f"define internal void @{name}({', '.join(pointers)}) {attributes}{' ' if attributes else ''}nounwind {{"
     module.definitions[name] = "\n".join([head, *writer.lines, "  ret void", "}"])
-    return len(flow.operations)
 
 
 def load(writer: Writer, pointer: str, element: int | str, shared: bool) -> str:

@@ -19,17 +19,29 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
 from typing import TYPE_CHECKING
 
 from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
+from flexhinf.codegen.emit.guards import Guards
 from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
-from flexhinf.codegen.memory import Columns, Slice, whole
+from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import ENTRY, PREFIX, Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, Step, When
+from flexhinf.codegen.steps import (
+    Call,
+    Cholesky,
+    Copy,
+    Guard,
+    Map,
+    Normal,
+    OuterSum,
+    Repeat,
+    Step,
+    Sweep,
+    When,
+)
 
 if TYPE_CHECKING:
     import casadi
@@ -38,7 +50,6 @@ _UNROLLED = 32  # elements of a guard or of a broadcast copy that are written ou
 _PLACES = (
     2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
 )
-_SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
 
@@ -115,7 +126,7 @@ class _Emitter:
         self._body(self.program.body, ())
         writer.do("br label %finish")
         writer.place("finish")
-        writer.do(f"ret i64 {self._largest_code()}")
+        writer.do(f"ret i64 {self._guards.largest_code()}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
         self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
         self._inline()
@@ -142,15 +153,6 @@ class _Emitter:
             f"call void @{name}(ptr align 8 {pointer}, i8 0, i64 {8 * size * self.lanes.width}, i1 false)"
         )
 
-    def _largest_code(self) -> str:
-        integer = self.lanes.integer
-        codes = self.writer.let(f"load {integer}, ptr {self.codes}, align 8")
-        if self.lanes.width == 1:
-            return codes
-        name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
-        self.module.declarations[name] = f"declare i64 @{name}({integer})"
-        return self.writer.let(f"call i64 @{name}({integer} {codes})")
-
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
         for step in body:
             if isinstance(step, Repeat):
@@ -165,6 +167,8 @@ class _Emitter:
                 self._call(step, turns)
             elif isinstance(step, Map):
                 self._map(step, turns)
+            elif isinstance(step, Sweep):
+                self._sweep(step, turns)
             elif isinstance(step, OuterSum):
                 self._outer_sum(step, turns)
             elif isinstance(step, Cholesky):
@@ -219,7 +223,14 @@ class _Emitter:
         return writer.let(f"getelementptr {kind}, ptr {self.pointers[piece.buffer]}, i64 {element}")
 
     def _shared(self, piece: Slice) -> bool:
+        if COLUMN in self.pointers:  # in a sweep of a kernel for a single run, the lanes are columns
+            return piece.buffer != COLUMN and (self.single or self.program.buffer(piece.buffer).shared)
         return self.program.buffer(piece.buffer).shared
+
+    @property
+    def single(self) -> bool:
+        """A kernel for a single run."""
+        return self.module.lanes.width == 1
 
     def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
         """Name of the emitted function, which is emitted when first asked for."""
@@ -240,7 +251,7 @@ class _Emitter:
 
     def _map(self, step: Map, turns: tuple[str, ...]) -> None:
         """Blocks of columns, and what is left over."""
-        writer, single = self.writer, self.lanes.width == 1
+        writer, single = self.writer, self.single
         wide, block = (Lanes(BLOCK), BLOCK) if single else (self.lanes, 1)
         shared = tuple(
             not isinstance(piece, Columns) and (single or self._shared(piece)) for piece in step.inputs
@@ -265,35 +276,63 @@ class _Emitter:
                 packed.append((place, piece, columns))
                 if len(pointers) <= len(step.inputs):
                     packer.pack(columns, shared_, piece.size, piece.moves, place)
-            results = packed[-len(step.outputs) :]
-            if step.times > 1:  # in place of what was packed
-                moved = [place for place, _, _ in packed[: len(step.outputs)]]
-                pointers[len(step.inputs) :] = moved
-                results = [(place, *rest) for place, (_, *rest) in zip(moved, results, strict=True)]
-            call = f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})"
+            writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
             self.calls[name] += 1
             self.mapped.add(name)
-            if step.times > 1:
-                self._loop("0", str(step.times), lambda _: writer.do(call))
-            else:
-                writer.do(call)
-            for place, piece, columns in results:
+            for place, piece, columns in packed[-len(step.outputs) :]:
                 packer.unpack(place, piece.size, piece.moves, columns)
 
-        def full(turn: str) -> None:
-            some(writer.let(f"mul nsw i64 {turn}, {block}"), block)
+        self._blocks(step.count, block, some)
 
-        if step.count >= block:
-            self._loop("0", str(step.count // block), full)
-        if step.count % block:
-            some(str(step.count - step.count % block), step.count % block)
+    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
+        """``some(first, number)`` for blocks of columns, and for what is left over."""
+
+        def full(turn: str) -> None:
+            some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
+
+        if count >= block:
+            self._loop("0", str(count // block), full)
+        if count % block:
+            some(str(count - count % block), count % block)
+
+    def _sweep(self, step: Sweep, turns: tuple[str, ...]) -> None:
+        """Blocks of columns in lanes; one that is left over goes alone."""
+
+        def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
+            """Where a block begins in the matrix, and in the memory of its columns."""
+            unit = "double" if self._shared(columns.whole) else self.lanes.element
+            start = self._address(columns.whole, turns)
+            offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
+            matrix = self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
+            memory = self._scratch(wide)
+            return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
+
+        def some(first: str, left: int) -> None:
+            wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
+            packer = Packer(self.writer, self._each, wide, left)
+            for columns, place in step.inputs:
+                matrix, inside = ends(columns, place, first, wide)
+                packer.pack(matrix, self._shared(columns.whole), columns.size, columns.moves, inside)
+            lanes, writer = self.lanes, self.writer
+            self.pointers[COLUMN] = self._scratch(wide)
+            self.lanes, self.writer = wide, writer.alike(wide)
+            self._body(step.body, turns)
+            self.lanes, self.writer = lanes, writer
+            del self.pointers[COLUMN]
+            for columns, place in step.outputs:
+                matrix, inside = ends(columns, place, first, wide)
+                packer.unpack(inside, columns.size, columns.moves, matrix)
+
+        self._blocks(step.count, BLOCK if self.single else 1, some)
 
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:
-            maps = [step for step, _ in self.program.steps() if isinstance(step, Map)]
+            steps = [step for step, _ in self.program.steps() if isinstance(step, Map | Sweep)]
             needed = [
-                sum(piece.size for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
-                for step in maps
+                step.size
+                if isinstance(step, Sweep)
+                else sum(piece.size for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
+                for step in steps
             ]
             self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
         return self.scratch
@@ -301,6 +340,10 @@ class _Emitter:
     @property
     def _algebra(self) -> Algebra:
         return Algebra(self.writer, self._loop, self.fused)
+
+    @property
+    def _guards(self) -> Guards:
+        return Guards(self.writer, self._each, self._algebra, self.codes, self.steps)
 
     def _operand(self, piece: Slice, turns: tuple[str, ...]) -> Operand:
         return Operand(self._address(piece, turns), self._shared(piece))
@@ -352,44 +395,6 @@ class _Emitter:
                 body(str(element))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then."""
-        writer, lanes = self.writer, self.lanes
-        source = self._address(step.source, turns)
-        shared = self._shared(step.source)
-        zero, algebra = lanes.constant(0.0), self._algebra
-        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
-        for place in sums:
-            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
-
-        def test(element: str) -> None:
-            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
-            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
-            total = algebra.multiply_add(writer, load(writer, source, element, shared), zero, so_far)
-            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
-
-        self._each(step.source.size, test)
-        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
-        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
-        bad = writer.compare("uno", total, zero)
-        failed, go_on = writer.label("failed"), writer.label("on")
-        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
-        writer.place(failed)
-        self._record(bad, step.code, turns[0] if turns else "0", go_on)
-        writer.place(go_on)
-
-    def _record(self, bad: str, code: int, turn: str, go_on: str) -> None:
-        """Mark the lanes that fail for the first time; stop when no lane is left."""
-        writer, lanes = self.writer, self.lanes
-        integer, boolean = lanes.integer, lanes.boolean
-        codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
-        steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
-        alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
-        fresh = writer.let(f"and {boolean} {bad}, {alive}")
-        if lanes.width > 1:
-            turn = writer.splat(turn, "i64")
-        codes = writer.let(f"select {boolean} {fresh}, {integer} {lanes.whole(code)}, {integer} {codes}")
-        steps = writer.let(f"select {boolean} {fresh}, {integer} {turn}, {integer} {steps}")
-        writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
-        writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
-        left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
-        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
+        self._guards.guard(
+            self._address(step.source, turns), self._shared(step.source), step, turns[0] if turns else "0"
+        )

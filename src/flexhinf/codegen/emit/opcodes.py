@@ -13,7 +13,7 @@ import casadi
 
 from flexhinf.codegen.emit.dataflow import MULTIPLY_ADD, MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT
 from flexhinf.codegen.emit.text import Writer, library_call
-from flexhinf.codegen.emit.trigonometry import cosine, sine
+from flexhinf.codegen.emit.trigonometry import cosine, near_cosine, near_sine, sine
 
 Rule = Callable[..., str]
 """(writer, name of each operand) → name of the result."""
@@ -137,3 +137,6 @@ OPCODES: dict[int, Rule] = {
     casadi.OP_REMAINDER: _library("remainder"),
     casadi.OP_ERF: _library("erf"),
 }
+
+#: Rules for arguments that are not far, see `flexhinf.codegen.emit.trigonometry.is_far`.
+NEAR: dict[int, Rule] = {casadi.OP_SIN: near_sine, casadi.OP_COS: near_cosine}

@@ -52,13 +52,33 @@ def cosine(writer: Writer, value: str) -> str:
     return writer.call(_define(writer, "cos"), value)
 
 
-def _define(caller: Writer, name: str) -> str:
-    full = f"{PREFIX}{name}_reduced{caller.lanes.width}"
+def near_sine(writer: Writer, value: str) -> str:
+    """Emit sin x of what is not `is_far`: a straight line."""
+    return writer.call(_define(writer, "sin", near=True), value)
+
+
+def near_cosine(writer: Writer, value: str) -> str:
+    """Emit cos x of what is not `is_far`."""
+    return writer.call(_define(writer, "cos", near=True), value)
+
+
+def is_far(writer: Writer, value: str) -> str:
+    """Emit whether x is finite and beyond `REACH`, in each lane."""
+    lanes = writer.lanes
+    size = writer.intrinsic("fabs", value)
+    far = writer.compare("ogt", size, lanes.constant(REACH))
+    finite = writer.compare("olt", size, lanes.constant(math.inf))
+    return writer.let(f"and {lanes.boolean} {far}, {finite}")
+
+
+def _define(caller: Writer, name: str, near: bool = False) -> str:
+    full = f"{PREFIX}{name}_{'near' if near else 'reduced'}{caller.lanes.width}"
     if full not in caller.module.definitions:
         writer = Writer(caller.module, caller.lanes)
         real = writer.lanes.real
-        near = _near(writer, "%x", name)
-        result = _beyond(writer, "%x", near, name)
+        result = _near(writer, "%x", name)
+        if not near:
+            result = _beyond(writer, "%x", result, name)
         writer.do(f"ret {real} {result}")
         head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
         caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
@@ -109,11 +129,7 @@ def _polynomials(writer: Writer, rest: str) -> tuple[str, str]:
 
 def _beyond(writer: Writer, value: str, near: str, name: str) -> str:
     """The C library for finite |x| > REACH, behind a branch that is hardly ever taken."""
-    lanes = writer.lanes
-    size = writer.intrinsic("fabs", value)
-    far = writer.compare("ogt", size, lanes.constant(REACH))
-    finite = writer.compare("olt", size, lanes.constant(math.inf))
-    far = writer.let(f"and {lanes.boolean} {far}, {finite}")
+    lanes, far = writer.lanes, is_far(writer, value)
     writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
     writer.place("beyond")
     exact = writer.select(far, library_call(writer, name, value), near)

@@ -16,10 +16,10 @@ from flexhinf.design.report.campaign_text import (
     campaign_verdict,
     changes,
     limit_text,
+    metric_text,
     percent_text,
     reasons_text,
     value_text,
-    metric_text,
 )
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
@@ -134,7 +134,9 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
             values = judged.quantiles(name)
             shown = "never" if np.isinf(values[-1]) else values[-1]
             note = f"median {value_text(float(values[2]), unit)}; sample {worst}"
-            found.append(KeyNumber(f"worst {metric_text(name)}", shown, unit if shown != "never" else "", note))
+            found.append(
+                KeyNumber(f"worst {metric_text(name)}", shown, unit if shown != "never" else "", note)
+            )
     return found
 
 

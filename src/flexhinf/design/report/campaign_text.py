@@ -11,8 +11,16 @@ from flexhinf.campaign.batches import DIVERGED, NOT_RUN
 from flexhinf.report import number
 
 __all__ = [
-    "ENDLESS", "WORDS", "campaign_verdict", "changes", "limit_text", "percent_text", "reasons_text", "replay_table",
-    "value_text", "metric_text",
+    "ENDLESS",
+    "WORDS",
+    "campaign_verdict",
+    "changes",
+    "limit_text",
+    "metric_text",
+    "percent_text",
+    "reasons_text",
+    "replay_table",
+    "value_text",
 ]  # fmt: skip
 
 #: Names of metrics in sentences; others are written with spaces.

@@ -113,7 +113,7 @@ def _real_time(timing: Timing) -> str:
         return f"Every deadline was met: {count} samples at {rate} Hz in {number(timing.elapsed)} s."
     return (
         f"{missed} of {count} deadlines were missed ({number(100.0 * missed / count, 2)} %), the latest input by "
-        f"{number(1e3 * timing.missed_spans()[0].worst, 2)} ms; otherwise real time was kept, {rate} Hz for "
+        f"{number(1e3 * timing.missed_spans()[0].worst, 2)} ms: {length} s of a loop at {rate} Hz took "
         f"{number(timing.elapsed)} s."
     )
 

@@ -21,6 +21,8 @@ from flexhinf.untrusted import real_array, value_text
 
 __all__ = [
     "by_name",
+    "check_seed",
+    "checked_deviation",
     "sample_disturbance",
     "sample_noise",
     "sample_signal",
@@ -178,12 +180,23 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
         For a deviation that is negative, not finite or of another size; for a seed that is no integer in
         0 … 2⁶⁴ − 1.
     """
+    check_seed(seed)
+    if noise is None:
+        return np.zeros((samples, len(channels)))
+    return checked_deviation(noise, channels) * standard_normal(int(seed), samples, len(channels), sample)
+
+
+def check_seed(seed: Any) -> None:
+    """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
             "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"
         )
-    if noise is None:
-        return np.zeros((samples, len(channels)))
+
+
+def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
+    """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
+    refused."""
     deviation = real_array(noise)
     if deviation.shape not in ((), (len(channels),)) or not np.all(
         np.isfinite(deviation) & (deviation >= 0.0)
@@ -193,7 +206,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
             f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
             "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
-    return deviation * standard_normal(int(seed), samples, len(channels), sample)
+    return np.broadcast_to(deviation, len(channels))
 
 
 def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,8 @@ from flexhinf.loop.signals.sampling import (
 from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing, Stepped, run_black_box
 from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun
+from flexhinf.loop.simulation.ensemble import Ensemble, prepared_ensemble
+from flexhinf.loop.simulation.reductions import Reduction
 from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
@@ -221,27 +223,12 @@ class Loop(Summarised):
         """
         if isinstance(self.true_plant, Plant):
             return self.prepared(
-                reference,
-                disturbance,
-                noise,
-                duration,
-                initial_state,
-                seed,
-                initial_input,
-                multi_turn=multi_turn,
-            ).alone()
+                reference, disturbance, noise, duration, initial_state, seed, initial_input, multi_turn=multi_turn
+            ).alone()  # fmt: skip
         return self.run_paced(
-            AT_ONCE,
-            None,
-            reference,
-            disturbance,
-            noise,
-            duration,
-            initial_state,
-            seed,
-            initial_input,
+            AT_ONCE, None, reference, disturbance, noise, duration, initial_state, seed, initial_input,
             multi_turn=multi_turn,
-        )
+        )  # fmt: skip
 
     def run_paced(
         self,
@@ -307,10 +294,7 @@ class Loop(Summarised):
             "disturbance": code.undisturbed(samples) if disturbance is None else d.ravel(),
             "held": before.copy(),
         }  # fmt: skip
-        recorded = {
-            "reference": signals["reference"],
-            "disturbance": d[:, 0, 0].copy(),
-        }
+        recorded = {"reference": signals["reference"], "disturbance": d[:, 0, 0].copy()}
         return PreparedRun(
             code,
             plant,
@@ -322,6 +306,60 @@ class Loop(Summarised):
             self.channel.delay,
             settings,
             disturbed=disturbance is not None,
+        )
+
+    def ensemble(
+        self,
+        reference: Any = None,
+        disturbance: Any = None,
+        noise: Any = None,
+        duration: float = 8.0,
+        initial_state: Any = None,
+        initial_input: Any = None,
+        *,
+        multi_turn: bool = False,
+        reductions: Sequence[Reduction] = (),
+        kept: Sequence[str] = (),
+        instants: Any = (),
+    ) -> Ensemble:
+        """What `run` would run, ready to be made of many plants at once, of which only numbers are kept.
+
+        Parameters
+        ----------
+        reference, disturbance, noise, duration, initial_state, initial_input, multi_turn
+            As for `run`.
+        reductions : sequence of Reduction
+            Numbers of a user's own beside the metrics of `Trajectory.metrics`.
+        kept : sequence of str
+            States or measured signals that are kept at some samples.
+        instants : (T,) array of int
+            These samples.
+
+        Returns
+        -------
+        Ensemble
+            ``.run(parameters, seeds)``.
+
+        Raises
+        ------
+        InvalidInput
+            As `run`; for a black box, and for a signal or a sample that is not there.
+        """
+        if not isinstance(self.true_plant, Plant):
+            raise InvalidInput(
+                "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
+            )
+        samples = sample_count(duration, self.controller.period)
+        times = np.arange(samples) * self.controller.period
+        held = self.controller.operating_reference if reference is None else reference
+        return prepared_ensemble(
+            self.true_plant,
+            self.controller,
+            self.channel,
+            self._commanded(held, times, multi_turn or reference is None),
+            (disturbance, noise, initial_state, initial_input),
+            (reductions, kept, instants),
+            self._asked_sub_steps,
         )
 
     def _sampled(

@@ -20,7 +20,7 @@ from flexhinf.loop.simulation.program import LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 
-__all__ = ["LANES", "LoopCode", "PreparedRun", "run_many"]
+__all__ = ["LANES", "THREADS", "LoopCode", "PreparedRun", "capacity", "run_many"]
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -61,7 +61,7 @@ class LoopCode:
             x=plant.n, u=len(plant.inputs), y=len(controller.measured), r=len(controller.commanded),
             d=len(plant.disturbances), memory=controller.memory.size, data=controller.data.size,
             estimate=len(controller.states), parameters=plant.parameters.size,
-            capacity=1 << (sub_steps - 1).bit_length(),
+            capacity=capacity(sub_steps),
         )  # fmt: skip
         key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
@@ -253,6 +253,11 @@ def _side_by_side(runs: Sequence[PreparedRun]) -> list[Trajectory]:
         )
         for lane, run in enumerate(runs)
     ]
+
+
+def capacity(sub_steps: int) -> int:
+    """Sub-steps that the arrays of a disturbance have room for: a few more, so that few kernels serve many loops."""
+    return 1 << (sub_steps - 1).bit_length()
 
 
 @lru_cache(4)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
-from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice
+from flexhinf.codegen import Buffer, Call, Copy, Guard, Normal, Program, Repeat, Slice
+from flexhinf.codegen.steps import Step
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.channel import DIRECT, Channel
+from flexhinf.loop.simulation.reductions import Instant, Reduction, update_all
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
 
-__all__ = ["CONTROL_FAILED", "PLANT_FAILED", "LoopSizes", "loop_program", "measure_function", "rk4_function"]
+__all__ = [
+    "CONTROL_FAILED",
+    "PLANT_FAILED",
+    "EnsembleOptions",
+    "LoopSizes",
+    "ensemble_program",
+    "loop_program",
+    "measure_function",
+    "rk4_function",
+]
 
 CONTROL_FAILED, PLANT_FAILED = 1, 2
 
@@ -72,30 +85,22 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel
     acts at a sample is the row that was written a delay ago, so that any delay is data.
     """
 
-    def whole(name: str, size: int) -> tuple[Slice, ...]:
-        return (Slice(name, size=size),) if size else ()
-
-    def row(name: str, size: int, extra: tuple[int, ...] = ()) -> tuple[Slice, ...]:
-        stride = size if not extra else size * sizes.capacity
-        return (Slice(name, size=size, strides=(stride, *extra)),) if size else ()
-
-    x, u, truth = whole("x", sizes.x), whole("u", sizes.u), whole("truth", 1 + sizes.parameters)
-    memory, data = whole("memory", sizes.memory), whole("data", sizes.data)
-    y = row("outputs", sizes.y)
-    stage = row("disturbance", 3 * sizes.d, (3 * sizes.d,)) if sizes.d else ()
-    command, estimate = row("reference", sizes.r), row("estimates", sizes.estimate)
+    x, u, truth = _whole("x", sizes.x), _whole("u", sizes.u), _whole("truth", 1 + sizes.parameters)
+    memory, data = _whole("memory", sizes.memory), _whole("data", sizes.data)
+    y, stage = _row("outputs", sizes.y), _stage(sizes)
+    command, estimate = _row("reference", sizes.r), _row("estimates", sizes.estimate)
     control, scratch = controller.steps(
         {
             "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip
-    held, acting = whole("held", sizes.u), row("inputs", sizes.u)
+    held, acting = _whole("held", sizes.u), _row("inputs", sizes.u)
     body = (
-        Copy(x[0], row("states", sizes.x)[0]),
+        Copy(x[0], _row("states", sizes.x)[0]),
         Call(
             drop_empty(measure_function(plant, controller, channel)),
-            (*x, *held, *row("noise", sizes.y), *truth),
+            (*x, *held, *_row("noise", sizes.y), *truth),
             y,
         ),
         *control,
@@ -122,3 +127,152 @@ def loop_program(plant: Plant, controller: Controller, sizes: LoopSizes, channel
     buffers += [Buffer("reference", None, "in")] if sizes.r else []
     buffers += [Buffer("disturbance", None, "in")] if sizes.d else []
     return Program("closed_loop", (*buffers, *scratch), (Repeat("steps", body),), ("steps", "parts", "late"))
+
+
+def _whole(name: str, size: int) -> tuple[Slice, ...]:
+    return (Slice(name, size=size),) if size else ()
+
+
+def _row(name: str, size: int) -> tuple[Slice, ...]:
+    """The row of a sample."""
+    return (Slice(name, size=size, strides=(size,)),) if size else ()
+
+
+def _stage(sizes: LoopSizes) -> tuple[Slice, ...]:
+    """The disturbances at the start, the middle and the end of a sub-step."""
+    size = 3 * sizes.d
+    return (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),) if size else ()
+
+
+@dataclass(frozen=True)
+class EnsembleOptions:
+    """What a program of many runs has in it.
+
+    Attributes
+    ----------
+    noisy, disturbed, delayed : bool
+        Whether there are measurement noise, a disturbance, and a delay of the inputs.
+    kept : tuple of (str, int)
+        Signals that are recorded at every sample: "state" or "output", and the column.
+    """
+
+    noisy: bool
+    disturbed: bool
+    delayed: bool
+    kept: tuple[tuple[str, int], ...]
+
+
+def ensemble_program(
+    plant: Plant,
+    controller: Controller,
+    sizes: LoopSizes,
+    channel: Channel,
+    reductions: Sequence[Reduction],
+    options: EnsembleOptions,
+) -> Program:
+    """As `loop_program`, with noise that is made and numbers that are reduced on the way; nothing else is recorded.
+
+    The command, the data of the law and the disturbance are the same for all lanes; each lane has its own plant, state,
+    noise, and factors of the disturbance.
+    """
+    x, u, truth = _whole("x", sizes.x), _whole("u", sizes.u), _whole("truth", 1 + sizes.parameters)
+    memory, data, y = _whole("memory", sizes.memory), _whole("data", sizes.data), _whole("y", sizes.y)
+    held, step, noise = _whole("held", sizes.u), _whole("step", 1), _whole("noise", sizes.y)
+    command, estimate = _row("reference", sizes.r), _whole("estimate", sizes.estimate)
+    acting_disturbance = _whole("acting", 3 * sizes.d)
+    control, scratch = controller.steps(
+        {
+            "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
+            "u": u[0], "estimate": estimate[0],
+        }
+    )  # fmt: skip
+    remembered = _whole("remembered", sum(len(reduction.start) for reduction in reductions))
+    reduce = drop_empty(_reduce_function(sizes, reductions))
+    advance = Call(drop_empty(rk4_function(plant)), (*x, *held, *acting_disturbance, *truth), x)
+    acting = _row("inputs", sizes.u)
+    body: list[Step] = []
+    if options.noisy:
+        drawn = Slice("normal", size=sizes.y)
+        body.append(Normal(step[0], Slice("key", size=3), drawn))
+        body.append(Call(_product_function(sizes.y, 1), (drawn, Slice("deviation", size=sizes.y)), noise))
+    body.append(
+        Call(drop_empty(measure_function(plant, controller, channel)), (*x, *held, *noise, *truth), y)
+    )
+    if options.kept:
+        body.append(Call(_kept_function(sizes, options.kept), (*x, *y), _row("kept", len(options.kept))))
+    body += [*control, Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
+    observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
+    body.append(Call(reduce, (*observed, Slice("facts", size=1 + 3 * sizes.r)), (*remembered, *step)))
+    if options.delayed:
+        body += [Copy(u[0], replace(acting[0], shift="late")), Copy(acting[0], held[0])]
+    else:
+        body.append(Copy(u[0], held[0]))
+    if options.disturbed:
+        scaled = Call(
+            _product_function(sizes.d, 3), (*_stage(sizes), Slice("load", size=sizes.d)), acting_disturbance
+        )
+        body.append(Repeat("parts", (scaled, advance)))
+    else:
+        body.append(Repeat("parts", (advance,)))
+    body.append(Guard(x[0], PLANT_FAILED))
+    return Program(
+        "ensemble",
+        (*_ensemble_buffers(sizes, len(remembered) and remembered[0].size, options), *scratch),
+        (Repeat("steps", tuple(body)),),
+        ("steps", "parts", "late") if options.delayed else ("steps", "parts"),
+    )
+
+
+def _ensemble_buffers(sizes: LoopSizes, remembered: int, options: EnsembleOptions) -> list[Buffer]:
+    buffers = [
+        Buffer("x", sizes.x, "state"),
+        Buffer("held", sizes.u, "state"),
+        Buffer("memory", sizes.memory, "state"),
+        Buffer("step", 1, "state"),
+        Buffer("data", sizes.data, "in", shared=True),
+        Buffer("facts", 1 + 3 * sizes.r, "in", shared=True),
+        Buffer("truth", 1 + sizes.parameters, "in"),
+        Buffer("u", sizes.u, "work"),
+        Buffer("y", sizes.y, "work"),
+        Buffer("noise", sizes.y, "work"),
+        Buffer("estimate", sizes.estimate, "work"),
+    ]
+    buffers += [Buffer("remembered", remembered, "state")] if remembered else []
+    buffers += [Buffer("reference", None, "in", shared=True)] if sizes.r else []
+    buffers += [Buffer("acting", 3 * sizes.d, "work")] if sizes.d else []
+    if options.noisy:
+        buffers += [Buffer("key", 3, "in"), Buffer("normal", sizes.y, "work")]
+        buffers += [Buffer("deviation", sizes.y, "in", shared=True)]
+    if options.disturbed:
+        buffers += [Buffer("disturbance", None, "in", shared=True), Buffer("load", sizes.d, "in")]
+    buffers += [Buffer("inputs", None, "state")] if options.delayed else []
+    buffers += [Buffer("kept", None, "out")] if options.kept else []
+    return buffers
+
+
+def _product_function(size: int, times: int) -> ca.Function:
+    """(times rows of numbers, factors) → the rows times the factors, rounded before anything is added to them."""
+    return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
+
+
+def _kept_function(sizes: LoopSizes, kept: Sequence[tuple[str, int]]) -> ca.Function:
+    """(x, y) → what is kept of a sample."""
+
+    def keep(x: Any, y: Any) -> Any:
+        return np.array([{"state": x, "output": y}[kind][column] for kind, column in kept])
+
+    return trace(keep, sizes.x, sizes.y, name="keep")
+
+
+def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Function:
+    """(step, remembered, x, estimate, y, u, command, facts) → remembered, and the next step."""
+    r = sizes.r
+
+    def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
+        rows = (facts[1 + k * r : 1 + (k + 1) * r] for k in range(3))
+        now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
+        return update_all(reductions, kept, now), step + 1.0
+
+    remembered = sum(len(reduction.start) for reduction in reductions)
+    widths = (1, remembered, sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
+    return trace(reduce, *widths, name="reduce")

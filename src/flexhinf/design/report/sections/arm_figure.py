@@ -16,7 +16,7 @@ from flexhinf.robot.skeleton import skeleton
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["arm_figure", "arm_of", "instants"]
+__all__ = ["arm_figure", "arm_of", "instants", "viewing_plane"]
 
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -36,7 +36,7 @@ def arm_of(e: LawEvaluation) -> Figure | None:
     response, n = e.step, len(e.setup.goal)
     if response.diverged_at is not None:
         return None
-    motors = response.run.signals["state"][:, 2 * n : 3 * n]
+    motors = e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
     at = instants(response.positions, response.start, response.goal)
     return arm_figure(e.setup.robot, response.run.time, response.positions, motors, at)
 
@@ -78,7 +78,7 @@ def arm_figure(
     size = float(np.ptp(points, axis=0).max())
     if size < 1e-9:
         return None
-    right, up, names = _plane(np.asarray(robot.links.down, dtype=float), points, size)
+    right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), points, size)
     flat = points @ np.column_stack([right, up])
     low, high = flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
@@ -132,7 +132,7 @@ def _drawn(
         axis.axhline(float(own[0][0] @ up), color=MUTED, linewidth=0.6, zorder=0.5)
 
 
-def _plane(
+def viewing_plane(
     down: np.ndarray, points: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
     """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""

@@ -1,0 +1,395 @@
+"""Bounds of V, of its growth and of r on cells, with the allowance for rounding.
+
+A cell is a face z_f = ±ρ of a cube, ρ in [ρ_a, ρ_b], and a box |t_j − t_j⁰| ≤ h_j of the other z_j = ρ t_j. Every
+number that decides is a bound of a polynomial in (ρ, t), re-expanded about the middle of the cell and scaled to it, so
+that its variables lie in [−1, 1]: the constant, plus max(c, 0) of every coefficient whose exponents are all even, plus
+|c| of the others. Monomials of degree above 3 in t are not re-expanded in ρ; they are taken at the middle, plus what
+each degree can change up to ρ_b.
+
+**Rounding.** A bound is a sum of products that are computed in doubles, fused or not. Because |t_j⁰| + h_j ≤ 1, the sum
+of the absolute values of everything that is added up is at most M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|,
+before as after the re-expansion (synthetic division adds |a| ≤ 1 times one coefficient to another, and no absolute sum
+grows beyond that of (|t⁰| + h)^β). Each of these terms passes at most K roundings, so the error is at most
+K u/(1 − K u) · M with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Powers of two and dyadic
+t, h and ρ make the cells themselves exact. No number underflows or overflows unnoticed: sizes are checked once, in
+`_checked`, and 1e-280 is added for what underflows. A NaN is no bound that holds: all comparisons are ordered.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from flexhinf.certify.faces import (
+    Layout,
+    degrees_of,
+    face_table,
+    monomial_links,
+    monomials_of,
+    shift_lines,
+    sums_by_degree,
+    sums_on_faces,
+)
+from flexhinf.certify.inequality import (
+    Inequality,
+    Rational,
+    by_parity,
+    is_symmetric,
+    parity,
+    times_powers,
+)
+from flexhinf.certify.kernel import kernel_text
+from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape
+from flexhinf.certify.quotients import QuotientTable, quotient_table
+from flexhinf.certify.reading import nearest_double
+from flexhinf.codegen import machine
+from flexhinf.codegen.cache import cached
+from flexhinf.errors import NumericalFailure
+
+__all__ = ["Bounds", "CellBounds", "Cells"]
+
+_PARTS = 16  # a batch is cut into so many tasks for threads
+_UNIT = 2.0**-53
+_SMALLEST = 1e-280
+_VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
+_LARGEST = 1e150
+_ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
+_ENTRY = "flexhinf_cells"
+
+
+@dataclass
+class Cells:
+    """N cells.
+
+    Attributes
+    ----------
+    face : ndarray of int, shape (N,)
+    t, h : ndarray, shape (N, n − 1)
+        Middle and half widths of the box of directions; dyadic.
+    inner, outer : ndarray, shape (N,)
+        Radii in units of the reach; dyadic.
+    """
+
+    face: np.ndarray
+    t: np.ndarray
+    h: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    def chosen(self, places: np.ndarray) -> Cells:
+        """Some of them, as copies."""
+        return Cells(*(getattr(self, name)[places] for name in self.__dataclass_fields__))
+
+    @staticmethod
+    def joined(parts: Sequence[Cells]) -> Cells:
+        """All cells of several lists."""
+        names = Cells.__dataclass_fields__
+        return Cells(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+@dataclass
+class Bounds:
+    """What the kernel found; each of shape (N,) unless said.
+
+    Attributes
+    ----------
+    least_value : V ≥ this on the inner end of the cell
+    growth : ∂V/∂ρ /ρ ≥ this on the cell
+    upper : r/ρ² ≤ this on the cell
+    upper_inside : r/ρ² ≤ this where V ≤ level
+    centre, allowance : r/ρ² in the middle, up to the allowance
+    value, value_range : V in the middle, and how far it goes from there
+    growth_at_centre : ∂V/∂ρ /ρ in the middle
+    score : ndarray, shape (N, n)
+        How much the radius and each t_j add to `upper`.
+    """
+
+    least_value: np.ndarray
+    growth: np.ndarray
+    upper: np.ndarray
+    upper_inside: np.ndarray
+    centre: np.ndarray
+    allowance: np.ndarray
+    value: np.ndarray
+    value_range: np.ndarray
+    growth_at_centre: np.ndarray
+    score: np.ndarray
+
+
+class CellBounds:
+    """The tables of one inequality, and the kernel that reads them.
+
+    Parameters
+    ----------
+    inequality : Inequality
+    reach : float
+        Largest radius; few bits.
+    extent : sequence of float
+        Largest |ℓ_j| for which the functions are enclosed.
+    """
+
+    def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
+        self.n = inequality.states
+        self.reach = reach
+        self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
+        self.symmetric = is_symmetric(inequality)
+        signs = (1,) if self.symmetric else (1, -1)
+        self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
+        d, keep = self.n - 1, self.symmetric
+        value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
+        whole, whole_odd = (
+            by_parity(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
+        )
+        factors = []
+        for quotient in inequality.quotients:
+            right = parity(quotient.function) == -1  # Φ odd: S even
+            factors.append(by_parity(quotient.factor, even=right) if keep else (quotient.factor, {}))
+        highest = max(map(sum, whole))
+        self.tables: list[QuotientTable] = []
+        powers: list[Rational] = []
+        for (factor, _), quotient, most in zip(factors, inequality.quotients, extent):
+            order = max(_ORDER, highest - max(map(sum, factor), default=2))
+            self.tables.append(quotient_table(quotient.function, most, order))
+            powers += times_powers(factor, quotient.form, order)
+        degrees = [degrees_of(part) for part in powers]
+        every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
+        self.shape = Shape(
+            self.n,
+            Layout(d, degrees_of(value)),
+            tuple(Layout(d, degrees_of(factor) or (2,)) for factor, _ in factors),
+            Layout(d, every),
+            tuple(degrees),
+        )
+        self._fill(value, whole, [factor for factor, _ in factors], powers)
+        highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
+        self._odd = [sums_by_degree(part, highest) for part in (value_odd, whole_odd)]
+        self._odd_factors = [sums_by_degree(odd, highest) for _, odd in factors]
+        self._exponents = np.array(list(inequality.value))
+        self._coefficients = np.array([nearest_double(value) for value in inequality.value.values()])
+        self._checked()
+        self._compile()
+
+    # Tables -------------------------------------------------------------------------------------
+    def _fill(
+        self, value: Rational, whole: Rational, factors: list[Rational], powers: list[Rational]
+    ) -> None:
+        shape, faces = self.shape, self.faces
+        self.value_table = face_table(value, shape.value, faces)
+        quotients = [face_table(part, layout, faces) for part, layout in zip(factors, shape.quotients)]
+        self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(faces), 1))
+        parts = [face_table(part, shape.whole, faces) for part in (whole, *powers)]
+        self.sizes = {
+            "value": sums_on_faces(self.value_table, shape.value),
+            "whole": np.stack([sums_on_faces(part, shape.whole) for part in parts]),
+            "factor": [sums_on_faces(q, layout) for q, layout in zip(quotients, shape.quotients)],
+        }
+        columns = []
+        for group in shape.whole.groups:
+            for b in range(group.count):
+                for i, k in enumerate(group.degrees):
+                    place = group.offset + b * len(group.degrees) + i
+                    columns.append((0, place))
+                    columns += [(1 + q, place) for q, degrees in enumerate(shape.terms) if k in degrees]
+        which, place = np.array(columns).T
+        self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
+
+    def _checked(self) -> None:
+        """Refuse sizes at which doubles could overflow or underflow unnoticed."""
+        highest = max(self.shape.whole.degrees[-1], self.shape.value.degrees[-1])
+        scale = max(self.reach, 1.0) ** highest
+        rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
+        largest = max(float(np.abs(t).sum()) for t in (self.value_table, self.table)) * scale * rows
+        if not largest < _LARGEST or not 1 / self.reach < _LARGEST:
+            raise NumericalFailure(
+                "The numbers of the inequality are too large for a proof in double precision.",
+                f"expected sums below {_LARGEST:g}, got {largest:.3g}",
+                "states in units of about their own size",
+            )
+
+    @property
+    def roundings(self) -> int:
+        """K: the most roundings that a term passes on its way into a bound."""
+        shape = self.shape
+        highest = max(shape.whole.degrees[-1], shape.value.degrees[-1])
+        monomials = len(monomials_of(shape.directions, highest))
+        low = len(monomials_of(shape.directions, min(LOW, highest)))
+        table = 2 * (len(shape.terms) + 1)
+        shifts = 2 * (shape.directions + 1) * highest
+        powers = 14 * highest  # h^β, ρᵏ, sums over k, the shift in ρ, the half width's powers, dyadic radii
+        return table + shifts + powers + monomials + low * (highest + 1) + 64
+
+    # The kernel ---------------------------------------------------------------------------------
+    def _compile(self) -> None:
+        text, entry = kernel_text(self.shape, _ENTRY)
+        host = machine.host()
+        parts = ("certify", text, host.triple, host.cpu, host.features, host.version)
+        self._code = cached(
+            parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, entry, {})
+        )
+        self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
+        shape = self.shape
+        layouts = (shape.value, *shape.quotients, shape.whole)
+        segments, lines, edges, place = [], [], [0], 0
+        for layout in layouts:
+            for variable, length, rows in shift_lines(layout):
+                segments.append((variable, length, len(rows), place))
+                lines.append(rows.ravel())
+                place += rows.size
+            edges.append(len(segments))
+        flat = [*edges, *(entry for segment in segments for entry in segment)]
+        self._segments = np.array(flat, dtype=np.int64)
+        self._lines = np.concatenate([*lines, [0]]).astype(np.int32)
+        longest = max((shape.whole, shape.value), key=lambda layout: layout.degrees[-1])
+        self._signs = monomial_links(longest.monomials, shape.directions)
+
+    def _context(self, faces: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, level: float) -> _Call:
+        work = _aligned(self.shape.work_places()["count"] * LANES)
+        arrays = {
+            "faces": faces, "inputs": inputs, "outputs": outputs, "work": work, "level": np.array([level]),
+            "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
+            "segments": self._segments, "lines": self._lines, "signs": self._signs,
+        }  # fmt: skip
+        words = [0, len(faces), *(arrays[name].ctypes.data for name in POINTERS[2:])]
+        return _Call(np.array(words, dtype=np.int64), arrays)
+
+    # Cells --------------------------------------------------------------------------------------
+    def bound(self, cells: Cells, level: float, pool: ThreadPoolExecutor | None = None) -> Bounds:
+        """Bounds on cells; the same for any number of threads."""
+        order = np.argsort(cells.face, kind="stable")
+        counts = np.bincount(cells.face, minlength=len(self.faces))
+        groups = -(-counts // LANES)
+        starts = np.cumsum(groups) - groups
+        rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
+        slot = np.empty(len(order), dtype=np.int64)
+        slot[order] = starts[cells.face[order]] * LANES + rank
+        total = int(groups.sum())
+        faces = np.repeat(np.arange(len(self.faces)), groups)
+        filled = np.zeros(total * LANES, dtype=np.int64)  # empty lanes repeat the first cell of their face
+        first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
+        filled[:] = np.repeat(first[faces], LANES)
+        filled[slot] = np.arange(len(cells))
+        rows = self._rows(cells)
+        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
+        inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
+        size = self.shape.output_rows["count"]
+        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        call = self._context(np.ascontiguousarray(faces, dtype=np.int64), inputs, outputs, level)
+        self._run(call, total, pool)
+        found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
+        names = self.shape.output_rows
+        return Bounds(
+            **{name: found[:, names[name]] for name in list(names)[:-2]}, score=found[:, names["score"] :]
+        )
+
+    def _run(self, call: _Call, total: int, pool: ThreadPoolExecutor | None) -> None:
+        if pool is None:
+            self._entry(call.words.ctypes.data)
+            return
+        edges = np.linspace(0, total, _PARTS + 1).astype(np.int64)
+        calls = [call.part(a, b) for a, b in pairwise(edges.tolist()) if b > a]
+        for future in [pool.submit(self._entry, part.words.ctypes.data) for part in calls]:
+            future.result()
+
+    def point(self, cells: Cells, place: int) -> np.ndarray:
+        """The middle of one cell, z (n,)."""
+        variable, sign = self.faces[int(cells.face[place])]
+        radius = self.reach * (cells.inner[place] + cells.outer[place]) / 2
+        return np.insert(cells.t[place] * radius, variable, sign * radius)
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """V at points z (N, n), not rounded in any direction."""
+        return (self._coefficients * np.prod(points[:, None, :] ** self._exponents, axis=2)).sum(1)
+
+    def growth_allowance(self, cells: Cells) -> np.ndarray:
+        """What rounding may do to ∂V/∂ρ /ρ on cells (N,)."""
+        return self._rows(cells)[:, self.shape.input_rows["growth_rounding"]]
+
+    def radii(self, fraction: np.ndarray) -> np.ndarray:
+        """Radii from units of the reach: exact, both are dyadic with few bits."""
+        return fraction * self.reach
+
+    def _rows(self, cells: Cells) -> np.ndarray:
+        """The kernel's inputs (N, rows) for each cell."""
+        inner, outer = self.radii(cells.inner), self.radii(cells.outer)
+        middle = (inner + outer) / 2
+        half = np.maximum(outer - middle, middle - inner)
+        unit = 2 * self.roundings * _UNIT
+        face = cells.face
+        powers = outer[:, None] ** np.arange(self._highest + 1) * (1 + 1e-12)
+        value_sizes, whole_sizes = self.sizes["value"], self.sizes["whole"]
+        degrees = np.arange(value_sizes.shape[1])
+        in_value = value_sizes[face] * powers[:, degrees]
+        odd_value = self._odd[0] * powers
+        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + _SMALLEST
+        lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
+        in_growth = value_sizes[face] * degrees * lowered[:, degrees]
+        odd_growth = self._odd[0] * np.arange(self._highest + 1) * lowered
+        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + _SMALLEST
+        size = (whole_sizes[0][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
+        odd = (self._odd[1] * lowered).sum(1)
+        errors, coefficients, place = [], [], 1
+        for j, table in enumerate(self.tables):
+            low, high = self._range(cells, self.forms[j], inner, outer)
+            rows, error = table.enclose(low, high)
+            for m in range(table.order + 1):
+                part = (whole_sizes[place][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
+                size = size + (np.abs(rows[:, m]) + _VALUE) * part
+                place += 1
+            factor = self.sizes["factor"][j]
+            factor_size = (factor[face] * lowered[:, : factor.shape[1]]).sum(1)
+            odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
+            size = size + np.where(np.isfinite(error), error, 0.0) * factor_size
+            errors.append(error)
+            coefficients.append(rows)
+        rounding = unit * size + odd * (1 + 1e-12) + _SMALLEST
+        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
+        return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
+
+    @property
+    def _highest(self) -> int:
+        return len(self._odd[0]) - 1
+
+    def _range(
+        self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An interval that ℓ stays in on each cell."""
+        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(
+            len(self.faces), -1
+        )
+        main = np.array([sign * form[variable] for variable, sign in self.faces])
+        at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
+        wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
+        pad = 1e-13 * np.abs(form).sum() * outer + 1e-300
+        low, high = at - wide, at + wide
+        return np.minimum(low * inner, low * outer) - pad, np.maximum(high * inner, high * outer) + pad
+
+
+@dataclass
+class _Call:
+    """The kernel's argument, and the arrays that it points to."""
+
+    words: np.ndarray
+    arrays: dict[str, np.ndarray]
+
+    def part(self, first: int, last: int) -> _Call:
+        """The same for some of the groups, with its own work buffer."""
+        work = _aligned(len(self.arrays["work"]))
+        words = self.words.copy()
+        words[:2] = first, last
+        words[POINTERS.index("work")] = work.ctypes.data
+        return _Call(words, {**self.arrays, "work": work})
+
+
+def _aligned(count: int) -> np.ndarray:
+    """Zeros that start at a multiple of 64 bytes."""
+    raw = np.zeros(count + 8)
+    offset = (-raw.ctypes.data % 64) // 8
+    return raw[offset : offset + count]

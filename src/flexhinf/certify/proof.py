@@ -1,0 +1,197 @@
+"""`certify`: the largest level that the search proves, as a certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.certify.cells import CellBounds
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.search import Outcome, Progress, search
+from flexhinf.certify.starts import starts_of
+from flexhinf.certify.statement import statement_of
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.hinf.margin import Penalty
+from flexhinf.hinf.sampled import sample_region
+from flexhinf.hinf.value_function import ValueFunction
+
+__all__ = ["NotProved", "certify", "prove"]
+
+_DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
+_BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
+_ROOM = 1.1  # reach over the largest radius that was seen
+_LARGER = 1.6  # reach over the one that was too small
+_MOST_STATES = 5
+
+
+class NotProved(NumericalFailure):
+    """The inequality could not be proved up to a level.
+
+    Attributes
+    ----------
+    point : ndarray, shape (n,), or None
+        Deviation at which it fails, or where the search gave up.
+    reason : str
+    """
+
+    def __init__(self, level: float, outcome: Outcome, point: np.ndarray | None) -> None:
+        self.point, self.reason = point, outcome.reason
+        where = "" if point is None else f" at x = {np.array2string(point, precision=6)}"
+        super().__init__(
+            f"The level V <= {level:.8g} is not proved.",
+            f"{outcome.reason}{where}, where V = {outcome.value:.8g} and r/|z|^2 = {outcome.residual:.3g}, "
+            f"after {outcome.cells} cells",
+            "a smaller level, a larger gamma, or a smaller penalty",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Extent:
+    """How far a region goes: the largest |z_j|, and the largest |ℓ| of each function."""
+
+    reach: float
+    forms: np.ndarray
+
+
+def certify(
+    solution: ValueFunction,
+    gamma: float | None = None,
+    penalty: Penalty | None = None,
+    level: float | None = None,
+    *,
+    decay: float = 0.0,
+    about: str = "",
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> Certificate:
+    """What `HJISolution.certify` does."""
+    if len(solution.P) > _MOST_STATES:
+        raise InvalidInput(
+            "A proof in so many states would not end.",
+            f"expected at most {_MOST_STATES} states, got {len(solution.P)}: cells grow 10 to 23 times with each",
+            "sampled_region, which looks at points and proves nothing",
+        )
+    statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
+    if level is not None:
+        proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
+        if not outcome.proved:
+            raise NotProved(level, outcome, _in_state(statement, outcome))
+        return proved
+    check = sample_region(solution, gamma, penalty)
+    if check is None or not 0 < check.level < np.inf:
+        raise InvalidInput(
+            "There is no level to prove.",
+            "expected a level found by sampled_region, got "
+            + ("no definite margin" if check is None else f"{check.level:g} ({check.limit})"),
+            "a level, or a weaker pair: checked_margin says where the margin is lost",
+        )
+    tried = check.level
+    for share in _BELOW:
+        tried *= share
+        proved, outcome = _proved(solution, replace(statement, level=tried), threads, progress)
+        if outcome.proved:
+            return replace(proved, sampled_level=check.level)
+        if outcome.value == outcome.value:
+            tried = min(tried, outcome.value)
+    raise NotProved(tried, outcome, _in_state(statement, outcome))
+
+
+def _proved(
+    solution: ValueFunction, statement: Certificate, threads: int, progress: Progress | None
+) -> tuple[Certificate, Outcome]:
+    """The statement with its reach and its starts, and how the search ended."""
+    found, outcome = prove(statement, threads=threads, progress=progress)
+    if not outcome.proved:
+        return found, outcome
+    provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays"}
+    return replace(found, starts=starts_of(solution, found), provenance=provenance), outcome
+
+
+def prove(
+    statement: Certificate,
+    *,
+    threads: int = 1,
+    progress: Progress | None = None,
+    most_cells: int = 100_000_000,
+) -> tuple[Certificate, Outcome]:
+    """Search for a proof of a statement.
+
+    Parameters
+    ----------
+    statement : Certificate
+        Its `reach` is replaced, its starts are not looked at.
+    threads : int
+        The result does not depend on it.
+    progress : callable, optional
+        Called with the number of cells done and the estimated share of the whole.
+    most_cells : int
+
+    Returns
+    -------
+    (Certificate, Outcome)
+        The statement with its reach, and how the search ended.
+    """
+    inequality = inequality_of(statement)
+    extent = _extent(inequality, statement.level)
+    reach = _few_bits(_ROOM * extent.reach)
+    for _ in range(4):
+        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist())
+        outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
+        if outcome.reason != "not closed":
+            break
+        reach = _few_bits(_LARGER * reach)
+    return replace(statement, reach=reach), outcome
+
+
+def _in_state(statement: Certificate, outcome: Outcome) -> np.ndarray | None:
+    return None if outcome.point is None else np.array(statement.coordinates) @ outcome.point
+
+
+def _few_bits(value: float) -> float:
+    """The value rounded up to eight bits, so that its products with dyadic fractions are exact."""
+    unit = 2.0 ** (np.floor(np.log2(value)) - 7)
+    return float(np.ceil(value / unit) * unit)
+
+
+def _extent(inequality: Inequality, level: float) -> _Extent:
+    """Along random rays, how far {V ≤ level} goes; not a bound, only where to look."""
+    n = inequality.states
+    rng = np.random.default_rng(0)
+    directions = rng.standard_normal((_DIRECTIONS, n))
+    directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
+    directions /= np.abs(directions).max(axis=1, keepdims=True)
+    parts = _along(inequality, directions)
+    radius = np.zeros(len(directions))
+    step = 0.02 * np.sqrt(level / parts[:, 2])
+    alive = np.ones(len(directions), dtype=bool)
+    value = np.zeros(len(directions))
+    for _ in range(2000):
+        further = radius + step
+        following = sum(part * further**k for k, part in enumerate(parts.T))
+        alive &= (following < 1.002 * level) & (following > value)
+        if not alive.any():
+            break
+        radius, value = np.where(alive, further, radius), np.where(alive, following, value)
+    forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients]).reshape(-1, n)
+    reached = radius + step
+    return _Extent(float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0))
+
+
+def _along(inequality: Inequality, directions: np.ndarray) -> np.ndarray:
+    """V_k at directions z, (N, degree + 1)."""
+    highest = max(map(sum, inequality.value))
+    powers: list[Any] = [np.ones_like(directions)]
+    for _ in range(highest):
+        powers.append(powers[-1] * directions)
+    result = np.zeros((len(directions), highest + 1))
+    for key, value in inequality.value.items():
+        term = np.full(len(directions), nearest_double(value))
+        for i, e in enumerate(key):
+            if e:
+                term *= powers[e][:, i]
+        result[:, sum(key)] += term
+    return result

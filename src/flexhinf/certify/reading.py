@@ -1,0 +1,351 @@
+"""The fields of a problem in the terms of a certificate: exact, with the plant's parameters by name.
+
+A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
+rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
+as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
+form is refused by name: functions of other forms, `where`, inputs that do not enter affinely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import pi
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Term
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.parameters import ParameterTable
+from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.plant.polynomial_plant import PolynomialPlant
+from flexhinf.plant.problem import Problem
+from flexhinf.polynomial import basis
+from flexhinf.scalars import trace
+
+__all__ = ["PlantTerms", "nearest_double", "plant_terms", "rational", "terms_of"]
+
+Row = tuple[Term, ...]
+Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
+
+#: Operations of CasADi that are functions of a certificate.
+ELEMENTARY = {
+    getattr(ca, code): name
+    for code, name in zip(
+        ("OP_SIN", "OP_COS", "OP_EXP", "OP_TANH", "OP_ATAN", "OP_LOG"),
+        ("sin", "cos", "exp", "tanh", "arctan", "log"),
+        strict=True,
+    )
+    if name in FUNCTIONS
+}
+SUMS = {ca.OP_ADD: lambda a, b: a + b, ca.OP_SUB: lambda a, b: a - b, ca.OP_MUL: lambda a, b: a * b}
+_HIGHEST_POWER = 10
+_MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
+
+#: φ(o) where it is rational: by function and, of multiples of π/2, their number.
+_QUARTERS = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0)}
+_AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
+
+
+@dataclass(frozen=True)
+class PlantTerms:
+    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`."""
+
+    drift: tuple[Row, ...]
+    g1: tuple[tuple[Row, ...], ...]
+    g2: tuple[tuple[Row, ...], ...]
+    penalty: Polynomials
+    functions: tuple[Function, ...]
+    parameters: tuple[Parameter, ...]
+
+
+def rational(value: float) -> fmpq:
+    """A double as the rational number it is."""
+    numerator, denominator = Fraction(float(value)).as_integer_ratio()
+    return fmpq(numerator, denominator)
+
+
+def nearest_double(value: fmpq) -> float:
+    """The double nearest to a rational number."""
+    return int(value.p) / int(value.q)  # Python rounds the quotient of two integers correctly
+
+
+def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
+    """The coefficients of a polynomial by exponents, as Python's integers."""
+    return {tuple(map(int, key)): value for key, value in polynomial.to_dict().items()}
+
+
+def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
+    """The fields of a problem in exact terms.
+
+    Parameters
+    ----------
+    problem : GeneralisedPlant or PolynomialPlant
+    penalty : callable, optional
+        The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
+
+    Raises
+    ------
+    InvalidInput
+        A model that has no such form, by name.
+    """
+    if isinstance(problem, GeneralisedPlant):
+        return _of_model(problem, penalty)
+    if isinstance(problem, PolynomialPlant):
+        return _of_polynomials(problem, penalty)
+    raise InvalidInput(
+        "The exact plant is not known, so nothing can be proved about it.",
+        f"expected the problem of a Plant, or a PolynomialPlant, got {type(problem).__name__}",
+        "load_solution(path, problem=…) for a solution from a file",
+    )
+
+
+def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
+    problem.check_unchanged()
+    table = problem.plant.parameters
+    n, m, k = len(problem.state_names), len(problem.input_names), len(problem.disturbance_names)
+    flow = trace(lambda x, u, d, p: problem.flow(x, u, d, table.named(p)), n, m, k, table.size)
+    output = trace(
+        lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
+    )
+    reader = _Reader(n, m + k, _flat_names(table), flow.n_instructions() + output.n_instructions())
+    x, inputs = reader.states, reader.inputs
+    moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
+    driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
+    rates = reader.run(flow, [moved, driven, inputs[m:], reader.parameters])
+    h = reader.run(output, [x, [reader.constant(value) for value in table.vector()]])
+    columns = [reader.split(rate) for rate in rates]
+    drift = tuple(reader.row(row[0], drift=True) for row in columns)
+    g2, g1 = (
+        tuple(tuple(reader.row(part) for part in row[chosen]) for row in columns)
+        for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
+    )
+    penalty_terms = tuple(reader.polynomial(part) for part in h)
+    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(table.vector()))
+
+
+def _flat_names(table: ParameterTable) -> list[str]:
+    """A name for every entry of the parameter vector."""
+    rows = table.values.items()
+    return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
+
+
+def _checked(penalty: Any, x: Any, h: Any) -> Any:
+    if penalty is None:
+        return np.asarray(h)
+    return np.asarray(penalty(np.asarray(x)[None], np.asarray(h)[None]))[0]
+
+
+def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
+    n, disturbances, inputs, outputs = plant.size
+
+    def row(parts: dict[int, np.ndarray], *place: int) -> Row:
+        return tuple(
+            Term(value, tuple(exponents))
+            for degree, part in sorted(parts.items())
+            for exponents, value in zip(basis.exponents(n, degree).tolist(), part[place].tolist())
+            if value
+        )
+
+    output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
+    reader = _Reader(n, 0, (), output.n_instructions())
+    designed = []
+    for i in range(outputs):
+        terms = {term.powers: rational(term.coefficient) for term in row(plant.h_parts, i)}
+        rest = (0,) * (len(reader.context.names()) - n)
+        designed.append(reader.context.from_dict({(*key, *rest): value for key, value in terms.items()}))
+    h = reader.run(output, [reader.states, designed])
+    return PlantTerms(
+        tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
+        tuple(tuple(row(plant.g1_parts, i, j) for j in range(disturbances)) for i in range(n)),
+        tuple(tuple(row(plant.g2_parts, i, j) for j in range(inputs)) for i in range(n)),
+        tuple(reader.polynomial(part) for part in h),
+        (),
+        (),
+    )
+
+
+class _Reader:
+    """Runs traced code on polynomials in states, inputs, parameters, their inverses, and functions.
+
+    Parameters
+    ----------
+    states, inputs : int
+        Numbers of variables; the inputs are u, then d.
+    parameters : sequence of str
+        Names of the parameters.
+    most : int
+        Bound on the number of functions.
+    """
+
+    def __init__(self, states: int, inputs: int, parameters: Sequence[str], most: int) -> None:
+        sizes = states, inputs, len(parameters), len(parameters), most
+        names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
+        self.context = fmpq_mpoly_ctx.get(names)
+        variables = iter(self.context.gens())
+        parts = [[next(variables) for _ in range(size)] for size in sizes]
+        self.states, self.inputs, self.parameters, self.inverses, self._room = parts
+        self.names = tuple(parameters)
+        self.edges = np.cumsum([0, *sizes]).tolist()
+        self.functions: list[Function] = []
+        self._seen: set[int] = set()
+
+    def constant(self, value: float) -> fmpq_mpoly:
+        """A number as a polynomial."""
+        return self.context.constant(rational(value))
+
+    # Running code ------------------------------------------------------------------------------
+    def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
+        """The single result of a traced function."""
+        work: dict[int, fmpq_mpoly] = {}
+        result = [self.context.constant(0)] * function.size1_out(0)
+        for k in range(function.n_instructions()):
+            code = function.instruction_id(k)
+            read, written = function.instruction_input(k), function.instruction_output(k)
+            if code == ca.OP_CONST:
+                work[written[0]] = self.constant(function.instruction_constant(k))
+            elif code == ca.OP_INPUT:
+                work[written[0]] = arguments[read[0]][read[1]]
+            elif code == ca.OP_OUTPUT:
+                result[written[1]] = work[read[0]]
+            else:
+                work[written[0]] = self._operation(code, [work[place] for place in read])
+        return result
+
+    def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
+        first, second = operands[0], operands[-1]
+        simple = {ca.OP_NEG: -1, ca.OP_TWICE: 2, ca.OP_ASSIGN: 1}
+        if code in SUMS:
+            return SUMS[code](first, second)
+        if code in simple:
+            return first * simple[code]
+        if code == ca.OP_SQ:
+            return first * first
+        if code in (ca.OP_INV, ca.OP_DIV):
+            return (first if code == ca.OP_DIV else 1) * self._inverse(second)
+        if code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant():
+            value = second.leading_coefficient() if second else fmpq(0)
+            if value.q == 1 and 0 <= value <= _HIGHEST_POWER:
+                return first ** int(value.p)
+        if code in ELEMENTARY:
+            return self._applied(ELEMENTARY[code], first)
+        name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == code), "?")
+        raise refused(f"the operation {name.removeprefix('OP_').lower()}")
+
+    def _inverse(self, below: fmpq_mpoly) -> fmpq_mpoly:
+        terms = list(terms_of(below).items())
+        start, end = self.edges[2], self.edges[4]
+        if len(terms) != 1 or any(terms[0][0][:start]) or any(terms[0][0][end:]):
+            raise refused("a quotient by something else than a product of parameters")
+        (exponents, value), count = terms[0], len(self.names)
+        swapped = [0] * len(exponents)
+        swapped[start : start + count] = exponents[start + count : end]
+        swapped[start + count : end] = exponents[start : start + count]
+        return self.context.from_dict({tuple(swapped): 1 / value})
+
+    def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
+        """A function of a linear form of the state: a variable."""
+        slope, offset = [0.0] * len(self.states), fmpq(0)
+        for exponents, value in terms_of(argument).items():
+            if not any(exponents):
+                offset = value
+                continue
+            if sum(exponents) != 1 or not any(exponents[: len(slope)]):
+                raise refused(
+                    f"{name} of something else than a linear form of the state with constant numbers"
+                )
+            slope[exponents.index(1)] = _exact_double(value, name)
+        function = Function(name, tuple(slope), *_offset(name, offset))
+        if function not in self.functions:
+            self.functions.append(function)
+        return self._room[self.functions.index(function)]
+
+    # Terms -------------------------------------------------------------------------------------
+    def split(self, rate: fmpq_mpoly) -> list[fmpq_mpoly]:
+        """The part without inputs, then the factor of each input."""
+        start, end = self.edges[1], self.edges[2]
+        parts: list[dict[tuple[int, ...], fmpq]] = [{} for _ in range(end - start + 1)]
+        for exponents, value in terms_of(rate).items():
+            inputs = exponents[start:end]
+            if sum(inputs) > 1:
+                raise refused("an input or a disturbance that does not enter affinely")
+            place = 1 + inputs.index(1) if any(inputs) else 0
+            parts[place][exponents[:start] + (0,) * (end - start) + exponents[end:]] = value
+        return [self.context.from_dict(part) for part in parts]
+
+    def row(self, field: fmpq_mpoly, drift: bool = False) -> Row:
+        """A field as terms; of the drift without its constant, which the operating input balances."""
+        result: dict[Any, fmpq] = {}
+        for exponents, value in terms_of(field).items():
+            states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
+            pairs = self._powers(exponents)
+            if sum(functions) > 1 or (any(functions) and not drift):
+                raise refused("a product of functions, or a function in g1 or g2")
+            index = functions.index(1) if any(functions) else None
+            if index is not None:
+                at_zero = self._at_zero(self.functions[index]) if any(states) else fmpq(0)
+                key = (states, pairs, None)
+                result[key] = result.get(key, fmpq(0)) + value * at_zero
+            if index is not None or any(states) or not drift:
+                key = (states, pairs, index)
+                result[key] = result.get(key, fmpq(0)) + value
+        return tuple(
+            Term(_exact_double(value, "the model"), states, pairs, index)
+            for (states, pairs, index), value in result.items()
+            if value
+        )
+
+    def _powers(self, exponents: tuple[int, ...]) -> tuple[tuple[str, int], ...]:
+        start, middle, end = self.edges[2:5]
+        powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
+        self._seen |= {i for i, power in enumerate(powers) if power}
+        return tuple((self.names[i], power) for i, power in enumerate(powers) if power)
+
+    def _at_zero(self, function: Function) -> fmpq:
+        if function.offset == 0.0 and function.name in _QUARTERS:
+            return fmpq(_QUARTERS[function.name][function.pi_halves % 4])
+        if function.offset == 0.0 and function.name in _AT_ZERO:
+            return fmpq(_AT_ZERO[function.name])
+        raise refused(f"a state times {function.name} of a state, away from where that is rational")
+
+    def polynomial(self, part: fmpq_mpoly) -> tuple[tuple[tuple[int, ...], float], ...]:
+        """A penalised output: the doubles nearest to its coefficients are what is checked."""
+        terms = terms_of(part)
+        if any(any(exponents[self.edges[1] :]) for exponents in terms):
+            raise refused("a penalty that is no polynomial of the state")
+        n = self.edges[1]
+        return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
+
+    def used(self, values: np.ndarray) -> tuple[Parameter, ...]:
+        """The parameters that stand in terms, at their nominal values."""
+        return tuple(Parameter(self.names[i], float(values[i]), float(values[i])) for i in sorted(self._seen))
+
+
+def _offset(name: str, offset: fmpq) -> tuple[float, int]:
+    """The offset as a double and a number of π/2, one of them zero."""
+    value = _exact_double(offset, name)
+    halves = round(value / (pi / 2))
+    if halves and abs(halves) <= _MOST_HALVES and value == halves * pi / 2 and name in _QUARTERS:
+        return 0.0, halves
+    return value, 0
+
+
+def _exact_double(value: fmpq, where: str) -> float:
+    """A rational number that is a double."""
+    found = nearest_double(value)
+    if rational(found) != value:
+        raise refused(f"a number of {where} that is no double: make it a parameter of the plant")
+    return found
+
+
+def refused(what: str) -> InvalidInput:
+    """The error for a plant that the method cannot take."""
+    return InvalidInput(
+        "The method cannot prove anything about this plant.",
+        f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",
+        "sampled_region, or the Taylor expansion as the plant: solve_hji(problem.expand(degree), …)",
+    )

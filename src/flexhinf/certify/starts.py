@@ -1,0 +1,236 @@
+"""Rest-to-rest steps inside a proved region: where they start, and the largest one.
+
+A step of the moved state by a starts at the equilibrium at −a, seen from the goal. The equilibrium follows from the
+plant's own terms: a rate without input that holds one unknown state linearly gives that state. The start of the
+integrators is the controller's choice: where V is smallest, or where the input does not jump. The path of starts over
+a begins at 0, and V ≤ level along it, so its starts lie in the proved component and not in another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.terms import Function, Start, Term
+from flexhinf.errors import FlexhinfError
+from flexhinf.hinf.step_amplitude import settled, step_roles
+from flexhinf.hinf.value_function import ValueFunction
+
+__all__ = ["SMALLEST_VALUE", "UNCHANGED_INPUT", "starts_of"]
+
+SMALLEST_VALUE = "each integrator starts where V is smallest"
+UNCHANGED_INPUT = "each integrator starts where the input does not jump"
+
+_STEPS = 150  # of the amplitude that the quadratic part of V predicts
+_LONGEST = 20  # give up at this many times that amplitude
+_BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
+
+Terms = tuple[Term, ...]
+
+
+def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
+    """The path of starts for either rule, as far as V stays below the certificate's level."""
+    try:
+        shares, free = step_roles(solution.state_names, None, None)
+    except FlexhinfError:  # no integrator: nothing is commanded
+        return ()
+    rest = _rest(statement, shares, free)
+    if rest is None:
+        return ()
+    path, functions = rest
+    found = []
+    for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, _unchanged)):
+        rows = list(_followed(solution, statement.level, _evaluator(path, functions, statement), free, place))
+        if len(rows) > 1:
+            amplitudes = tuple(a for a, _ in rows)
+            table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
+            found.append(Start(rule, amplitudes[-1], path, functions, amplitudes, table))
+    return tuple(found)
+
+
+# The equilibrium ----------------------------------------------------------------------------------
+def _rest(
+    statement: Certificate, shares: np.ndarray, free: np.ndarray
+) -> tuple[tuple[Terms, ...], tuple[Function, ...]] | None:
+    """The states of the equilibrium at −a as terms in a; None where the rates do not give them one by one."""
+    n = len(shares)
+    path: dict[int, Terms] = {i: (Term(-float(s), (1,)),) for i, s in enumerate(shares) if s}
+    path |= {i: () for i in range(n) if free[i]}
+    functions: list[Function] = []
+    rates = [i for i in range(n) if not free[i] and not any(statement.g2[i])]
+    while rates:
+        for i in rates:
+            solved = _solved(statement, i, path, functions)
+            if solved is not None:
+                break
+        else:
+            return None
+        rates.remove(i)
+        path |= solved
+    if len(path) < n:
+        return None
+    return tuple(path[i] for i in range(n)), tuple(functions)
+
+
+def _solved(
+    statement: Certificate, rate: int, path: dict[int, Terms], functions: list[Function]
+) -> dict[int, Terms] | None:
+    """The one unknown state of a rate, where the others are known; {} where none is unknown."""
+    known: list[Term] = []
+    unknown: list[tuple[int, Term]] = []
+    for term in statement.drift[rate]:
+        slope = () if term.function is None else statement.functions[term.function].slope
+        states = [i for i, power in enumerate(term.powers) if power] + [i for i, s in enumerate(slope) if s]
+        missing = [i for i in states if i not in path]
+        if not missing:
+            known.append(term)
+        elif term.function is None and len(states) == 1 and sum(term.powers) == 1:
+            unknown.append((missing[0], term))
+        else:
+            return None
+    if not unknown:
+        return {}
+    if len(unknown) > 1:
+        return None
+    state, divisor = unknown[0]
+    result: list[Term] = []
+    for term in known:
+        moved = _along(term, path, statement, functions)
+        if moved is None:
+            return None
+        result += [_divided(part, divisor) for part in moved]
+    return {state: tuple(result)}
+
+
+def _along(
+    term: Term, path: dict[int, Terms], statement: Certificate, functions: list[Function]
+) -> list[Term] | None:
+    """A term of the drift on the path: only states that are multiples of a, or zero, may stand in it."""
+    factor, power = term.coefficient, 0
+    for i, times in enumerate(term.powers):
+        if times:
+            multiple = _multiple(path[i])
+            if multiple is None:
+                if term.function is None and sum(term.powers) == 1:
+                    return [replace(part, coefficient=part.coefficient * factor) for part in path[i]]
+                return None
+            factor *= multiple**times
+            power += times
+    if factor == 0.0:
+        return []
+    if term.function is None:
+        return [Term(factor, (power,), term.parameters)]
+    given = statement.functions[term.function]
+    slopes = [_multiple(path[i]) if s else 0.0 for i, s in enumerate(given.slope)]
+    if any(s is None for s in slopes):
+        return None
+    slope = float(sum(s * v for s, v in zip(given.slope, slopes) if v))  # type: ignore[operator]
+    along = Function(given.name, (slope,), given.offset, given.pi_halves)
+    if along not in functions:
+        functions.append(along)
+    return [Term(factor, (power,), term.parameters, functions.index(along))]
+
+
+def _multiple(terms: Terms) -> float | None:
+    """m of a state that is m a, else None."""
+    if not terms:
+        return 0.0
+    plain = len(terms) == 1 and terms[0].powers == (1,) and not terms[0].parameters
+    return terms[0].coefficient if plain and terms[0].function is None else None
+
+
+def _divided(term: Term, divisor: Term) -> Term:
+    """−term / divisor."""
+    powers = dict(term.parameters)
+    for name, power in divisor.parameters:
+        powers[name] = powers.get(name, 0) - power
+    pairs = tuple((name, power) for name, power in powers.items() if power)
+    return Term(-term.coefficient / divisor.coefficient, term.powers, pairs, term.function)
+
+
+def _evaluator(
+    path: tuple[Terms, ...], functions: tuple[Function, ...], statement: Certificate
+) -> Callable[[float], np.ndarray]:
+    """The equilibrium at −a in doubles."""
+    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in statement.parameters}
+    elementary = {name: getattr(np, name) for name in ("sin", "cos", "exp", "tanh", "arctan", "log")}
+
+    def bracket(function: Function, a: float) -> float:
+        o = function.offset + function.pi_halves * np.pi / 2
+        phi = elementary[function.name]
+        return float(phi(o + function.slope[0] * a) - phi(o))
+
+    def state(a: float) -> np.ndarray:
+        return np.array([
+            sum(
+                term.coefficient * np.prod([numbers[name] ** power for name, power in term.parameters])
+                * a ** term.powers[0] * (1.0 if term.function is None else bracket(functions[term.function], a))
+                for term in terms
+            )
+            for terms in path
+        ], dtype=float)  # fmt: skip
+
+    return state
+
+
+# The integrators ----------------------------------------------------------------------------------
+def _followed(
+    solution: ValueFunction,
+    level: float,
+    rest: Callable[[float], np.ndarray],
+    free: np.ndarray,
+    place: Callable[[ValueFunction, np.ndarray, np.ndarray], Any],
+) -> Iterator[tuple[float, np.ndarray]]:
+    """Amplitudes and starts, from 0 on, as long as V stays below the level."""
+    probe = 1e-3
+    first = place(solution, rest(probe), free)
+    if first is None:
+        return
+    step = probe * float(np.sqrt(level / solution.value(first))) / _STEPS
+    yield 0.0, np.zeros(len(free))
+    before, amplitude = np.zeros(len(free)), 0.0
+    start: np.ndarray | None
+    for _ in range(_LONGEST * _STEPS):
+        guess = rest(amplitude + step)
+        guess[free] = before[free] * ((amplitude + step) / amplitude if amplitude else 0.0)
+        start = place(solution, guess, free)
+        middle = rest(amplitude + step / 2)
+        if start is not None:
+            middle[free] = (before[free] + start[free]) / 2
+        if start is None or not (solution.value(np.stack([middle, start])) < _BELOW * level).all():
+            if step < 1e-4 * amplitude or amplitude == 0.0:
+                return
+            step /= 2
+            continue
+        amplitude, before = amplitude + step, start
+        yield amplitude, start
+
+
+def _unchanged(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
+    """The integrators at which the law's input is the one that holds the start, by Newton's method."""
+    index = np.flatnonzero(free)
+    f, _, g2, _ = solution.exact_fields(x[None])
+    held = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
+    if len(held) != len(index):
+        return None
+    x = x.copy()
+    scale = 1 / np.sqrt(np.diag(solution.P)[index])
+    for _ in range(30):
+        around = np.repeat(x[None], 1 + 2 * len(index), axis=0)
+        difference = 1e-5 * np.maximum(np.abs(x[index]), 1e-3 * scale)
+        rows = np.arange(len(index))
+        around[1 + rows, index] += difference
+        around[1 + len(index) + rows, index] -= difference
+        inputs = solution.inputs(around)
+        slope = (inputs[1 : 1 + len(index)] - inputs[1 + len(index) :]).T / (2 * difference)
+        if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < len(index):
+            return None
+        step = -np.linalg.solve(slope, inputs[0] - held)
+        x[index] += step
+        if np.abs(step / np.maximum(np.abs(x[index]), scale * 1e-6)).max() < 1e-10:
+            return x
+    return None

@@ -1,0 +1,191 @@
+"""Controller and robot as FMUs, each in fmpy, closed into a loop: the trajectory is that of `Loop`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import export_fmu, export_plant_fmu
+
+fmpy = pytest.importorskip("fmpy")
+
+PLANT = fh.paper_arm().plant()
+PERIOD, SAMPLES, GOAL, LOAD = 1e-3, 400, 0.6, 0.8
+
+
+class Instance:
+    """An FMU that is set and read by names."""
+
+    def __init__(self, path: Path, folder: Path, name: str) -> None:
+        from fmpy.fmi2 import FMU2Slave
+
+        self.description = fmpy.read_model_description(str(path))
+        self.at = {variable.name: variable.valueReference for variable in self.description.modelVariables}
+        self.model = FMU2Slave(
+            guid=self.description.guid, unzipDirectory=fmpy.extract(str(path), unzipdir=str(folder / name)),
+            instanceName=name, modelIdentifier=self.description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        self.model.instantiate()
+        self.begin()
+
+    def begin(self) -> None:
+        self.model.setupExperiment(startTime=0.0)
+        self.model.enterInitializationMode()
+        self.model.exitInitializationMode()
+
+    def set(self, **values: float) -> None:
+        names = [name.replace("__", ".") for name in values]
+        self.model.setReal([self.at[name] for name in names], list(values.values()))
+
+    def get(self, kind: str, names: tuple[str, ...]) -> list[float]:
+        return self.model.getReal([self.at[f"{kind}.{name}"] for name in names])
+
+    def step(self, k: int) -> None:
+        self.model.doStep(currentCommunicationPoint=PERIOD * k, communicationStepSize=PERIOD)
+
+
+@contextmanager
+def instances(files: dict[str, Path], folder: Path, names: list[str]) -> Iterator[list[dict[str, Instance]]]:
+    """Pairs of a controller and a plant, all in this process."""
+    pairs = [
+        {kind: Instance(path, folder, f"{kind}-{name}") for kind, path in files.items()} for name in names
+    ]
+    yield pairs
+    for pair in pairs:
+        for one in pair.values():
+            one.model.terminate()
+            one.model.freeInstance()
+
+
+@pytest.fixture(scope="module")
+def loop(controller: fh.Controller) -> fh.Loop:
+    return fh.Loop(PLANT, controller)
+
+
+@pytest.fixture(scope="module")
+def files(
+    controller: fh.Controller, compiler: str, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("fmu")
+    return {
+        "controller": export_fmu(controller, folder / "arm.fmu", "arm"),
+        "plant": export_plant_fmu(PLANT, folder / "robot.fmu", "robot", PERIOD),
+    }
+
+
+def sample(pair: dict[str, Instance], k: int, goal: float) -> list[float]:
+    """One period of the loop: state at its beginning, then what the controller answers."""
+    controller, plant = pair["controller"], pair["plant"]
+    state = plant.get("state", ("link_position", "link_velocity", "motor_position", "motor_velocity"))
+    controller.set(
+        measured__link_position=plant.get("measured", ("link_position",))[0], command__link_position=goal
+    )
+    controller.step(k)
+    (u,) = controller.get("u", ("motor_voltage",))
+    plant.set(u__motor_voltage=u, disturbance__link_torque=LOAD if k >= SAMPLES // 2 else 0.0)
+    plant.step(k)
+    return [*state, u]
+
+
+@pytest.mark.oracle
+def test_interleaved_loops_of_fmus_move_as_simulated_and_again_after_a_reset(
+    loop: fh.Loop, files: dict[str, Path], tmp_path: Path
+) -> None:
+    goals = [GOAL, -0.3]
+    expected = []
+    for goal in goals:
+        load = {"link_torque": fh.Step(LOAD, at=PERIOD * (SAMPLES // 2))}
+        run = loop.run(fh.Step(goal), load, duration=PERIOD * (SAMPLES - 1))
+        expected.append(np.hstack([run.signals["state"], run.signals["input"]]))
+    with instances(files, tmp_path, ["one", "other"]) as pairs:
+        for _ in range(2):
+            rows = [
+                [sample(pair, k, goal) for pair, goal in zip(pairs, goals, strict=True)]
+                for k in range(SAMPLES)
+            ]
+            found = np.array(rows).swapaxes(0, 1)
+            for mine, theirs in zip(found, expected, strict=True):
+                scale = np.abs(theirs).max(axis=0)
+                assert (np.abs(mine - theirs).max(axis=0) / scale).max() <= 1e-9
+            for pair in pairs:
+                for one in pair.values():
+                    one.model.reset()
+                    one.begin()
+
+
+def test_units_and_first_values_are_those_of_the_model(files: dict[str, Path], tmp_path: Path) -> None:
+    """Every variable has the start value that its instance has, and every signal the unit of the plant."""
+    with instances(files, tmp_path, ["one"]) as (pair,):
+        for kind, one in pair.items():
+            for variable in one.description.modelVariables:
+                read = {
+                    "Real": one.model.getReal,
+                    "Integer": one.model.getInteger,
+                    "Boolean": one.model.getBoolean,
+                }
+                (value,) = read[variable.type]([variable.valueReference])
+                declared = variable.start
+                assert value == (declared == "true" if variable.type == "Boolean" else float(declared)), (
+                    variable.name
+                )
+                group, _, signal = variable.name.partition(".")
+                if group in {
+                    "u",
+                    "measured",
+                    "state",
+                    "estimate",
+                    "disturbance",
+                    "start",
+                    "command",
+                    "lower",
+                    "upper",
+                }:
+                    assert variable.unit == PLANT.unit(signal), f"{kind}: {variable.name}"
+
+
+@pytest.mark.oracle
+def test_parameters_of_the_plant_and_limits_of_the_controller_are_set(
+    controller: fh.Controller, files: dict[str, Path], tmp_path: Path
+) -> None:
+    heavier, limit = 1.3, 1.0
+    weak = fh.Controller(controller.law, controller.estimator, PERIOD, limit)
+    run = fh.Loop(PLANT.with_parameters(mass=heavier), weak).run(
+        fh.Step(GOAL), duration=PERIOD * 99, initial_state={"link_position": 0.1, "motor_position": 0.1}
+    )
+    assert np.abs(run.signals["input"]).max() == limit
+    with instances(files, tmp_path, ["one"]) as (pair,):
+        for one in pair.values():
+            one.model.reset()
+        pair["plant"].set(parameter__mass=heavier, start__link_position=0.1, start__motor_position=0.1)
+        pair["controller"].set(lower__motor_voltage=-limit, upper__motor_voltage=limit)
+        for one in pair.values():
+            one.begin()
+        found = np.array([sample(pair, k, GOAL) for k in range(100)])
+    expected = np.hstack([run.signals["state"], run.signals["input"]])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.oracle
+def test_a_simulation_by_fmpy_alone_is_the_recorded_one(loop: fh.Loop, files: dict[str, Path]) -> None:
+    """`simulate_fmu` is fed what the loop measured; what it writes down at the end of a step is the step's."""
+    run = loop.run(fh.Step(GOAL), noise=1e-3, duration=PERIOD * (SAMPLES - 1))
+    times = PERIOD * np.arange(SAMPLES)
+    given = np.zeros(
+        SAMPLES, dtype=[(name, float) for name in ("time", "measured.link_position", "command.link_position")]
+    )
+    given["time"], given["measured.link_position"] = times, run.signals["output"][:, 0]
+    given["command.link_position"] = GOAL
+    result = fmpy.simulate_fmu(
+        str(files["controller"]), stop_time=float(times[-1]), step_size=PERIOD, output_interval=PERIOD, input=given,
+        output=["u.motor_voltage"],
+    )  # fmt: skip
+    u = run.signals["input"][:, 0]
+    np.testing.assert_allclose(
+        result["u.motor_voltage"][1:], u[: len(result) - 1], rtol=0, atol=1e-9 * np.abs(u).max()
+    )
+    assert len(result) >= SAMPLES - 1
