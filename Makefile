@@ -1,13 +1,14 @@
 # make demo      set everything up in .venv and reproduce the paper
 # make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-hardware: measure;  make clean;  make locks
+# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-firmware: measure;  make clean;  make locks
 # make pages     the tables, transcripts and figures of the docs, computed anew
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
 # when a lock changes, .venv is made anew.
 
 VENV   ?= .venv
+PEERS  ?= .venv-peers
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
              $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
 
@@ -22,7 +23,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-hardware pages locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware peers pages locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -54,9 +55,28 @@ bench-hji: environment-dev
 bench-arm: environment-dev
 	OMP_NUM_THREADS=1 $(PY) -m benchmarks.arm
 
+# Against numba and JAX where `make peers` has been run: they have an environment of their own, and no lock.
+bench-campaign: environment-dev
+	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.campaign
+
+peers: $(PEERS)/.stamp
+
+$(PEERS)/.stamp: benchmarks/campaign/peers.txt
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip --disable-pip-version-check --no-input install --quiet -r $<
+	touch $@
+
+# 10,000 steps of seven links in real time; for more on an idle machine, python -m benchmarks.jitter --steps 1000000
+bench-jitter: environment-dev
+	OMP_NUM_THREADS=1 $(PY) -m benchmarks.jitter
+
 # Rows that are missing in benchmarks/hardware/rows, one after the other; with every row missing, an hour or two.
 bench-hardware: environment-dev
 	$(PY) -m benchmarks.hardware
+
+# Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
+bench-firmware: environment-dev
+	$(PY) -m benchmarks.firmware
 
 # Set-up -----------------------------------------------------------------------------------------------------
 
@@ -89,5 +109,5 @@ locks:
 	$(LOCK) --group build --extra test --constraint requirements.lock pyproject.toml --output-file requirements-dev.lock
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
+	rm -rf $(VENV) $(PEERS) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -298,12 +298,12 @@ def promises() -> str:
     return outcome.stdout.strip()
 
 
-# Hardware -------------------------------------------------------------------------------------------
-def hardware(table: str) -> Callable[[], str]:
-    """A table of the rows that benchmarks/hardware has measured and kept."""
+# Benchmarks -------------------------------------------------------------------------------------------
+def benchmark(*words: str) -> Callable[[], str]:
+    """A table of the rows that a module of benchmarks has measured and kept."""
 
     def made() -> str:
-        command = [sys.executable, "-m", "benchmarks.hardware", "--table", table]
+        command = [sys.executable, "-m", *words]
         environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
         outcome = subprocess.run(
             command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
@@ -326,10 +326,11 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/design.md", options),
     "rooms": ("docs/architecture.md", rooms),
     "arm": ("docs/hardware.md", arm),
-    "arm-result": ("docs/hardware.md", hardware("arm")),
-    "robots": ("docs/hardware.md", hardware("robots")),
-    "reasons": ("docs/hardware.md", hardware("reasons")),
-    "payload": ("docs/hardware.md", hardware("payload")),
+    "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
+    "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
+    "reasons": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "reasons")),
+    "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
+    "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "refusal": ("docs/design.md", refusal),

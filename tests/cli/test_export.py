@@ -42,6 +42,24 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
     assert not report.unchanged(tmp_path, ("controller",))
 
 
+def test_a_folder_with_files_needs_force(
+    controller: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "c"
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+    words = ["export", "c", str(controller), "--out", str(out)]
+    assert main(words) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    assert (out / "mine.txt").read_text() == "mine"
+
+
+def test_a_stored_law_is_called_what_it_was(controller: Path, tmp_path: Path) -> None:
+    assert main(["export", "c", str(controller), "--out", str(tmp_path / "c")]) == 0
+    assert "| law | HJISolution |" in (tmp_path / "c" / "README.md").read_text()
+
+
 @pytest.mark.slow
 def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
     (tmp_path / "design.toml").write_text('[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\n')

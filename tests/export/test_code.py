@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import flexhinf as fh
+from flexhinf.codegen.machine import host
 from flexhinf.export import export_c
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
@@ -120,6 +121,57 @@ def tool(name: str) -> str:
 def test_no_compiler_warns(compiler: str, real: str, exported: dict[str, Path]) -> None:
     for file in ("arm.c", "arm_test.c", "main.c"):
         run(tool(compiler), *STRICT, "-O1", "-c", file, "-o", "out.o", folder=exported[real])
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_what_would_remove_the_checks_is_refused(compiler: str, flag: str, exported: dict[str, Path]) -> None:
+    command = [tool(compiler), flag, "-c", "arm.c", "-o", "out.o"]
+    done = subprocess.run(command, cwd=exported["double"], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "must see numbers that are not finite" in done.stderr
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_bits_do_not_depend_on_the_standard_or_the_processor(
+    compiler: str, exported: dict[str, Path]
+) -> None:
+    """By its default, gcc fuses products and sums on its own where the processor can."""
+    if not host().fused:
+        pytest.skip("no fused multiply-add")
+    folder = exported["double"]
+    run(tool(compiler), "-O2", "-march=native", "arm.c", "arm_test.c", "-lm", "-o", "native", folder=folder)
+    assert "largest relative error 0 " in run("./native", folder=folder)
+
+
+def test_what_is_applied_is_within_limits_that_were_changed(
+    exported: dict[str, Path], compiler: str, tmp_path: Path
+) -> None:
+    """Also where the safe input of the design is beyond them, and nothing good was computed yet."""
+    (tmp_path / "limits.c").write_text("""
+#include <math.h>
+#include <stdio.h>
+#include "arm.h"
+int main(void)
+{
+    static arm_state state;
+    arm_param param = arm_defaults;
+    arm_input input = {.y = {NAN}, .measured = 1};
+    arm_output output;
+    param.value[ARM_P_LOWER] = 5;
+    param.value[ARM_P_UPPER] = 10;
+    arm_init(&state);
+    const int code = arm_step(&state, &param, &input, &output);
+    printf("%d %g", code, (double)output.u[0]);
+    return 0;
+}
+""")
+    source = exported["double"] / "arm.c"
+    run(
+        compiler, "-std=c99", f"-I{source.parent}", "limits.c", source, "-lm", "-o", "limits", folder=tmp_path
+    )
+    assert run("./limits", folder=tmp_path) == "1 5"
 
 
 def test_the_fragment_of_the_documentation_compiles(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,10 @@ def test_everything_is_logged(run: RealTimeRun) -> None:
     np.testing.assert_array_equal(
         expected(run, "flags", "at_limit"), np.abs(run.trajectory.signals["input"][:, 0]) >= 48.0 * (1 - 1e-9)
     )
+    free = replace(run, input_range=(np.array([-np.inf]), np.array([np.inf])))
+    assert not expected(free, "flags", "at_limit").any()
+    tight = replace(run, input_range=(np.array([-np.inf]), run.trajectory.signals["input"].max(axis=0)))
+    assert expected(tight, "flags", "at_limit").sum() >= 1
 
 
 @pytest.mark.oracle

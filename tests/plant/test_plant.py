@@ -190,3 +190,9 @@ def test_models_may_be_objects_without_a_hash():
 def test_names_that_do_not_tell_signals_apart_are_refused(names):
     with pytest.raises(InvalidInput):
         pendulum(**names)
+
+
+@pytest.mark.parametrize("unit", ["\x01", "a\u2028b", 3, None])
+def test_units_are_text_that_can_be_printed(unit: object) -> None:
+    with pytest.raises(InvalidInput, match="unit of 'angle' cannot be printed"):
+        pendulum(units={"angle": unit})

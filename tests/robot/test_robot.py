@@ -7,7 +7,8 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot import Parameter, Robot, paper_arm
+from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
+from flexhinf.robot.quantities import parameter_units
 
 
 def test_draws_stay_in_their_intervals_and_fill_them():
@@ -90,3 +91,13 @@ def test_a_plant_is_built_once_for_its_sensors_and_extras():
     for other in (copy.copy(robot), copy.deepcopy(robot), pickle.loads(pickle.dumps(robot))):
         assert "_plants" not in vars(other)
         assert other.plant().code_key == robot.plant().code_key
+
+
+def test_parameters_of_a_plant_have_units() -> None:
+    """Of single numbers and of arrays, row by row; a joint that slides has others."""
+    units = load_robot("planar-two-link").plant().units
+    assert (units["gravity"], units["mass[2]"], units["inertia[12]"]) == ("m/s²", "kg", "kg·m²")
+    values = {"stiffness": np.ones(2), "centre_of_mass": np.ones((2, 3)), "unknown": np.ones(2)}
+    assert parameter_units(values, (False, True)) == {
+        "stiffness[1]": "N·m/rad", "stiffness[2]": "N/m", **{f"centre_of_mass[{k}]": "m" for k in range(1, 7)},
+    }  # fmt: skip

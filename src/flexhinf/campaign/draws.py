@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.noise import philox, seed_words
+from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import checked_text, distinct, is_real, value_text
@@ -297,14 +297,14 @@ def one_of(what: str, value: Any, known: Sequence[str]) -> None:
 # Numbers inside (0, 1) --------------------------------------------------------------------------------------
 def sample_seed(seed: int, index: int) -> int:
     """The seed of a sample's measurement noise, for `Loop.run`."""
-    words = philox((0, 0, index, _SEEDS), seed_words(seed))
+    words = philox((0, 0, index, _SEEDS), seed_key(seed))
     return int(words[0]) << 32 | int(words[1])
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
     """Points (N, dimensions) inside the open unit cube."""
     if method == "random":
-        words = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_words(seed))
+        words = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
         bits = (words[0] << np.uint64(21)) ^ (words[1] >> np.uint64(11))
         return np.minimum((bits.astype(float) + 0.5) * 2.0**-53, 1.0 - 2.0**-53)
     if method == "latin-hypercube":

@@ -1,6 +1,20 @@
 """What is proved about a synthesis, on which region: the certificate, and the checker that re-verifies it."""
 
 from flexhinf.certify.certificate import Certificate, load_certificate
+from flexhinf.certify.checker import Verification
+from flexhinf.certify.proof import NotProved, prove
 from flexhinf.certify.terms import FUNCTIONS, Function, Parameter, Signal, Start, Term
 
-__all__ = ["FUNCTIONS", "Certificate", "Function", "Parameter", "Signal", "Start", "Term", "load_certificate"]
+__all__ = [
+    "FUNCTIONS",
+    "Certificate",
+    "Function",
+    "NotProved",
+    "Parameter",
+    "Signal",
+    "Start",
+    "Term",
+    "Verification",
+    "load_certificate",
+    "prove",
+]

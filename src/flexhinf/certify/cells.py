@@ -6,13 +6,14 @@ that its variables lie in [−1, 1]: the constant, plus max(c, 0) of every coeff
 |c| of the others. Monomials of degree above 3 in t are not re-expanded in ρ; they are taken at the middle, plus what
 each degree can change up to ρ_b.
 
-**Rounding.** A bound is a sum of products that are computed in doubles, fused or not. Because |t_j⁰| + h_j ≤ 1, the sum
-of the absolute values of everything that is added up is at most M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|,
-before as after the re-expansion (synthetic division adds |a| ≤ 1 times one coefficient to another, and no absolute sum
-grows beyond that of (|t⁰| + h)^β). Each of these terms passes at most K roundings, so the error is at most
-K u/(1 − K u) · M with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Powers of two and dyadic
-t, h and ρ make the cells themselves exact. No number underflows or overflows unnoticed: sizes are checked once, in
-`_checked`, and 1e-280 is added for what underflows. A NaN is no bound that holds: all comparisons are ordered.
+**Rounding.** A bound is a sum of products of the coefficients with powers of t⁰, h and ρ, computed in doubles, fused
+or not. Because |t_j⁰| + h_j ≤ 1, the absolute values of all these products add up to at most
+M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|: synthetic division makes (|t⁰| + h)^β of |t|^β, and the shift in ρ
+makes (ρ_m + δ)^p = ρ_b^p of ρ^p. Each product passes at most K roundings, so the error is at most K u/(1 − K u) · M
+with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Dyadic t, h and ρ make the cells themselves exact.
+Nothing overflows or underflows unnoticed: sizes are checked once, in `_checked`, and 1e-300 times the largest factor is
+added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons are
+ordered, and max(a, 0) of NaN is NaN.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.faces import (
     Layout,
     degrees_of,
@@ -44,7 +46,7 @@ from flexhinf.certify.inequality import (
     times_powers,
 )
 from flexhinf.certify.kernel import kernel_text
-from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape
+from flexhinf.certify.kernel_code import LANES, LOW, POINTERS, Shape, aligned
 from flexhinf.certify.quotients import QuotientTable, quotient_table
 from flexhinf.certify.reading import nearest_double
 from flexhinf.codegen import machine
@@ -55,7 +57,7 @@ __all__ = ["Bounds", "CellBounds", "Cells"]
 
 _PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
-_SMALLEST = 1e-280
+_SMALLEST = 1e-300
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
@@ -134,20 +136,21 @@ class CellBounds:
         Largest radius; few bits.
     extent : sequence of float
         Largest |ℓ_j| for which the functions are enclosed.
+    box : BoxExcess, optional
+        What the parameters' box adds to r; without, all have one value.
     """
 
-    def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
-        self.n = inequality.states
-        self.reach = reach
+    def __init__(
+        self, inequality: Inequality, reach: float, extent: Sequence[float], box: BoxExcess | None = None
+    ) -> None:
+        self.n, self.reach, self.box = inequality.states, reach, box
         self.forms = np.array([[nearest_double(a) for a in q.form] for q in inequality.quotients])
         self.symmetric = is_symmetric(inequality)
         signs = (1,) if self.symmetric else (1, -1)
         self.faces = [(variable, sign) for variable in range(self.n) for sign in signs]
         d, keep = self.n - 1, self.symmetric
         value, value_odd = by_parity(inequality.value, even=True) if keep else (inequality.value, {})
-        whole, whole_odd = (
-            by_parity(inequality.polynomial, even=True) if keep else (inequality.polynomial, {})
-        )
+        whole, whole_odd = by_parity(inequality.polynomial, True) if keep else (inequality.polynomial, {})
         factors = []
         for quotient in inequality.quotients:
             right = parity(quotient.function) == -1  # Φ odd: S even
@@ -204,10 +207,12 @@ class CellBounds:
     def _checked(self) -> None:
         """Refuse sizes at which doubles could overflow or underflow unnoticed."""
         highest = max(self.shape.whole.degrees[-1], self.shape.value.degrees[-1])
-        scale = max(self.reach, 1.0) ** highest
         rows = max((np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0)
-        largest = max(float(np.abs(t).sum()) for t in (self.value_table, self.table)) * scale * rows
-        if not largest < _LARGEST or not 1 / self.reach < _LARGEST:
+        scale = max(self.reach, 1.0) ** highest * rows
+        tables = self.value_table, self.quotient_table, self.table
+        largest = max(float(np.abs(table).sum()) for table in tables) * scale
+        self._underflow = _SMALLEST * scale
+        if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
             raise NumericalFailure(
                 "The numbers of the inequality are too large for a proof in double precision.",
                 f"expected sums below {_LARGEST:g}, got {largest:.3g}",
@@ -251,7 +256,7 @@ class CellBounds:
         self._signs = monomial_links(longest.monomials, shape.directions)
 
     def _context(self, faces: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, level: float) -> _Call:
-        work = _aligned(self.shape.work_places()["count"] * LANES)
+        work = aligned(self.shape.work_places()["count"] * LANES)
         arrays = {
             "faces": faces, "inputs": inputs, "outputs": outputs, "work": work, "level": np.array([level]),
             "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
@@ -276,18 +281,22 @@ class CellBounds:
         first = order[np.minimum(np.cumsum(counts) - counts, len(order) - 1)]
         filled[:] = np.repeat(first[faces], LANES)
         filled[slot] = np.arange(len(cells))
-        rows = self._rows(cells)
-        inputs = _aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
+        rows, names = self._rows(cells), self.shape.output_rows
+        score = np.zeros((self.n, len(cells)))
+        if self.box is not None:
+            radii = self.radii(cells.inner), self.radii(cells.outer)
+            numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
+            added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
+            rows[:, self.shape.input_rows["rounding"]] += added
+        inputs = aligned(total * rows.shape[1] * LANES).reshape(total, rows.shape[1], LANES)
         inputs[:] = rows[filled].reshape(total, LANES, -1).transpose(0, 2, 1)
-        size = self.shape.output_rows["count"]
-        outputs = _aligned(total * size * LANES).reshape(total, size, LANES)
+        size = names["count"]
+        outputs = aligned(total * size * LANES).reshape(total, size, LANES)
         call = self._context(np.ascontiguousarray(faces, dtype=np.int64), inputs, outputs, level)
         self._run(call, total, pool)
         found = outputs.transpose(0, 2, 1).reshape(total * LANES, size)[slot]
-        names = self.shape.output_rows
-        return Bounds(
-            **{name: found[:, names[name]] for name in list(names)[:-2]}, score=found[:, names["score"] :]
-        )
+        single = {name: found[:, names[name]] for name in list(names)[:-2]}
+        return Bounds(**single, score=found[:, names["score"] :] + score.T)
 
     def _run(self, call: _Call, total: int, pool: ThreadPoolExecutor | None) -> None:
         if pool is None:
@@ -328,11 +337,11 @@ class CellBounds:
         degrees = np.arange(value_sizes.shape[1])
         in_value = value_sizes[face] * powers[:, degrees]
         odd_value = self._odd[0] * powers
-        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + _SMALLEST
+        value_rounding = unit * in_value.sum(1) + odd_value.sum(1) * (1 + 1e-12) + self._underflow
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
         in_growth = value_sizes[face] * degrees * lowered[:, degrees]
         odd_growth = self._odd[0] * np.arange(self._highest + 1) * lowered
-        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + _SMALLEST
+        growth_rounding = unit * in_growth.sum(1) + odd_growth.sum(1) * (1 + 1e-12) + self._underflow
         size = (whole_sizes[0][face] * lowered[:, : whole_sizes.shape[2]]).sum(1)
         odd = (self._odd[1] * lowered).sum(1)
         errors, coefficients, place = [], [], 1
@@ -345,11 +354,12 @@ class CellBounds:
                 place += 1
             factor = self.sizes["factor"][j]
             factor_size = (factor[face] * lowered[:, : factor.shape[1]]).sum(1)
-            odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
+            if self.symmetric:
+                odd = odd + table.largest * (self._odd_factors[j] * lowered).sum(1)
             size = size + np.where(np.isfinite(error), error, 0.0) * factor_size
             errors.append(error)
             coefficients.append(rows)
-        rounding = unit * size + odd * (1 + 1e-12) + _SMALLEST
+        rounding = unit * size + odd * (1 + 1e-12) + self._underflow
         scalars = [inner, outer, middle, half, value_rounding, growth_rounding, rounding, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
@@ -361,9 +371,7 @@ class CellBounds:
         self, cells: Cells, form: np.ndarray, inner: np.ndarray, outer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """An interval that ℓ stays in on each cell."""
-        slope = np.array([np.delete(form, variable) for variable, _ in self.faces]).reshape(
-            len(self.faces), -1
-        )
+        slope = np.stack([np.delete(form, variable) for variable, _ in self.faces])
         main = np.array([sign * form[variable] for variable, sign in self.faces])
         at = main[cells.face] + (slope[cells.face] * cells.t).sum(1)
         wide = (np.abs(slope[cells.face]) * cells.h).sum(1)
@@ -381,15 +389,8 @@ class _Call:
 
     def part(self, first: int, last: int) -> _Call:
         """The same for some of the groups, with its own work buffer."""
-        work = _aligned(len(self.arrays["work"]))
+        work = aligned(len(self.arrays["work"]))
         words = self.words.copy()
         words[:2] = first, last
         words[POINTERS.index("work")] = work.ctypes.data
         return _Call(words, {**self.arrays, "work": work})
-
-
-def _aligned(count: int) -> np.ndarray:
-    """Zeros that start at a multiple of 64 bytes."""
-    raw = np.zeros(count + 8)
-    offset = (-raw.ctypes.data % 64) // 8
-    return raw[offset : offset + count]

@@ -17,7 +17,6 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.terms import Function, Polynomial, Term
-from flexhinf.errors import InvalidInput
 
 __all__ = [
     "Inequality", "Quotient", "Rational", "by_parity", "inequality_of", "is_symmetric", "parity", "times_powers",
@@ -67,7 +66,7 @@ class Inequality:
 
 
 def inequality_of(certificate: Certificate) -> Inequality:
-    """V and r of a certificate; each parameter must have one value."""
+    """V and r of a certificate, every parameter in the middle of its range."""
     return _Algebra(certificate).inequality()
 
 
@@ -80,7 +79,7 @@ class _Algebra:
         self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
         self.zero = self.z.constant(0)
         self.state = [self._linear(row) for row in certificate.coordinates]
-        self.parameters = {parameter.name: _one_value(parameter) for parameter in certificate.parameters}
+        self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
     def _linear(self, row: Iterable[float]) -> fmpq_mpoly:
         return sum((self.z.constant(rational(a)) * z for a, z in zip(row, self.z.gens())), self.zero)
@@ -143,17 +142,6 @@ class _Algebra:
             form = tuple(terms.get(tuple(int(j == i) for j in range(self.n)), fmpq(0)) for i in range(self.n))
             if factor:
                 yield Quotient(terms_of(factor * line), form, function)
-
-
-def _one_value(parameter: object) -> fmpq:
-    low, high = parameter.low, parameter.high  # type: ignore[attr-defined]
-    if low != high:
-        raise InvalidInput(
-            "The search proves one value of each parameter.",
-            f"expected low = high, got {parameter}",
-            "the nominal value",
-        )
-    return rational(low)
 
 
 def parity(function: Function) -> int:

@@ -6,12 +6,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+
 from flexhinf.certify.faces import Group, Layout
 from flexhinf.codegen.emit.text import ModuleText, Writer
 
 __all__ = [
-    "LANES", "LOW", "POINTERS", "VECTOR", "KernelCode", "KernelFrame", "RunningSum", "Shape", "finish",
-    "longest_layout", "table_size", "write_shift",
+    "LANES",
+    "LOW",
+    "POINTERS",
+    "VECTOR",
+    "KernelCode",
+    "KernelFrame",
+    "RunningSum",
+    "Shape",
+    "aligned",
+    "finish",
+    "longest_layout",
+    "table_size",
+    "write_shift",
 ]  # fmt: skip
 
 LANES = 8
@@ -376,3 +389,10 @@ class KernelFrame:
             for p in range(highest - 1, i - 1, -1):
                 values[p] = code.fused(middle, values[p + 1], values[p])
         return [v if p == 0 or p > highest else code.times(v, self.power(3, p)) for p, v in enumerate(values)]
+
+
+def aligned(count: int) -> np.ndarray:
+    """Zeros that start at a multiple of 64 bytes."""
+    raw = np.zeros(count + 8)
+    offset = (-raw.ctypes.data % 64) // 8
+    return raw[offset : offset + count]

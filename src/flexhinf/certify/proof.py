@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.inequality import Inequality, inequality_of
@@ -14,18 +15,18 @@ from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.search import Outcome, Progress, search
 from flexhinf.certify.starts import starts_of
 from flexhinf.certify.statement import statement_of
+from flexhinf.certify.terms import MOST_STATES
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.margin import Penalty
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["NotProved", "certify", "prove"]
+__all__ = ["NotProved", "certify", "check_states", "prove"]
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
 _ROOM = 1.1  # reach over the largest radius that was seen
 _LARGER = 1.6  # reach over the one that was too small
-_MOST_STATES = 5
 
 
 class NotProved(NumericalFailure):
@@ -69,12 +70,7 @@ def certify(
     progress: Progress | None = None,
 ) -> Certificate:
     """What `HJISolution.certify` does."""
-    if len(solution.P) > _MOST_STATES:
-        raise InvalidInput(
-            "A proof in so many states would not end.",
-            f"expected at most {_MOST_STATES} states, got {len(solution.P)}: cells grow 10 to 23 times with each",
-            "sampled_region, which looks at points and proves nothing",
-        )
+    check_states(len(solution.P))
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
     if level is not None:
         proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
@@ -100,6 +96,16 @@ def certify(
     raise NotProved(tried, outcome, _in_state(statement, outcome))
 
 
+def check_states(count: int) -> None:
+    """Refuse more states than a proof can be made in."""
+    if count > MOST_STATES:
+        raise InvalidInput(
+            "A proof in so many states would not end.",
+            f"expected at most {MOST_STATES} states, got {count}: cells grow 10 to 23 times with each",
+            "sampled_region, which looks at points and proves nothing",
+        )
+
+
 def _proved(
     solution: ValueFunction, statement: Certificate, threads: int, progress: Progress | None
 ) -> tuple[Certificate, Outcome]:
@@ -108,7 +114,8 @@ def _proved(
     if not outcome.proved:
         return found, outcome
     provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays"}
-    return replace(found, starts=starts_of(solution, found), provenance=provenance), outcome
+    complete = replace(found, starts=starts_of(solution, found), provenance=provenance)
+    return complete.with_proved_starts(), outcome
 
 
 def prove(
@@ -139,7 +146,8 @@ def prove(
     extent = _extent(inequality, statement.level)
     reach = _few_bits(_ROOM * extent.reach)
     for _ in range(4):
-        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist())
+        box = BoxExcess(statement, reach) if any(p.low < p.high for p in statement.parameters) else None
+        bounds = CellBounds(inequality, reach, (1.3 * extent.forms + 0.1).tolist(), box)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break

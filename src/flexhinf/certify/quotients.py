@@ -39,6 +39,7 @@ SERIES: dict[str, Series] = {
 NARROW = 2.0**-160
 
 _SPACING = 2.0**-6  # of the nodes
+_FARTHEST = 100.0  # |ℓ| beyond which a function is not enclosed, so that nothing is proved there
 _PIECE = 2.0**-3  # length of the intervals on which derivatives are bounded
 _BITS = 320  # of the arithmetic on balls
 
@@ -92,6 +93,7 @@ def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
 def quotient_table(function: Function, reach: float, order: int) -> QuotientTable:
     """The table of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`."""
     series = _shifted(function)
+    reach = min(reach, _FARTHEST)
     count = int(np.ceil(reach / _SPACING)) + 1
     pieces = int(np.ceil(reach / _PIECE)) + 2
     cap, bits = flint.ctx.cap, flint.ctx.prec

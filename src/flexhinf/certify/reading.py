@@ -27,7 +27,7 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 
-__all__ = ["PlantTerms", "nearest_double", "plant_terms", "rational", "terms_of"]
+__all__ = ["PlantTerms", "flat_names", "nearest_double", "plant_terms", "rational", "terms_of"]
 
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
@@ -53,7 +53,10 @@ _AT_ZERO = {"exp": 1, "tanh": 0, "arctan": 0}
 
 @dataclass(frozen=True)
 class PlantTerms:
-    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`."""
+    """f, g1, g2 and h of a problem as a certificate has them; see `flexhinf.certify.Certificate`.
+
+    `inside` are the parameters that stand in functions of the state, with their nominal values.
+    """
 
     drift: tuple[Row, ...]
     g1: tuple[tuple[Row, ...], ...]
@@ -61,6 +64,7 @@ class PlantTerms:
     penalty: Polynomials
     functions: tuple[Function, ...]
     parameters: tuple[Parameter, ...]
+    inside: tuple[str, ...] = ()
 
 
 def rational(value: float) -> fmpq:
@@ -112,7 +116,9 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    reader = _Reader(n, m + k, _flat_names(table), flow.n_instructions() + output.n_instructions())
+    reader = _Reader(
+        n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
+    )
     x, inputs = reader.states, reader.inputs
     moved = [a + rational(b) for a, b in zip(x, problem.operating_point)]
     driven = [a + rational(b) for a, b in zip(inputs[:m], problem.operating_input)]
@@ -125,10 +131,10 @@ def _of_model(problem: GeneralisedPlant, penalty: Any) -> PlantTerms:
         for chosen in (slice(1, 1 + m), slice(1 + m, 1 + m + k))
     )
     penalty_terms = tuple(reader.polynomial(part) for part in h)
-    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(table.vector()))
+    return PlantTerms(drift, g1, g2, penalty_terms, tuple(reader.functions), reader.used(), reader.inside)
 
 
-def _flat_names(table: ParameterTable) -> list[str]:
+def flat_names(table: ParameterTable) -> list[str]:
     """A name for every entry of the parameter vector."""
     rows = table.values.items()
     return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
@@ -152,7 +158,7 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> PlantTerms:
         )
 
     output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
-    reader = _Reader(n, 0, (), output.n_instructions())
+    reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
     designed = []
     for i in range(outputs):
         terms = {term.powers: rational(term.coefficient) for term in row(plant.h_parts, i)}
@@ -178,21 +184,26 @@ class _Reader:
         Numbers of variables; the inputs are u, then d.
     parameters : sequence of str
         Names of the parameters.
+    values : ndarray
+        Their nominal values.
     most : int
         Bound on the number of functions.
     """
 
-    def __init__(self, states: int, inputs: int, parameters: Sequence[str], most: int) -> None:
+    def __init__(
+        self, states: int, inputs: int, parameters: Sequence[str], values: np.ndarray, most: int
+    ) -> None:
         sizes = states, inputs, len(parameters), len(parameters), most
         names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
         self.context = fmpq_mpoly_ctx.get(names)
         variables = iter(self.context.gens())
         parts = [[next(variables) for _ in range(size)] for size in sizes]
         self.states, self.inputs, self.parameters, self.inverses, self._room = parts
-        self.names = tuple(parameters)
+        self.names, self.values = tuple(parameters), values
         self.edges = np.cumsum([0, *sizes]).tolist()
         self.functions: list[Function] = []
         self._seen: set[int] = set()
+        self.inside: tuple[str, ...] = ()
 
     def constant(self, value: float) -> fmpq_mpoly:
         """A number as a polynomial."""
@@ -248,17 +259,22 @@ class _Reader:
         return self.context.from_dict({tuple(swapped): 1 / value})
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
-        """A function of a linear form of the state: a variable."""
-        slope, offset = [0.0] * len(self.states), fmpq(0)
+        """A function of a linear form of the state: a variable. Parameters in it have their nominal values."""
+        slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
-            if not any(exponents):
-                offset = value
-                continue
-            if sum(exponents) != 1 or not any(exponents[: len(slope)]):
-                raise refused(
-                    f"{name} of something else than a linear form of the state with constant numbers"
-                )
-            slope[exponents.index(1)] = _exact_double(value, name)
+            states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
+            if sum(states) > 1 or any(others) or any(exponents[self.edges[4] :]):
+                raise refused(f"{name} of something else than a linear form of the state")
+            for i, power in self._powers(exponents):
+                self.inside = tuple({*self.inside, self.names[i]})
+                value *= rational(self.values[i]) ** power
+            place = states.index(1) if any(states) else None
+            sums[place] = sums.get(place, fmpq(0)) + value
+        offset = sums.pop(None, fmpq(0))
+        if not sums:
+            raise refused(f"{name} of a constant: make that a parameter of the plant")
+        for place, value in sums.items():
+            slope[place or 0] = _exact_double(value, name)
         function = Function(name, tuple(slope), *_offset(name, offset))
         if function not in self.functions:
             self.functions.append(function)
@@ -282,7 +298,9 @@ class _Reader:
         result: dict[Any, fmpq] = {}
         for exponents, value in terms_of(field).items():
             states, functions = exponents[: self.edges[1]], exponents[self.edges[4] :]
-            pairs = self._powers(exponents)
+            powers = self._powers(exponents)
+            self._seen |= {i for i, _ in powers}
+            pairs = tuple((self.names[i], power) for i, power in powers)
             if sum(functions) > 1 or (any(functions) and not drift):
                 raise refused("a product of functions, or a function in g1 or g2")
             index = functions.index(1) if any(functions) else None
@@ -299,11 +317,11 @@ class _Reader:
             if value
         )
 
-    def _powers(self, exponents: tuple[int, ...]) -> tuple[tuple[str, int], ...]:
+    def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
+        """The parameters of a term, by number, and their powers."""
         start, middle, end = self.edges[2:5]
         powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
-        self._seen |= {i for i, power in enumerate(powers) if power}
-        return tuple((self.names[i], power) for i, power in enumerate(powers) if power)
+        return [(i, power) for i, power in enumerate(powers) if power]
 
     def _at_zero(self, function: Function) -> fmpq:
         if function.offset == 0.0 and function.name in _QUARTERS:
@@ -320,9 +338,10 @@ class _Reader:
         n = self.edges[1]
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
 
-    def used(self, values: np.ndarray) -> tuple[Parameter, ...]:
+    def used(self) -> tuple[Parameter, ...]:
         """The parameters that stand in terms, at their nominal values."""
-        return tuple(Parameter(self.names[i], float(values[i]), float(values[i])) for i in sorted(self._seen))
+        chosen = [(self.names[i], float(self.values[i])) for i in sorted(self._seen)]
+        return tuple(Parameter(name, value, value) for name, value in chosen)
 
 
 def _offset(name: str, offset: fmpq) -> tuple[float, int]:

@@ -8,8 +8,7 @@ a begins at 0, and V ≤ level along it, so its starts lie in the proved compone
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,15 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.hinf.step_amplitude import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["SMALLEST_VALUE", "UNCHANGED_INPUT", "starts_of"]
+__all__ = [
+    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "multiplied", "path_states", "rest_path", "starts_of",
+    "term_along", "unchanged_input",
+]  # fmt: skip
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 
-_STEPS = 150  # of the amplitude that the quadratic part of V predicts
+_STEPS = 30  # of the amplitude that the quadratic part of V predicts
 _LONGEST = 20  # give up at this many times that amplitude
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
@@ -38,13 +40,18 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         shares, free = step_roles(solution.state_names, None, None)
     except FlexhinfError:  # no integrator: nothing is commanded
         return ()
-    rest = _rest(statement, shares, free)
+    rest = rest_path(statement, shares, free)
     if rest is None:
         return ()
     path, functions = rest
     found = []
-    for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, _unchanged)):
-        rows = list(_followed(solution, statement.level, _evaluator(path, functions, statement), free, place))
+    numbers = {parameter.name: parameter.middle for parameter in statement.parameters}
+
+    def equilibrium(a: float) -> np.ndarray:
+        return path_states(path, functions, numbers, np.array([a]))[0]
+
+    for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
+        rows = list(_followed(solution, statement.level, equilibrium, free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
             table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))
@@ -53,7 +60,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
 
 
 # The equilibrium ----------------------------------------------------------------------------------
-def _rest(
+def rest_path(
     statement: Certificate, shares: np.ndarray, free: np.ndarray
 ) -> tuple[tuple[Terms, ...], tuple[Function, ...]] | None:
     """The states of the equilibrium at −a as terms in a; None where the rates do not give them one by one."""
@@ -99,14 +106,14 @@ def _solved(
     state, divisor = unknown[0]
     result: list[Term] = []
     for term in known:
-        moved = _along(term, path, statement, functions)
+        moved = term_along(term, path, statement, functions)
         if moved is None:
             return None
-        result += [_divided(part, divisor) for part in moved]
+        result += [divided(part, divisor) for part in moved]
     return {state: tuple(result)}
 
 
-def _along(
+def term_along(
     term: Term, path: dict[int, Terms], statement: Certificate, functions: list[Function]
 ) -> list[Term] | None:
     """A term of the drift on the path: only states that are multiples of a, or zero, may stand in it."""
@@ -116,7 +123,7 @@ def _along(
             multiple = _multiple(path[i])
             if multiple is None:
                 if term.function is None and sum(term.powers) == 1:
-                    return [replace(part, coefficient=part.coefficient * factor) for part in path[i]]
+                    return [multiplied(part, term.coefficient, term.parameters) for part in path[i]]
                 return None
             factor *= multiple**times
             power += times
@@ -143,38 +150,46 @@ def _multiple(terms: Terms) -> float | None:
     return terms[0].coefficient if plain and terms[0].function is None else None
 
 
-def _divided(term: Term, divisor: Term) -> Term:
-    """−term / divisor."""
+def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, int]]) -> Term:
+    """A term times a number and powers of parameters."""
     powers = dict(term.parameters)
-    for name, power in divisor.parameters:
-        powers[name] = powers.get(name, 0) - power
-    pairs = tuple((name, power) for name, power in powers.items() if power)
-    return Term(-term.coefficient / divisor.coefficient, term.powers, pairs, term.function)
+    for name, power in parameters:
+        powers[name] = powers.get(name, 0) + power
+    pairs = tuple(sorted((name, power) for name, power in powers.items() if power))
+    return Term(term.coefficient * coefficient, term.powers, pairs, term.function)
 
 
-def _evaluator(
-    path: tuple[Terms, ...], functions: tuple[Function, ...], statement: Certificate
-) -> Callable[[float], np.ndarray]:
-    """The equilibrium at −a in doubles."""
-    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in statement.parameters}
+def divided(term: Term, divisor: Term) -> Term:
+    """−term / divisor."""
+    return multiplied(
+        term, -1.0 / divisor.coefficient, [(name, -power) for name, power in divisor.parameters]
+    )
+
+
+def path_states(
+    path: tuple[Terms, ...],
+    functions: tuple[Function, ...],
+    parameters: Mapping[str, float],
+    amplitudes: np.ndarray,
+) -> np.ndarray:
+    """The states of a path at amplitudes (N,) for values of the parameters, in doubles, (N, n)."""
     elementary = {name: getattr(np, name) for name in ("sin", "cos", "exp", "tanh", "arctan", "log")}
-
-    def bracket(function: Function, a: float) -> float:
-        o = function.offset + function.pi_halves * np.pi / 2
-        phi = elementary[function.name]
-        return float(phi(o + function.slope[0] * a) - phi(o))
-
-    def state(a: float) -> np.ndarray:
-        return np.array([
-            sum(
-                term.coefficient * np.prod([numbers[name] ** power for name, power in term.parameters])
-                * a ** term.powers[0] * (1.0 if term.function is None else bracket(functions[term.function], a))
-                for term in terms
+    brackets = []
+    for function in functions:
+        o, phi = function.offset + function.pi_halves * np.pi / 2, elementary[function.name]
+        brackets.append(phi(o + function.slope[0] * amplitudes) - phi(o))
+    states = np.zeros((len(amplitudes), len(path)))
+    for column, terms in zip(states.T, path):
+        for term in terms:
+            factor = term.coefficient * np.prod(
+                [parameters[name] ** power for name, power in term.parameters]
             )
-            for terms in path
-        ], dtype=float)  # fmt: skip
-
-    return state
+            column += (
+                factor
+                * amplitudes ** term.powers[0]
+                * (1.0 if term.function is None else brackets[term.function])
+            )
+    return states
 
 
 # The integrators ----------------------------------------------------------------------------------
@@ -210,7 +225,7 @@ def _followed(
         yield amplitude, start
 
 
-def _unchanged(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
+def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
     """The integrators at which the law's input is the one that holds the start, by Newton's method."""
     index = np.flatnonzero(free)
     f, _, g2, _ = solution.exact_fields(x[None])

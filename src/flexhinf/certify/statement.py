@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
@@ -14,8 +12,9 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
+from flexhinf.untrusted import HUGE
 
-__all__ = ["statement_of"]
+__all__ = ["few_bits", "law_polynomials", "statement_of"]
 
 _BITS = 20  # of the entries of T
 
@@ -57,8 +56,8 @@ def statement_of(
             for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
             if value
         ),
-        law=_law(solution),
-        gamma=pair.gamma,
+        law=law_polynomials(solution, terms),
+        gamma=min(pair.gamma, HUGE),  # of the Hamilton–Jacobi–Bellman equation no gain is claimed
         decay=decay,
         level=level,
         coordinates=tuple(map(tuple, transform.tolist())),
@@ -68,19 +67,32 @@ def statement_of(
     )
 
 
-def _law(solution: Any) -> tuple[Polynomial, ...]:
-    """−R2⁻¹ g2ᵀ V_xᵀ in doubles, as the controller has it; with a polynomial g2 the product's coefficients, rounded."""
+def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:
+    """−R2⁻¹ g2ᵀ V_xᵀ in doubles: with a constant g2 the controller's own numbers, else the product's, rounded."""
     n, _, m, _ = solution.expansion.size
-    parts: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
-    for i, slope in solution.slope_parts.items():
-        for p, fields in solution.expansion.g2_parts.items():
-            columns = [product(slope, fields[:, j], n, i - 1, p) for j in range(m)]
-            values = -np.linalg.solve(solution.expansion.r2, np.array(columns))
-            for row, part in zip(parts, values):
-                for powers, value in zip(basis.exponents(n, i - 1 + p).tolist(), part.tolist()):
-                    if value:
-                        row[tuple(powers)] = row.get(tuple(powers), 0.0) + value
-    return tuple(tuple(row.items()) for row in parts)
+    rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
+    if all(not any(term.powers) for entries in terms.g2 for row in entries for term in row):
+        matrix = solution.expansion.g2_parts[0]
+        for i, slope in solution.slope_parts.items():
+            columns = np.array([product(slope, matrix[:, j], n, i - 1, 0) for j in range(m)])
+            for row, part in zip(rows, -np.linalg.solve(solution.expansion.r2, columns)):
+                powers = map(tuple, basis.exponents(n, i - 1).tolist())
+                row |= {key: value for key, value in zip(powers, part.tolist()) if value}
+        return tuple(tuple(row.items()) for row in rows)
+    numbers = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in terms.parameters}
+    price = solution.input_price
+    for k, slope in solution.slope_parts.items():
+        for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
+            for i, value in enumerate(along):
+                for j, row in enumerate(terms.g2[i] if value else ()):
+                    for term in row:
+                        key = tuple(a + b for a, b in zip(powers, term.powers))
+                        factor = value * term.coefficient
+                        for name, power in term.parameters:
+                            factor *= numbers[name] ** power
+                        for target, weight in zip(rows, price[:, j].tolist()):
+                            target[key] = target.get(key, 0.0) - weight * factor
+    return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)
 
 
 def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay: float) -> np.ndarray:
@@ -97,6 +109,11 @@ def coordinates(solution: ValueFunction, terms: PlantTerms, gamma: float, decay:
     root = np.linalg.cholesky(np.linalg.inv(p))
     _, vectors = np.linalg.eigh(-root.T @ quadratic @ root)
     transform = root @ vectors
-    largest = np.abs(transform).max(axis=0, keepdims=True)
+    return few_bits(transform)
+
+
+def few_bits(matrix: np.ndarray) -> np.ndarray:
+    """Each column rounded to `_BITS` bits of its largest entry: any invertible T is sound, a short one is quick."""
+    largest = np.abs(matrix).max(axis=0, keepdims=True)
     scale = np.exp2(_BITS - 2 - np.ceil(np.log2(largest)))
-    return np.round(transform * scale) / scale
+    return np.round(matrix * scale) / scale

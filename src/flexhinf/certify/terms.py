@@ -22,7 +22,7 @@ __all__ = [
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")
 
-MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 12, 8, 20_000
+MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 32, 8, 20_000
 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10
@@ -48,7 +48,9 @@ def _double(value: Any) -> Any:
 
 
 Double = Annotated[
-    float, BeforeValidator(_double), PlainSerializer(float.hex, return_type=str, when_used="json")
+    float,
+    BeforeValidator(_double),
+    PlainSerializer(lambda value: float(value).hex(), return_type=str, when_used="json"),
 ]
 Powers = Annotated[
     tuple[Annotated[int, Strict(), Field(ge=0, le=HIGHEST_DEGREE)], ...], Field(max_length=MOST_STATES)
@@ -89,6 +91,11 @@ class Parameter:
         require(
             self.low <= self.high, f"low ≤ high for the parameter {self.name}", f"{self.low!r}, {self.high!r}"
         )
+
+    @property
+    def middle(self) -> float:
+        """Of the range, as a double."""
+        return 0.5 * (self.low + self.high)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
+from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design
 from flexhinf.cli.export import app as export
 from flexhinf.cli.export import compile_design
@@ -63,6 +64,11 @@ COMMANDS = {
         "flexhinf compare paper --goal 90deg",
         "flexhinf compare planar-two-link --goal 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
+    ),
+    certify: (
+        "flexhinf certify design.toml --out certificate.json",
+        "flexhinf certify paper --goal 180deg --preset robust --degree 6",
+        "flexhinf certify --check certificate.json",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
     run_design: (

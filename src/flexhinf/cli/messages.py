@@ -14,8 +14,8 @@ from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError
 
 __all__ = [
-    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "error_text", "interrupted", "mistake", "note", "option_syntax",
-    "parser_error", "refused",
+    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "ProofProgress", "error_text", "interrupted", "mistake", "note",
+    "option_syntax", "parser_error", "refused",
 ]  # fmt: skip
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
@@ -179,3 +179,43 @@ class Progress:
 
     def __exit__(self, *error: object) -> None:
         self._bar.stop()
+
+
+class ProofProgress:
+    """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
+
+    def __init__(self) -> None:
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("{task.description}", markup=False),
+        )
+        self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
+        self._task = self._bar.add_task("", total=None)
+        self._text, self._cells = "", 0
+
+    def __enter__(self) -> ProofProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.stop()
+
+    def step(self, text: str) -> None:
+        """Another step begins, whose length is not known."""
+        self._text, self._cells = text, 0
+        self._bar.reset(self._task, total=None, description=text)
+
+    def share(self, cells: int, share: float) -> None:
+        """So many cells of a proof are done, which is about this share of it."""
+        text = f"{self._text}, {cells} cells"
+        self._bar.update(self._task, total=1.0, completed=share, description=text)
+
+    def cells(self, more: int) -> None:
+        """More cells of a check are done."""
+        self._cells += more
+        self._bar.update(self._task, description=f"{self._text}, {self._cells} cells")

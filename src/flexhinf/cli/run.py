@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexhinf.cli.arguments import GoalXyz, Payload, Tool, request_of, with_specification
-from flexhinf.cli.export import Source, controller_of, file_of
+from flexhinf.cli.export import controller_of, file_of
 from flexhinf.cli.messages import NOT_MET, Progress, note
 from flexhinf.design.specification import FIELDS
 from flexhinf.errors import InvalidInput
@@ -25,7 +25,7 @@ __all__ = ["run_design"]
 #: Fields of a specification that change a run and not the controller, with an option of ``flexhinf run``.
 OF_A_RUN = (
     "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "delay", "quantisation",
-    "measurement_noise", "duration", "seed",
+    "measurement_noise",
 )  # fmt: skip
 
 ROBOT, CLOCK, FILES = "The robot", "The clock", "What is kept"
@@ -34,13 +34,21 @@ ROBOT, CLOCK, FILES = "The robot", "The clock", "What is kept"
 @with_specification(*(name for name in FIELDS if name not in OF_A_RUN))
 def run_design(
     context: typer.Context,
-    source: Source,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DESIGN",
+            help="design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml "
+            "without one is designed first.",
+            show_default=False,
+        ),
+    ],
     mujoco: Annotated[
         bool,
         typer.Option(
             "--mujoco",
             rich_help_panel=ROBOT,
-            help="Drive the elastic robot in MuJoCo (needs flexhinf[mujoco]).",
+            help="Drive the elastic robot in MuJoCo (needs flexhinf\\[mujoco]).",
         ),
     ] = False,
     library: Annotated[
@@ -83,8 +91,22 @@ def run_design(
         bool,
         typer.Option("--noise/--no-noise", rich_help_panel=ROBOT, help="Whether measurements have noise."),
     ] = True,
+    seed: Annotated[
+        str,
+        typer.Option(rich_help_panel=ROBOT, help="Seed of the noise.", metavar="<value>", show_default=False),
+    ] = "0",
     goal_xyz: GoalXyz = "",
     tool: Tool = "",
+    duration: Annotated[
+        str,
+        typer.Option(
+            rich_help_panel=CLOCK,
+            help="Length of the run: 3s. Default: that of the design file, or 5 s; of a move its time and half of it "
+            "again.",
+            metavar="<s>",
+            show_default=False,
+        ),
+    ] = "",
     realtime: Annotated[
         bool,
         typer.Option(
@@ -115,8 +137,7 @@ def run_design(
         list[Path],
         typer.Option(
             rich_help_panel=FILES,
-            help="Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove, PlotJuggler). Several "
-            "times.",
+            help="Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Several times.",
             show_default=False,
         ),
     ] = [],  # noqa: B006
@@ -132,9 +153,10 @@ def run_design(
 ) -> None:
     """The controller of a design drives the robot in MuJoCo, in real time.
 
-    By default it makes the step of the design, or its move. Options change the
-    run and the robot that is driven, never the controller. Ctrl-C ends the run:
-    what was recorded until then is written whole, and judged.
+    By default it makes the step of the design, or its move: what no option states
+    is as in the design file. Options change the run and the robot that is driven,
+    never the controller. Ctrl-C ends the run: what was recorded until then is
+    written whole.
 
     Exit code: 0 if every deadline and every requirement was met; 1 if not;
     2 for a mistake; 130 if interrupted.
@@ -156,17 +178,18 @@ def run_design(
     prepared = _prepared(context, source, payload, goal_xyz, tool, perturb, load, load_at, noise)
     with _view(prepared) if view else nullcontext() as watch:
         run = prepared.make(compiled, realtime, priority, core, watch)
+    try:
+        for path in logs:
+            write_log(run, path)
+    finally:  # a full disk takes the log, and not what the run has shown
+        for table in run_tables(prepared, run):
+            Console().print(table)
+        for text in run_notes(run):
+            note(text)
+        typer.echo(run_verdict(prepared, run))
     for path in logs:
-        write_log(run, path)
+        typer.echo(f"log: {path}")
     _write_films(prepared, run, films)
-    for table in run_tables(prepared, run):
-        Console().print(table)
-    for text in run_notes(run):
-        note(text)
-    typer.echo(run_verdict(prepared, run))
-    for kind, paths in (("log", logs), ("film", films)):
-        for path in paths:
-            typer.echo(f"{kind}: {path}")
     if run.stopped:
         raise typer.Exit(128 + run.stopped)
     if run.stopped is None and not run_met(prepared, run):
@@ -191,6 +214,8 @@ def _write_films(prepared: DeployedRun, run: RealTimeRun, films: list[Path]) -> 
         for path in films:
             progress(f"draw {path.name}")
             write_film(prepared, run, path)
+    for path in films:
+        typer.echo(f"film: {path}")
 
 
 def _prepared(

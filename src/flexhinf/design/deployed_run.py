@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -124,6 +124,7 @@ class DeployedRun:
             lines = step_requirements(self.specification, limits, response, WHERE)
         else:
             lines = move_requirements(self.specification, limits, Move.along(self.plan, response))
+            lines = [replace(line, where=WHERE) for line in lines]
         if not run.timing.real_time:
             return lines
         missed = Requirement(

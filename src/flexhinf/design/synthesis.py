@@ -35,7 +35,7 @@ from flexhinf.robot import Robot
 from flexhinf.robot.limits import check_holding
 from flexhinf.robot.plausibility import check_delay, check_fast
 
-__all__ = ["Synthesis", "synthesise"]
+__all__ = ["Synthesis", "checked_penalty", "synthesise"]
 
 Progress = Callable[[str], None]
 
@@ -164,7 +164,7 @@ class _Steps:
         chosen, choices = choose_degree(setup, problem.nominal, solved)
         if not rays:
             return chosen, choices, rays
-        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, _checked_penalty(s, problem)
+        gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
         found = []
         for choice in choices:
             if choice is chosen or s.degrees is not None:
@@ -349,7 +349,7 @@ def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
     return f"; {ROBOT} states it" if source == ROBOT else "", f"`{name}`"
 
 
-def _checked_penalty(s: Specification, problem: DesignProblem) -> Any:
+def checked_penalty(s: Specification, problem: DesignProblem) -> Any:
     """The checked penalty, its plain names spelled out for every joint."""
     if s.checked_penalty is None or callable(s.checked_penalty):
         return s.checked_penalty

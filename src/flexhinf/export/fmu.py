@@ -188,7 +188,7 @@ def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acti
     variables = [
         *(Variable(f"u.{s}", "input", float(v), plant.unit(s)) for s, v in zip(plant.inputs, acting, strict=True)),
         *(Variable(f"disturbance.{s}", "input", 0.0, plant.unit(s)) for s in plant.disturbances),
-        *(Variable(f"parameter.{label}", "parameter", float(v))
+        *(Variable(f"parameter.{label}", "parameter", float(v), plant.unit(label))
           for label, v in zip(_labels(plant), parameters, strict=True)),
         *(Variable(f"start.{s}", "parameter", float(v), plant.unit(s))
           for s, v in zip(plant.states, start, strict=True)),

@@ -10,7 +10,7 @@ from flexhinf.untrusted import value_text
 
 __all__ = ["checked_identifier", "comment", "constants", "identifier_of"]
 
-#: Words of C99 and of C++, and what headers define.
+#: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
 RESERVED = frozenset({
     "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
     "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
@@ -18,6 +18,9 @@ RESERVED = frozenset({
     "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
     "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
     "while", "xor",
+    "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
+    "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
+    "time", "unistd", "wchar", "wctype",
 })  # fmt: skip
 
 LONGEST = 31  # characters that every linker keeps apart
@@ -32,11 +35,11 @@ def checked_identifier(name: object) -> str:
         If it is no identifier of C, is reserved, or is too long.
     """
     good = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) is not None
-    if not good or name in RESERVED or len(str(name)) > LONGEST:
+    if not good or str(name).lower() in RESERVED or len(str(name)) > LONGEST:
         raise InvalidInput(
             "This is no name for C.",
-            f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, and no word of C, "
-            f"got {value_text(name)}",
+            f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
+            f"header of its library, got {value_text(name)}",
             f"{identifier_of(name) if isinstance(name, str) else 'my_arm'}",
         )
     return str(name)

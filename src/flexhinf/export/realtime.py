@@ -29,7 +29,7 @@ from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.untrusted import value_text
 
-__all__ = ["RealTimeRun", "run_realtime"]
+__all__ = ["RealTimeRun", "run_realtime", "undisturbed", "wait_until"]
 
 #: From the last sleep to the moment when a sample is due the clock is watched, ns: a sleep ends that much late at most
 #: on a system that is not busy.
@@ -140,7 +140,7 @@ def run_realtime(
     samples = sample_count(duration, period)
     loop.run_paced(AT_ONCE, steps, duration=period * min(samples - 1, REHEARSED), **given)
     steps.reset()
-    with _undisturbed(priority, core) as scheduling, _stopping() as request:
+    with undisturbed(priority, core) as scheduling, _stopping() as request:
         clock = _Clock(period, samples, real_time, steps, request, watch, watch_every)
         run = loop.run_paced(Pacing(clock.begin, clock.end), clock, duration=duration, **given)
     run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": steps.name})
@@ -233,10 +233,9 @@ class _Clock:
         self._period, self._real_time, self._steps, self._request = period, real_time, steps, request
         self._step, self._k, self._first = steps.step, 0, 0
         self._watch, self._each = watch, max(1, round(watch_every / period))
-        self._due, self._woken, self._computed, self._ready, self._over = np.zeros(
-            (5, samples), dtype=np.int64
-        )
-        self.codes = np.zeros(samples, dtype=np.int64)
+        # filled, so that no page of memory is missing when it is first written
+        self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
+        self.codes = np.full(samples, 0)
         self.began, self.stopped = 0, None
 
     @property
@@ -257,12 +256,7 @@ class _Clock:
             self._due[k] = self._woken[k] = now()
             return True
         due = self._first + round(1e9 * k * self._period)
-        rest = due - now() - WATCHED_NS
-        if rest > 0:
-            time.sleep(1e-9 * rest)
-        while now() < due:
-            pass
-        self._due[k], self._woken[k] = due, now()
+        self._due[k], self._woken[k] = due, wait_until(due)
         return True
 
     def step(self, y: Any, reference: Any) -> np.ndarray:
@@ -293,6 +287,17 @@ class _Clock:
         )  # fmt: skip
 
 
+def wait_until(due: int) -> int:
+    """Return as soon as `time.perf_counter_ns` is at least `due`, and what it then says."""
+    now = time.perf_counter_ns
+    rest = due - now() - WATCHED_NS
+    if rest > 0:
+        time.sleep(1e-9 * rest)
+    while (at := now()) < due:
+        pass
+    return at
+
+
 # The system -----------------------------------------------------------------------------------------
 @contextmanager
 def _stopping() -> Iterator[list[int]]:
@@ -320,8 +325,14 @@ def _stopping() -> Iterator[list[int]]:
 
 
 @contextmanager
-def _undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
-    """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before."""
+def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
+    """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
+
+    Yields
+    ------
+    tuple of str
+        What was permitted and what was not, in sentences.
+    """
     told, undo = [], []
     if priority is not None:
         told.append(_fifo(priority, undo))

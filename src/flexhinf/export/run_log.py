@@ -60,9 +60,9 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     for kind, values in trajectory.signals.items():
         names = zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
         found += [LogColumn(KINDS.get(kind, kind), name, unit, column) for name, unit, column in names]
-    low, high = run.input_range
-    u, room = trajectory.signals["input"], AT_LIMIT * (np.abs(high) + np.abs(low))
-    limited = np.isfinite(room) & ((u <= low + room) | (u >= high - room))
+    u, (low, high) = trajectory.signals["input"], run.input_range
+    with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
+        limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
     flags = {
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
     }  # fmt: skip
@@ -162,7 +162,7 @@ def _write_parquet(run: RealTimeRun, name: str) -> None:
 
     settings = {key: str(value) for key, value in _settings(run).items()}
     table = pyarrow.table(_table(run)).replace_schema_metadata(settings)
-    parquet.write_table(table, name, compression="zstd")
+    parquet.write_table(table, name)  # snappy, which every reader has
 
 
 # MCAP -----------------------------------------------------------------------------------------------

@@ -17,7 +17,15 @@ from flexhinf.plant.model_code import StoredCode, TracedCode, has_a_name, signal
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.plant.to_control import linear_system, nonlinear_system
 from flexhinf.scalars import digest, function_arrays, jacobian, pack, serial, symbols, trace
-from flexhinf.untrusted import LONGEST_NAME, checked_name, checked_names, distinct, real_array, value_text
+from flexhinf.untrusted import (
+    LONGEST_NAME,
+    checked_name,
+    checked_names,
+    checked_text,
+    distinct,
+    real_array,
+    value_text,
+)  # fmt: skip
 
 __all__ = ["Model"]
 
@@ -41,7 +49,7 @@ class Model(Summarised):
     outputs : sequence of str, optional
         Names of the measured signals (``output_1`` … by default).
     units : mapping of str to str, optional
-        Unit of each named signal.
+        Unit of each named signal, and of parameters; of an array's elements by ``name[1]``, ``name[2]``, ….
     groups : mapping of str to sequence of str, optional
         Names that stand for several signals, for example one per joint; understood by `with_objective`.
     limits : mapping of str to (float, float), optional
@@ -89,6 +97,8 @@ class Model(Summarised):
             for name in names:
                 checked_name(f"one of the {kind}", name, spaces=True, longest=2 * LONGEST_NAME)
             object.__setattr__(self, kind, names)
+        for name, unit in self.units.items():
+            checked_text(f"the unit of {value_text(name)}", unit)
         if not self.states or not self.inputs:
             raise InvalidInput(
                 "A plant needs at least one state and one input.",

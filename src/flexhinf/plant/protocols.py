@@ -78,6 +78,11 @@ class Law(Summarised):
             "numbers": str(np.size(self.law_data)),
         }
 
+    @property
+    def kind(self) -> str:
+        """What a reader knows the law as: its class, of a stored law the one that it was."""
+        return type(self).__name__
+
     # To be written --------------------------------------------------------------------------------
     @property
     @abc.abstractmethod

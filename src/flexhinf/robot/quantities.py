@@ -19,6 +19,7 @@ __all__ = [
     "Quantity",
     "check_parameters",
     "checked_limits",
+    "parameter_units",
     "per_joint",
     "unit_of",
 ]
@@ -90,6 +91,28 @@ def unit_of(quantity: str, slides: bool = False) -> str:
     """Unit of a quantity at a joint that turns or slides."""
     known = QUANTITIES[quantity]
     return known.sliding_unit if slides else known.unit
+
+
+def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[str, str]:
+    """Units of a plant's parameters: of a number by its name, of an array's elements by ``name[1]``, ``name[2]``, ….
+
+    Parameters
+    ----------
+    values : mapping of str to number or array
+        Arrays have one row per joint, and are counted row by row.
+    slides : (n,) sequence of bool
+        Whether each joint is prismatic.
+    """
+    units = {}
+    for name, value in values.items():
+        quantity = next((known for known in (name, f"{name}_x", f"{name}_xx") if known in QUANTITIES), None)
+        if quantity is None:
+            continue
+        size = int(np.size(value))
+        sliding = [bool(slide) for slide in slides] if size == len(slides) else [False] * size
+        names = [name] if size == 1 else [f"{name}[{k + 1}]" for k in range(size)]
+        units |= {label: unit_of(quantity, slide) for label, slide in zip(names, sliding, strict=True)}
+    return units
 
 
 def per_joint(quantity: str, joint: str, joints: int) -> str:

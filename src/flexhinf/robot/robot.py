@@ -224,7 +224,7 @@ class Robot(Summarised):
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,
-            units=units_of(joints, self.links.slides),
+            units=units_of(joints, self.links.slides, self.plant_parameters()),
             groups=groups_of(joints, self.rigid),
             limits={name: ends for name, ends in zip(positions, self.links.limits) if ends is not None},
             engaged=Engaged(self.layout) if "backlash" in on else None,

@@ -6,7 +6,7 @@ it, ``link_position_elbow``, and the plain name stands for all of them, wherever
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.extras import spring_torque
+from flexhinf.robot.quantities import parameter_units
 from flexhinf.untrusted import checked_names
 
 __all__ = [
@@ -74,14 +75,16 @@ def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) ->
     return tuple(name for name, joint in zip(names, joints) if joint not in rigid)
 
 
-def units_of(joints: Sequence[str], slides: Sequence[bool]) -> dict[str, str]:
-    """Unit of each signal, by name."""
+def units_of(
+    joints: Sequence[str], slides: Sequence[bool], parameters: Mapping[str, Any] | None = None
+) -> dict[str, str]:
+    """Unit of each signal and of each of a plant's parameters, by name; see `parameter_units`."""
     units = {}
     for quantity, pair in UNITS.items():
         for name, sliding in zip(signal_names(quantity, joints), slides):
             units[name] = pair[sliding]
     integrals = {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
-    return units | integrals
+    return parameter_units(parameters or {}, slides) | units | integrals
 
 
 def expanded(

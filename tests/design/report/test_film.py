@@ -109,10 +109,15 @@ def test_what_cannot_be_filmed_is_refused_first(
         check_film(tmp_path / "arm.mp4")
     assert check_film(tmp_path / "arm.gif")
     prepared, run = made
-    empty: Any = type("Run", (), {"trajectory": type("T", (), {"time": np.zeros(0)})})
+    signals = {"state": np.zeros((0, 8)), "input": np.zeros((0, 2))}
+    empty: Any = SimpleNamespace(trajectory=replace(run.trajectory, time=np.zeros(0), signals=signals))
     with pytest.raises(InvalidInput, match="nothing to film"):
         ArmFilm.of(prepared, empty)
-    assert run.stopped is None
+    # of a run that diverged what was finite
+    diverged = run.trajectory.signals["input"].copy()
+    diverged[20:] = np.nan
+    broken = replace(run.trajectory, signals={**run.trajectory.signals, "input": diverged})
+    assert len(ArmFilm.of(prepared, replace(run, trajectory=broken)).time) == 20
 
 
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:

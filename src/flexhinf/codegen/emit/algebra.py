@@ -17,6 +17,13 @@ __all__ = ["PARTS", "Algebra", "Operand"]
 PARTS = 8
 """Parts of a sum: as many sums as the latency of an addition asks for."""
 
+GROUP = 3
+"""Columns of a sum that share what is loaded, in lanes: three times eight parts leave a few of 32 registers."""
+
+STRETCH = 24
+"""Blocks of terms that are summed for all elements before the next: 192 numbers in lanes are 12 kB, a quarter of the
+first cache."""
+
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.linear_algebra, which says what it means
 
 
@@ -26,6 +33,18 @@ class Operand:
 
     pointer: str
     shared: bool = False
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What is summed: N rows of r and of c numbers, and weights."""
+
+    left: Operand
+    right: Operand
+    weights: Operand | None
+    count: int
+    rows: int
+    columns: int
 
 
 @dataclass(frozen=True)
@@ -62,11 +81,14 @@ class Algebra:
         symmetric: bool,
     ) -> None:
         """See `flexhinf.codegen.steps.OuterSum`; sizes are (N, r, c)."""
+        if not self.single:
+            self._outer_sum_in_lanes(Terms(left, right, weights, *sizes), plus, target, symmetric)
+            return
         _, rows, columns = sizes
         column = 0
         while column < columns:
             together = 1
-            while self.single and together < 8 and column + 2 * together <= columns:
+            while together < 8 and column + 2 * together <= columns:
                 together *= 2
 
             def row(i: str, column: int = column, together: int = together) -> None:
@@ -121,6 +143,134 @@ class Algebra:
         while len(sums) > 1:
             sums = [wide.real("fadd", a, b) for a, b in zip(sums[::2], sums[1::2], strict=True)]
         return sums[0]
+
+    def _outer_sum_in_lanes(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
+        """Three columns at a time, whose sums stay in registers; long sums in stretches that stay in a cache."""
+        rows, columns, writer = terms.rows, terms.columns, self.writer
+        groups = [range(first, min(first + GROUP, columns)) for first in range(0, columns, GROUP)]
+        blocks = terms.count // PARTS
+
+        def finished(i: str, group: range, sums: list[list[str]]) -> None:
+            for j, parts in zip(group, sums, strict=True):
+                for k in range(blocks * PARTS, terms.count):
+                    self._add_terms(terms, str(k), i, range(j, j + 1), [parts[k % PARTS]])
+                values = [self._loaded(part) for part in parts]
+                while len(values) > 1:
+                    values = [
+                        writer.real("fadd", a, b) for a, b in zip(values[::2], values[1::2], strict=True)
+                    ]
+                place = self._at(i, columns, j)
+                added = (
+                    values[0] if plus is None else writer.real("fadd", values[0], self._load(plus, place, 1))
+                )
+                self._store(target, place, added, 1)
+
+        if blocks <= STRETCH:
+            for group in groups:
+
+                def row(i: str, group: range = group) -> None:
+                    sums = [self._zeros() for _ in group]
+                    self._add_blocks(terms, "0", str(blocks), i, group, sums)
+                    finished(i, group, sums)
+
+                self.loop(str(group[0]) if symmetric else "0", str(rows), row)
+        else:
+            self._stretches(terms, blocks, groups, finished)
+        if symmetric:
+            self._mirror(target, rows)
+
+    def _stretches(
+        self,
+        terms: Terms,
+        blocks: int,
+        groups: list[range],
+        finished: Callable[[str, range, list[list[str]]], None],
+    ) -> None:
+        """All elements of the sum over one stretch after the other; in between their parts are in memory."""
+        writer, columns, rows = self.writer, terms.columns, str(terms.rows)
+        memory = writer.allocate(f"[{terms.rows * columns * PARTS} x {writer.lanes.element}]")
+
+        def places(i: str, group: range) -> list[list[str]]:
+            starts = [writer.let(f"mul nsw i64 {self._at(i, columns, j)}, {PARTS}") for j in group]
+            element = writer.lanes.element
+            offsets = [[writer.let(f"add nsw i64 {start}, {k}") for k in range(PARTS)] for start in starts]
+            return [
+                [writer.let(f"getelementptr {element}, ptr {memory}, i64 {at}") for at in several]
+                for several in offsets
+            ]
+
+        def moved(i: str, group: range, work: Callable[[list[list[str]]], None]) -> None:
+            kept, sums = places(i, group), [self._zeros() for _ in group]
+            pairs = [pair for several in zip(kept, sums, strict=True) for pair in zip(*several, strict=True)]
+            for place, part in pairs:
+                writer.do(f"store {writer.lanes.real} {self._loaded(place)}, ptr {part}, align 8")
+            work(sums)
+            for place, part in pairs:
+                writer.do(f"store {writer.lanes.real} {self._loaded(part)}, ptr {place}, align 8")
+
+        def clear(i: str) -> None:
+            for group in groups:
+                for place in (place for several in places(i, group) for place in several):
+                    writer.do(f"store {writer.lanes.real} {writer.lanes.constant(0.0)}, ptr {place}, align 8")
+
+        def stretch(turn: str) -> None:
+            first = writer.let(f"mul nsw i64 {turn}, {STRETCH}")
+            end = writer.let(f"add nsw i64 {first}, {STRETCH}")
+            more = writer.let(f"icmp slt i64 {end}, {blocks}")
+            end = writer.let(f"select i1 {more}, i64 {end}, i64 {blocks}")
+
+            def row(i: str) -> None:
+                for group in groups:
+                    moved(
+                        i,
+                        group,
+                        lambda sums, group=group: self._add_blocks(terms, first, end, i, group, sums),
+                    )
+
+            self.loop("0", rows, row)
+
+        def finish(i: str) -> None:
+            for group in groups:
+                moved(i, group, lambda sums, group=group: finished(i, group, sums))
+
+        self.loop("0", rows, clear)
+        self.loop("0", str(-(-blocks // STRETCH)), stretch)
+        self.loop("0", rows, finish)
+
+    def _zeros(self) -> list[str]:
+        """Places for the parts of a sum, zero."""
+        writer = self.writer
+        parts = [writer.allocate(writer.lanes.real) for _ in range(PARTS)]
+        for part in parts:
+            writer.do(f"store {writer.lanes.real} {writer.lanes.constant(0.0)}, ptr {part}, align 8")
+        return parts
+
+    def _loaded(self, place: str) -> str:
+        return self.writer.let(f"load {self.writer.lanes.real}, ptr {place}, align 8")
+
+    def _add_blocks(
+        self, terms: Terms, first: str, end: str, i: str, group: range, sums: list[list[str]]
+    ) -> None:
+        """Row i of the sums grows by blocks of `PARTS` terms."""
+
+        def block(turn: str) -> None:
+            start = self.writer.let(f"mul nsw i64 {turn}, {PARTS}")
+            for k in range(PARTS):
+                term = self.writer.let(f"add nsw i64 {start}, {k}")
+                self._add_terms(terms, term, i, group, [parts[k] for parts in sums])
+
+        self.loop(first, end, block)
+
+    def _add_terms(self, terms: Terms, k: str, i: str, group: range, parts: list[str]) -> None:
+        """Term k of row i, for each column of a group, to a part of its sum."""
+        writer = self.writer
+        factor = self._load(terms.left, self._at(k, terms.rows, i), 1)
+        if terms.weights is not None:
+            factor = writer.real("fmul", factor, self._load(terms.weights, k, 1))
+        for j, part in zip(group, parts, strict=True):
+            value = self._load(terms.right, self._at(k, terms.columns, j), 1)
+            total = self.multiply_add(writer, factor, value, self._loaded(part))
+            writer.do(f"store {writer.lanes.real} {total}, ptr {part}, align 8")
 
     def _mirror(self, target: str, n: int) -> None:
         def row(i: str) -> None:

@@ -79,22 +79,24 @@ class ArmFilm:
             For a run without samples, or a robot whose links have no length.
         """
         n, trajectory = len(prepared.joints), run.trajectory
-        if not len(trajectory.time):
+        state, inputs = trajectory.signals["state"], trajectory.signals["input"]
+        bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
+        kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
+        if not kept.stop:
             raise InvalidInput(
                 "There is nothing to film.", "expected a run of one sample at least", "a longer run"
             )
-        state, names = trajectory.signals["state"], signal_names("link_position", prepared.joints)
+        names = signal_names("link_position", prepared.joints)
         goal = np.broadcast_to(prepared.goal, (len(state), n))
         commanded = trajectory.names.get("reference", ())
         columns = [
             trajectory.signal("reference", name) if name in commanded else goal[:, k]
             for k, name in enumerate(names)
         ]
-        units = dict.fromkeys(trajectory.units["input"])
+        motors = prepared.robot.layout.whole(state.T)[2 * n : 3 * n].T
         film = ArmFilm(
-            prepared.robot, trajectory.time, state[:, :n],
-            prepared.robot.layout.whole(state.T)[2 * n : 3 * n].T, np.stack(columns, axis=1),
-            trajectory.signals["input"], np.maximum(*np.abs(run.input_range)), " or ".join(units),
+            prepared.robot, trajectory.time[kept], state[kept, :n], motors[kept], np.stack(columns, axis=1)[kept],
+            inputs[kept], np.maximum(*np.abs(run.input_range)), " or ".join(dict.fromkeys(trajectory.units["input"])),
             f"{prepared.robot.name}: {'step' if prepared.plan is None else 'move'}",
         )  # fmt: skip
         if film.size < 1e-9:

@@ -82,7 +82,12 @@ class ArmPicture:
         if n > MANY:
             self._draw_lines(angles, "links minus their command", film.shown(film.links - film.command), None)
         else:
-            self._draw_lines(angles, "angle of the links", film.shown(film.links), film.shown(film.command))
+            self._draw_lines(
+                angles,
+                f"{'position' if film.slides.any() else 'angle'} of the links",
+                film.shown(film.links),
+                film.shown(film.command),
+            )
         angles.set_xticklabels([])
         below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
         self._draw_lines(below, "wind-up of the springs", film.shown(film.windup), None)

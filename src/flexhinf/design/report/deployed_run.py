@@ -55,20 +55,19 @@ def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
     response = prepared.response(run)
     if prepared.plan is None:
         table = plain_table(
-            "Joints", "joint", "settled after", "overshoot, %", f"error at the end, {small}", f"peak, {units.effort}"
+            "Joints", "joint", "settled after", "overshoot", f"end error, {small}", f"peak, {units.effort}"
         )  # fmt: skip
         for row in response.metrics:
             table.add_row(
                 row["joint"],
                 settling_text(row["settling_time_s"]) if "settling_time_s" in row else "–",
-                number(row["overshoot_percent"], 3) if "overshoot_percent" in row else "–",
+                f"{number(row['overshoot_percent'], 3)} %" if "overshoot_percent" in row else "–",
                 number(factor * row["steady_state_error"], 3),
                 number(row["peak_input"], 3),
             )
         return table
     table = plain_table(
-        "Joints", "joint", f"largest error, {small}", f"rms error, {small}", f"error at the end, {small}",
-        f"peak, {units.effort}",
+        f"Joints: distance from the move, {small}", "joint", "largest", "rms", "at the end", f"peak, {units.effort}"
     )  # fmt: skip
     for row in Move.along(prepared.plan, response).metrics:
         errors = (factor * row[key] for key in ("largest_error", "rms_error", "final_error"))
@@ -154,6 +153,10 @@ def run_notes(run: RealTimeRun) -> list[str]:
         places = ", ".join(_span(span) for span in spans[:LISTED])
         more = f", and {len(spans) - LISTED} more places" if len(spans) > LISTED else ""
         notes.append(f"Missed deadlines: {places}{more}.")
+    if spans and not run.scheduling:
+        notes.append(
+            "A real-time priority and a core of its own keep other programs off: --priority 80 --core 1."
+        )
     refused = {int(code): int(np.sum(run.codes == code)) for code in np.unique(run.codes) if code}
     for code, count in refused.items():
         notes.append(f"The controller's step ended with {run.code_names[code]} in {count} samples.")

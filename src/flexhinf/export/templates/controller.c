@@ -3,12 +3,15 @@
 
 #include <math.h>
 
-#if defined(__FAST_MATH__)
-#error "@NAME@ must see numbers that are not finite: compile without -ffast-math"
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "@NAME@ must see numbers that are not finite: compile without -ffast-math, -ffinite-math-only, /fp:fast"
 #endif
 
+/* Sums and products as they are written: gcc fuses some of them unless it is told not to. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
 #endif
 
 /* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
@@ -123,13 +126,20 @@ static int went_back(@NAME@_state *state)
     return 1;
 }
 
-/* What is applied: the last good input; where even that was lost, the safe one. */
+/* What is applied: the last good input; where even that was lost, the safe one within the limits of now. */
 static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
 {
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        const real u = state->held[i];
-        const int good = u >= param->value[@BIG@_P_LOWER + i] && u <= param->value[@BIG@_P_UPPER + i] && isfinite(u);
-        output->u[i] = good ? u : safe_input[i];
+        const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
+        const int good = state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]);
+        real u = good ? state->held[i] : safe_input[i];
+        if (u < low) {
+            u = low;
+        }
+        if (u > high) {
+            u = high;
+        }
+        output->u[i] = u;
     }
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;

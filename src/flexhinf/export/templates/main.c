@@ -1,7 +1,8 @@
 /* How @NAME@ is used: one call before the loop, one call in it. Replace the functions that are marked. */
 #include "@NAME@.h"
 
-/* Of your board: wait for the next sample; read sensors and command; drive the motors; warn. */
+/* Of your board: wait for the next sample; read sensors and command; drive the motors; warn, and brake the robot where
+ * samples fail for too long. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
 extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
 extern void read_command(@NAME@_real *r);

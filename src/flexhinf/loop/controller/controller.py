@@ -177,7 +177,7 @@ class Controller(Running):
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
-        kinds = dict.fromkeys(type(law).__name__ for law in self.laws)
+        kinds = dict.fromkeys(law.kind for law in self.laws)
         law = ", ".join(kinds) if len(self.laws) == 1 else f"{len(self.laws)} laws ({', '.join(kinds)})"
         facts = {
             "law": law,

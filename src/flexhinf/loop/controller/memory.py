@@ -207,6 +207,9 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
             memory[0] = real_array(value, strict=True).item()
 
     def fill(value: Any) -> None:
+        if type(value) is array_type and value.shape == shape and value.dtype == buffer.dtype:
+            buffer[:] = value
+            return
         array = real_array(value, strict=True)
         if array.shape != shape:
             raise ValueError(array.shape)

@@ -59,32 +59,35 @@ class Remembered:
     def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
         self.memory, self.reference = np.array(memory), np.zeros(max(1, commanded))
         self.estimate = np.full(states, np.nan)
+        self.start, self.older, self.newer, self._failed = np.tile(memory, (4, 1))
+        self.holding, self._begun_again = np.zeros((2, 1), dtype=bool)
         self.begin(memory)
 
     def begin(self, memory: np.ndarray) -> None:
         """Start again from a memory (s,)."""
-        self.memory[:] = memory
+        for place in (self.memory, self.start, self.older, self.newer):
+            place[:] = memory
         self.estimate[:] = np.nan
-        self.start = np.array(memory)
-        self.older = self.newer = self.start
-        self.holding, self._begun_again = np.array(False), np.array(False)
-        self._failed = np.zeros(0)
+        self.holding[:] = self._begun_again[:] = False
+        self._failed[:] = np.nan
 
     def keep(self) -> None:
-        """Keep this memory as an earlier one, every `SPACING` samples; the oldest is forgotten."""
-        self.older, self.newer = self.newer, self.memory.copy()
-        self._begun_again = np.array(False)
+        """Keep this memory as an earlier one, every `SPACING` samples; the oldest is forgotten. Nothing is allocated:
+        this is a part of the step in real time."""
+        self.older, self.newer = self.newer, self.older
+        self.newer[:] = self.memory
+        self._begun_again[:] = False
 
     def fail(self) -> bool:
         """Note that a step has failed; where one did before from the same memory, go back to an earlier, and say so."""
         back = np.array_equal(self._failed, self.memory)
         if back:
             start = np.array_equal(self.older, self.start)
-            self.holding = np.array(start and not self._begun_again)
-            self._begun_again = np.array(start)
+            self.holding[:] = start and not self._begun_again
+            self._begun_again[:] = start
             self.memory[:] = self.older
-            self.older = self.newer = self.start
-        self._failed = self.memory.copy()
+            self.older[:] = self.newer[:] = self.start
+        self._failed[:] = self.memory
         return back
 
     def state(self) -> dict[str, Any]:

@@ -62,6 +62,11 @@ class StoredLaw(Law):
         self._degrees, self._arrays = header["degrees"], arrays
 
     @property
+    def kind(self) -> str:
+        """The class that it was before it was stored."""
+        return self.name
+
+    @property
     def law_data(self) -> np.ndarray:
         """Coefficients, flat."""
         return self._data
@@ -250,7 +255,7 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
         ) from error
     arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
     return {
-        "name": law.name if isinstance(law, StoredLaw) else type(law).__name__,
+        "name": law.kind,
         "degree": law.law_degree,
         "states": list(law.state_names),
         "inputs": list(law.input_names),

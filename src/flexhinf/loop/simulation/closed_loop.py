@@ -231,19 +231,10 @@ class Loop(Summarised):
         )  # fmt: skip
 
     def run_paced(
-        self,
-        pacing: Pacing,
-        stepped: Stepped | None = None,
-        reference: Any = None,
-        disturbance: Any = None,
-        noise: Any = None,
-        duration: float = 8.0,
-        initial_state: Any = None,
-        seed: int = 0,
-        initial_input: Any = None,
-        *,
-        multi_turn: bool = False,
-    ) -> Trajectory:
+        self, pacing: Pacing, stepped: Stepped | None = None, reference: Any = None, disturbance: Any = None,
+        noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
+        *, multi_turn: bool = False,
+    ) -> Trajectory:  # fmt: skip
         """As `run` on a black box, its samples made when `pacing` says so; `stepped` is stepped instead of the
         controller, as it is.
 

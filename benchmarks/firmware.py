@@ -1,0 +1,301 @@
+"""``make bench-firmware``: what a step of the exported C costs on a PC and on a Cortex-M4F, for docs/deployment.md.
+
+    python -m benchmarks.firmware            measures every row, and keeps them in benchmarks/firmware.json
+    python -m benchmarks.firmware --table    prints the table of the rows that are kept
+
+Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F that QEMU emulates (``make cortex-m4`` of
+an exported folder). Its cycles are counted too: QEMU tells which instructions run, and each costs what Arm's manual
+says at the most, with memory that does not wait.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import flexhinf as fh
+from flexhinf.export import export_c
+
+KEPT = Path(__file__).resolve().with_suffix(".json")
+
+PC = ("-std=c99", "-O3", "-march=x86-64-v3")
+CORTEX_M4 = "-O2"
+
+#: Clock and rate that a microcontroller is judged by, Hz.
+CLOCK, RATE = 168e6, 1e3
+
+#: Robot, degree of V, saturation, and standard deviation of the sensors (rad), by the number of links.
+CONTROLLERS = {
+    1: ("paper", 4, 48.0, 1e-3),
+    2: ("planar-two-link", 4, 200.0, 1e-3),
+    7: ("seven-link", 2, 500.0, 1e-5),
+}
+
+#: What is measured: links, type, machine. In double a Cortex-M4F computes in software.
+ROWS = [
+    *((links, real, "x86-64") for links in CONTROLLERS for real in ("double", "float")),
+    *((links, "float", "Cortex-M4F") for links in CONTROLLERS),
+    (1, "double", "Cortex-M4F"),
+]
+
+#: Paints the stack below a step, and says how much of it the step used and how large a state is.
+STACK = """
+#include <stdint.h>
+#include <stdio.h>
+#include "arm.h"
+enum { PAINTED = 1 << 20 };
+static unsigned long deepest;
+int __real_arm_step(arm_state *, const arm_param *, const arm_input *, arm_output *);
+int __wrap_arm_step(arm_state *, const arm_param *, const arm_input *, arm_output *);
+int __wrap_arm_step(arm_state *state, const arm_param *param, const arm_input *input, arm_output *output)
+{
+    volatile unsigned char *here, *byte;
+    int code;
+    __asm volatile("mov %%rsp, %0" : "=r"(here));
+    for (byte = here - PAINTED; byte < here; ++byte) *byte = 0xa5;
+    code = __real_arm_step(state, param, input, output);
+    for (byte = here - PAINTED; byte < here && *byte == 0xa5; ++byte) {}
+    if ((unsigned long)(here - byte) > deepest) deepest = (unsigned long)(here - byte);
+    return code;
+}
+__attribute__((destructor)) static void report(void)
+{
+    printf("stack %lu state %lu\\n", deepest, (unsigned long)sizeof(arm_state));
+}
+"""
+
+
+def controller(links: int) -> fh.Controller:
+    """An unscented filter and a law: cubic for one and two links, linear for seven."""
+    name, degree, saturation, noise = CONTROLLERS[links]
+    robot = fh.load_robot(name)
+    ukf = fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-7, noise**2, robot.operating_point()[0], 1e-8)
+    return fh.Controller(fh.solve_hji(robot.problem(), gamma=math.inf, degree=degree), ukf, 1e-3, saturation)
+
+
+def run(*words: object, folder: Path) -> str:
+    """What a command prints; it must end well."""
+    done = subprocess.run([*map(str, words)], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(map(str, words))}\n{done.stdout}{done.stderr}"
+    return done.stdout + done.stderr
+
+
+def measure(links: int, real: str, machine: str) -> dict[str, Any]:
+    """A row: sizes in bytes, instructions of a step, and on a Cortex-M4F its cycles."""
+    with tempfile.TemporaryDirectory() as work:
+        folder = export_c(controller(links), Path(work) / "c", "arm", real)
+        measured = on_pc(folder) if machine == "x86-64" else on_cortex_m4(folder)
+    return {"links": links, "real": real, "machine": machine} | measured
+
+
+# A PC ---------------------------------------------------------------------------------------------------
+def on_pc(folder: Path) -> dict[str, Any]:
+    """By gcc, callgrind, and a painted stack."""
+    (folder / "stack.c").write_text(STACK, encoding="utf-8")
+    run("gcc", *PC, "-c", "arm.c", "-o", "arm.o", folder=folder)
+    run("gcc", *PC, "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
+    flags = ("-Wl,--wrap=arm_step", "-Wl,-z,now")
+    run("gcc", *PC, *flags, "arm_test.c", "stack.c", "arm.o", "-lm", "-o", "painted", folder=folder)
+    counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
+    run("valgrind", *counting, "--callgrind-out-file=counts", "./plain", folder=folder)
+    total = re.search(r"^summary: (\d+)", (folder / "counts").read_text(encoding="utf-8"), re.MULTILINE)
+    said = re.search(r"(\d+) samples(?s:.*)stack (\d+) state (\d+)", run("./painted", folder=folder))
+    assert total is not None
+    assert said is not None
+    samples, stack, state = map(int, said.groups())
+    return {
+        "code": int(run("size", "arm.o", folder=folder).splitlines()[1].split()[0]),
+        "state": state, "stack": stack, "instructions": int(total[1]) / samples,
+        "compiler": run("gcc", "--version", folder=folder).splitlines()[0], "flags": " ".join(PC),
+    }  # fmt: skip
+
+
+# A Cortex-M4F -------------------------------------------------------------------------------------------
+def on_cortex_m4(folder: Path) -> dict[str, Any]:
+    """By ``make cortex-m4`` of the exported folder, then by a trace of some steps for the cycles."""
+    text = run("make", f"CFLAGS={CORTEX_M4}", "cortex-m4", folder=folder)
+    sizes = re.search(r"^\s*(\d+)\s+(\d+)\s.*arm_alone.elf", text, re.MULTILINE)
+    cost = re.search(r"(\d+) instructions in a step, at most (\d+); (\d+) bytes of stack", text)
+    assert sizes is not None
+    assert cost is not None
+    mean, most, stack = map(int, cost.groups())
+    steps = max(2, min(20, 1_000_000 // mean))
+    counted, cycles = traced(folder, steps)
+    assert abs(counted / steps - mean) < 0.05 * mean, "timer and trace do not count the same"
+    flags = re.search(r"(-O2 -std=c99.*) -ffunction-sections", text)
+    assert flags is not None
+    symbols = run("arm-none-eabi-nm", "--print-size", "arm_m4.elf", folder=folder)
+    state = re.search(r"^\w+ (\w+) b state$", symbols, re.MULTILINE)
+    assert state is not None
+    return {
+        "code": int(sizes[1]) + int(sizes[2]), "state": int(state[1], 16), "stack": stack, "instructions": mean,
+        "most": most, "cycles": round(most * cycles / counted),
+        "compiler": run("arm-none-eabi-gcc", "--version", folder=folder).splitlines()[0],
+        "flags": re.sub(r" -W\S+", "", flags[1]),
+        "emulator": run("qemu-system-arm", "--version", folder=folder).splitlines()[0],
+    }  # fmt: skip
+
+
+def traced(folder: Path, steps: int) -> tuple[int, int]:
+    """Instructions and cycles of the first steps of the test vector."""
+    code = instructions_of(folder)
+    lines = map(str.split, run("arm-none-eabi-nm", "arm_m4.elf", folder=folder).splitlines())
+    symbols = {name: int(address, 16) & ~1 for address, _, name in lines}
+    step, caller, counting = (symbols[name] for name in ("arm_step", "main", "__wrap_arm_step"))
+    after = min(function for _, _, function in code.values() if function > counting)
+    watched = (
+        f"0x0..{counting - 1:#x},{after:#x}..{max(code):#x}"  # not what paints the stack around every step
+    )
+    counted = cycles = begun = 0
+    last: int | None = None  # the instruction before, inside a step
+    for place in places(folder, watched):
+        if last is not None:
+            cycles += cost_of(code[last][1], jumps=place != last + code[last][0])
+        begun += place == step
+        if begun > steps:
+            break
+        inside = code[place][2] != caller and begun > 0
+        last = place if inside else None
+        counted += inside
+    return counted, cycles
+
+
+def places(folder: Path, watched: str) -> Iterator[int]:
+    """Addresses of the instructions that QEMU runs there, one after the other."""
+    pipe = folder / "trace"
+    os.mkfifo(pipe)
+    command = [
+        "qemu-system-arm", "-machine", "mps2-an386", "-display", "none", "-monitor", "none", "-serial", "none",
+        "-semihosting-config", "enable=on,target=native", *single_steps(), "-d", "exec,nochain", "-dfilter", watched,
+        "-D", str(pipe), "-kernel", "arm_m4.elf",
+    ]  # fmt: skip
+    with (
+        subprocess.Popen(
+            command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as emulator,
+        pipe.open(encoding="ascii", errors="replace") as lines,
+    ):
+        try:
+            for line in lines:
+                if line.startswith("Trace"):
+                    yield int(line.split("[", 1)[1].split("/")[1], 16)
+        finally:
+            emulator.kill()
+
+
+def single_steps() -> tuple[str, ...]:
+    """QEMU's option for one instruction in each block: it has another name since version 8.1."""
+    found = re.search(
+        r"version (\d+)\.(\d+)", subprocess.check_output(["qemu-system-arm", "--version"], text=True)
+    )
+    old = found is not None and (int(found[1]), int(found[2])) < (8, 1)
+    return ("-singlestep",) if old else ("-accel", "tcg,one-insn-per-tb=on")
+
+
+def instructions_of(folder: Path) -> dict[int, tuple[int, str, int]]:
+    """Size, text and function of each instruction of the program, by address."""
+    found, function = {}, 0
+    for line in run("arm-none-eabi-objdump", "--disassemble", "arm_m4.elf", folder=folder).splitlines():
+        if head := re.match(r"([0-9a-f]{8}) <.*>:$", line):
+            function = int(head[1], 16)
+        elif row := re.match(r"\s*([0-9a-f]+):\t([0-9a-f ]+)\t(.*)", line):
+            found[int(row[1], 16)] = (len(row[2].replace(" ", "")) // 2, row[3], function)
+    return found
+
+
+#: Cycles of an instruction, by the beginning of its mnemonic; others need one. (Arm Cortex-M4 Processor Technical
+#: Reference Manual, tables of the processor's and the floating-point unit's instructions.) The first that fits counts.
+CYCLES = (
+    ("vdiv", 14), ("vsqrt", 14), ("vfma", 3), ("vfms", 3), ("vfnm", 3), ("vmla", 3), ("vmls", 3), ("vnmla", 3),
+    ("vnmls", 3), ("vldr", 2), ("vstr", 2), ("sdiv", 12), ("udiv", 12), ("mla", 2), ("mls", 2), ("tbb", 2), ("tbh", 2),
+    ("ldrd", 3), ("strd", 3), ("ldr", 2), ("str", 2),
+)  # fmt: skip
+
+#: Cycles that refill the pipeline where the next instruction is another one: one to three.
+REFILL = 3
+
+
+def cost_of(text: str, jumps: bool) -> int:
+    """Cycles at the most: loads are not pipelined, and every jump refills the whole pipeline."""
+    mnemonic = text.split()[0]
+    refill = REFILL if jumps else 0
+    if re.match(r"(ldm|stm|push|pop|vldm|vstm|vpush|vpop)", mnemonic):
+        return 1 + transferred(text) + refill
+    wide = re.match(r"v(ldr|str)|vmov", mnemonic) is not None and re.search(r"\bd\d", text) is not None
+    cycles = next((count for start, count in CYCLES if mnemonic.startswith(start)), 1)
+    return cycles + wide + refill
+
+
+def transferred(text: str) -> int:
+    """Words of a list of registers, ``{r4, r5, pc}`` or ``{d8-d10}``."""
+    words = 0
+    for part in text.split("{")[1].split("}")[0].split(","):
+        ends = [int(number) for number in re.findall(r"\d+", part)]
+        count = ends[1] - ends[0] + 1 if "-" in part else 1
+        words += count * (2 if part.strip().startswith("d") else 1)
+    return words
+
+
+# The table ----------------------------------------------------------------------------------------------
+def table(kept: Path = KEPT) -> str:
+    """The rows, with what compiled and counted them."""
+    rows = json.loads(kept.read_text(encoding="utf-8"))
+    lines = [
+        "| links, law | type | machine | code and constants | state | stack | instructions a step | cycles, at most "
+        "| of 1 ms at 168 MHz |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        law = "linear" if CONTROLLERS[row["links"]][1] == 2 else "cubic"
+        cells = [
+            f"{row['links']}, {law}",
+            row["real"],
+            row["machine"],
+            kilobytes(row["code"]),
+            kilobytes(row["state"]),
+        ]
+        cells += [kilobytes(row["stack"]), f"{row['instructions']:,.0f}"]
+        if "cycles" in row:
+            cells[-1] += f" (at most {row['most']:,})"
+            cells += [f"{row['cycles']:,}", f"{100 * row['cycles'] * RATE / CLOCK:,.0f} %"]
+        lines.append("| " + " | ".join([*cells, "", ""][:9]) + " |")
+    tools = dict.fromkeys(
+        (row["machine"], row["compiler"], row["flags"], row.get("emulator", "callgrind")) for row in rows
+    )
+    made = [
+        f"- {machine}: {compiler}, `{flags}`; counted by {counter}."
+        for machine, compiler, flags, counter in tools
+    ]
+    return "\n".join([*lines, "", *made])
+
+
+def kilobytes(size: int) -> str:
+    """A size for a reader."""
+    return f"{size} B" if size < 1000 else f"{size / 1000:.1f} kB"
+
+
+def main() -> int:
+    """Measure and keep, or print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
+    parser.add_argument("--table", action="store_true", help="print the rows that are kept")
+    if not parser.parse_args().table:
+        rows = []
+        for row in ROWS:
+            rows.append(measure(*row))
+            print(json.dumps(rows[-1]), flush=True)
+        KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    print(table())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,321 @@
+"""What a box of parameters adds to the dissipation inequality on cells.
+
+r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
+whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
+variable by itself is largest at a vertex of the box. So with p0 the middle, over the whole box
+
+    r(p) − r(p0)  ≤  max over vertices v of  Σ_q C_vq Q_q(x),
+
+where the Q_q are products of two factors: an entry of V_x with a part of ẋ, or with another entry. On a cell every
+factor is enclosed as its value in the middle, slopes, and a rest of second order; so is every product, and the sum at
+every vertex by its own value and slopes: the middles are exact, so nothing is lost as cells shrink.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from math import comb, prod
+
+import numpy as np
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.enclosures import MeanForms
+from flexhinf.certify.inequality import Rational
+from flexhinf.certify.quotients import quotient_table
+from flexhinf.certify.reading import nearest_double, rational, terms_of
+from flexhinf.certify.terms import Term
+from flexhinf.errors import InvalidInput
+
+__all__ = ["BoxExcess", "parameter_groups"]
+
+#: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
+_ROUNDING = 1e-12
+
+_ORDER = 3  # of the polynomials that stand for quotients of elementary functions
+_MOST_VERTICES = 4096
+
+
+def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
+    """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
+    exponents: dict[str, int] = {}
+    where: dict[str, set[int]] = {}
+    for number, term in enumerate(_all_terms(certificate)):
+        for name, power in term.parameters:
+            if power:
+                exponents[name] = power
+                where.setdefault(name, set()).add(number)
+    varying = {p.name for p in certificate.parameters if p.low < p.high}
+    positive = {p.name for p in certificate.parameters if p.low > 0.0}
+    groups: dict[object, dict[str, int]] = {}
+    for name, places in where.items():
+        if name in varying:
+            key = frozenset(places) if name in positive else name
+            groups.setdefault(key, {})[name] = exponents[name]
+    return list(groups.values())
+
+
+def _all_terms(certificate: Certificate) -> Iterable[Term]:
+    for row in certificate.drift:
+        yield from row
+    for rows in (certificate.g1, certificate.g2):
+        for row in rows:
+            for entry in row:
+                yield from entry
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Q_q = (an entry of V_x) · (a form) · (a quotient S_j or 1), with the columns of C, (vertices, products)."""
+
+    changes: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    function: np.ndarray  # −1 for none
+
+
+class BoxExcess:
+    """An upper bound of [r(p) − r(p0)]/ρ² on cells, over the box of parameters.
+
+    Parameters
+    ----------
+    certificate : Certificate
+    reach : float
+        Cells lie in max|z_i| ≤ reach.
+
+    Raises
+    ------
+    InvalidInput
+        Too many parameters, or a parameter that enters otherwise than the search can take.
+    """
+
+    def __init__(self, certificate: Certificate, reach: float) -> None:
+        algebra = _Forms(certificate)
+        self.n = algebra.n
+        changes = _Changes(certificate, algebra)
+        self._products = changes.products()
+        self._mean = MeanForms(self.n, algebra.found)
+        lines = [[nearest_double(a) for a in algebra.linear(f.slope)] for f in certificate.functions]
+        self._lines = np.array(lines).reshape(-1, self.n)
+        self._tables = [
+            quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
+            for f, line in zip(certificate.functions, self._lines)
+        ]
+
+    def __call__(
+        self, face: np.ndarray, t: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The bound, (N,), and how much the radius and each t_j add to it, (n, N).
+
+        Parameters
+        ----------
+        face : ndarray of int, shape (N,)
+            2 f for the face z_f = ρ of the cube, 2 f + 1 for z_f = −ρ.
+        t, half : ndarray, shape (n − 1, N)
+            Centre and half width of the cell in the other z_i/ρ.
+        low, high : ndarray, shape (N,)
+            The cell's interval of ρ.
+        """
+        middle = np.vstack([0.5 * (low + high), t])
+        halves = np.vstack([0.5 * (high - low), half])
+        value, slopes, rest = self._mean.enclose(face, middle, halves)
+        quotient, spread = self._quotients(face, middle, halves)
+        q = self._products
+        a, a_slope, a_rest = value[q.first], slopes[q.first], rest[q.first]
+        c, c_spread = quotient[q.function], spread[q.function]
+        b, b_slope, b_rest = c * value[q.second], c[:, None] * slopes[q.second], np.abs(c) * rest[q.second]
+        b_rest += c_spread * (np.abs(value[q.second]) + np.abs(slopes[q.second]).sum(axis=1) + rest[q.second])
+        a_size, b_size = (np.abs(each).sum(axis=1) for each in (a_slope, b_slope))
+        centre, linear = a * b, a[:, None] * b_slope + b[:, None] * a_slope
+        left = np.abs(a) * b_rest + np.abs(b) * a_rest + (a_size + a_rest) * (b_size + b_rest)
+        left += _ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
+        at_vertices = np.abs(np.tensordot(q.changes, linear, axes=1)).sum(axis=1)
+        bound = q.changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(q.changes) @ left
+        largest = np.abs(q.changes).max(axis=0, initial=0.0)
+        return bound.max(axis=0), np.tensordot(largest, np.abs(linear), axes=1)
+
+    def _quotients(
+        self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Middles and radii of the quotients S_j, and of 1 in the last row, (functions + 1, N)."""
+        size = len(face)
+        values, radii = np.ones((len(self._tables) + 1, size)), np.zeros((len(self._tables) + 1, size))
+        z = np.empty((self.n, size))
+        for number in np.unique(face):
+            cells = np.flatnonzero(face == number)
+            f = int(number) // 2
+            z[f, cells] = 1.0 - 2.0 * (number % 2)
+            z[[i for i in range(self.n) if i != f], cells[:, None]] = middle[1:, cells].T
+        for j, (line, table) in enumerate(zip(self._lines, self._tables)):
+            weights = np.abs(line)
+            others = np.array([np.delete(weights, f) for f in range(self.n)])[face // 2].T
+            along, width = line @ z, (others * halves[1:]).sum(axis=0)
+            centre = along * middle[0]
+            wide = (np.abs(along) * halves[0] + width * (middle[0] + halves[0])) * (1.0 + _ROUNDING) + 1e-13
+            rows, error = table.enclose(centre - wide, centre + wide)
+            value, spread = np.zeros(size), np.zeros(size)
+            for k in range(_ORDER + 1):  # the polynomial about the cell's centre
+                part = sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
+                value, spread = (part, spread) if k == 0 else (value, spread + np.abs(part) * wide**k)
+            values[j], radii[j] = value, (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(value))
+        return values, radii
+
+
+class _Forms:
+    """The polynomials in z without constants that are to be enclosed, each once."""
+
+    def __init__(self, certificate: Certificate) -> None:
+        self.certificate = certificate
+        self.n = n = len(certificate.states)
+        self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
+        self._state = [
+            sum((self.z.constant(rational(a)) * z for a, z in zip(row, self.z.gens())), self.z.constant(0))
+            for row in certificate.coordinates
+        ]
+        self.found: list[Rational] = []
+        self._known: dict[object, int] = {}
+        self._value = self.x.from_dict({powers: rational(v) for powers, v in certificate.value})
+        self._laws = [self.x.from_dict({powers: rational(v) for powers, v in law}) for law in certificate.law]
+
+    def moved(self, polynomial: fmpq_mpoly) -> Rational:
+        """A polynomial in x in coordinates z."""
+        return terms_of(polynomial.compose(*self._state, ctx=self.z))
+
+    def linear(self, slope: Iterable[float]) -> list[fmpq]:
+        """ℓᵀx as a linear form of z."""
+        line = self.x.from_dict(
+            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
+        )
+        terms = self.moved(line)
+        return [terms.get(tuple(int(i == j) for j in range(self.n)), fmpq(0)) for i in range(self.n)]
+
+    def form(self, key: object, polynomial: Callable[[], fmpq_mpoly]) -> int:
+        """Its number among those that are enclosed."""
+        if key not in self._known:
+            self._known[key] = len(self.found)
+            self.found.append(self.moved(polynomial()))
+        return self._known[key]
+
+    def slope(self, i: int) -> int:
+        """∂V/∂x_i."""
+        return self.form(("slope", i), lambda: self._value.derivative(i))
+
+    def law(self, j: int) -> int:
+        """k_j."""
+        return self.form(("law", j), lambda: self._laws[j])
+
+    def part(self, powers: tuple[int, ...], function: int | None) -> int:
+        """x^a, or x^a ℓ where a function multiplies it by S(ℓ)."""
+        monomial = self.x.from_dict({powers: fmpq(1)})
+        if function is None:
+            return self.form((powers, None), lambda: monomial)
+        slope = self.certificate.functions[function].slope
+        line = self.x.from_dict(
+            {tuple(int(i == j) for j in range(self.n)): rational(a) for i, a in enumerate(slope) if a}
+        )
+        return self.form((powers, function), lambda: monomial * line)
+
+
+class _Changes:
+    """How the monomials of the parameters change from the middle of the box to its vertices."""
+
+    def __init__(self, certificate: Certificate, forms: _Forms) -> None:
+        self.certificate, self.forms = certificate, forms
+        ranges = {p.name: (rational(p.low), rational(p.high)) for p in certificate.parameters}
+        middle = {p.name: rational(p.middle) for p in certificate.parameters}
+        groups = parameter_groups(certificate)
+        if 2 ** len(groups) > _MOST_VERTICES:
+            raise InvalidInput(
+                "The box of parameters has too many vertices.",
+                f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
+                "fewer parameters with tolerances",
+            )
+        self._group = {
+            name: (k, name == next(iter(group))) for k, group in enumerate(groups) for name in group
+        }
+        self._values, self._middle, self._constant = [], [], middle
+        for group in groups:
+            ends = [[ranges[name][side] ** power for side in (0, 1)] for name, power in group.items()]
+            every = [prod(chosen, start=fmpq(1)) for chosen in itertools.product(*ends)]
+            self._values.append((min(every), max(every)))
+            self._middle.append(prod((middle[name] ** power for name, power in group.items()), start=fmpq(1)))
+        self._corners = list(itertools.product((0, 1), repeat=len(groups)))
+
+    def value(self, term: Term) -> tuple[list[fmpq], fmpq]:
+        """coefficient · Π p^e of a term at all vertices and at the middle."""
+        constant, used = rational(term.coefficient), []
+        for name, power in term.parameters:
+            if name in self._group:
+                k, first = self._group[name]
+                used += [k] if first else []
+            else:
+                constant *= self._constant[name] ** power
+        ends = [constant * prod((self._values[k][c[k]] for k in used), start=fmpq(1)) for c in self._corners]
+        return ends, constant * prod((self._middle[k] for k in used), start=fmpq(1))
+
+    def products(self) -> _Products:
+        """Of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ²."""
+        found: dict[tuple[int, int, int], list[fmpq]] = {}
+
+        def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
+            if any(changes):
+                before = found.get(key, [fmpq(0)] * len(changes))
+                found[key] = [a + b for a, b in zip(before, changes)]
+
+        for i, row in enumerate(self.certificate.drift):
+            for term in row:
+                ends, middle = self.value(term)
+                if any(end != middle for end in ends):
+                    number = -1 if term.function is None else term.function
+                    key = self.forms.slope(i), self.forms.part(term.powers, term.function), number
+                    add(key, [end - middle for end in ends])
+        for i, row in enumerate(self.certificate.g2):
+            for j, entry in enumerate(row):
+                for term in entry:
+                    ends, middle = self.value(term)
+                    if any(end != middle for end in ends):
+                        self.refuse_powers(term)
+                        add((self.forms.slope(i), self.forms.law(j), -1), [end - middle for end in ends])
+        self.squares(add)
+        keys = list(found)
+        columns = [[nearest_double(c) for c in found[key]] for key in keys]
+        count = len(self._corners)
+        return _Products(
+            np.array(columns).reshape(-1, count).T,
+            np.array([key[0] for key in keys], dtype=int),
+            np.array([key[1] for key in keys], dtype=int),
+            np.array([key[2] for key in keys], dtype=int),
+        )
+
+    def squares(self, add: Callable[[tuple[int, int, int], list[fmpq]], None]) -> None:
+        """½ |g1ᵀV_xᵀ|²/γ², where g1 depends on parameters."""
+        factor = 1 / (2 * rational(self.certificate.gamma) ** 2)
+        for column in zip(*self.certificate.g1):
+            entries = [[(term, *self.value(term)) for term in entry] for entry in column]
+            if all(end == middle for entry in entries for _, ends, middle in entry for end in ends):
+                continue
+            for entry in column:
+                for term in entry:
+                    self.refuse_powers(term)
+            at = [
+                [sum((ends[v] for _, ends, _ in entry), fmpq(0)) for v in range(len(self._corners))]
+                for entry in entries
+            ]
+            middles = [sum((middle for _, _, middle in entry), fmpq(0)) for entry in entries]
+            for i, l in itertools.combinations_with_replacement(range(len(column)), 2):
+                weight = factor * (1 if i == l else 2)
+                changes = [weight * (a * b - middles[i] * middles[l]) for a, b in zip(at[i], at[l])]
+                if any(changes):
+                    add((self.forms.slope(i), self.forms.slope(l), -1), changes)
+
+    @staticmethod
+    def refuse_powers(term: Term) -> None:
+        """Refuse an entry of g1 or g2 that depends on the state, where parameters meet it."""
+        if any(term.powers):
+            raise InvalidInput(
+                "The box of parameters cannot be searched for this plant.",
+                f"expected channels that do not depend on the state, got the term {term}",
+                "nominal parameters, or sampled_region",
+            )

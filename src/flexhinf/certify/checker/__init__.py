@@ -1,0 +1,174 @@
+"""Proves a certificate again, from its data alone and by another program than the one that found it.
+
+**Theorem.** Let k, V, γ, α, c be those of the certificate, and let S be the component of {x: V(x) ≤ c} that contains 0.
+Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact
+state feedback u = k(x) in continuous time without limits,
+
+1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S; on S, with the exact
+   elementary functions and z = (h(x), R2^½ u), V̇ ≤ −αV + ½γ²|d|² − ½|z|²;
+2. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
+3. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
+4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
+   estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
+5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
+6. every start of every stated path lies in S.
+
+**How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
+functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
+each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a centred form and an a-priori bound of all rounding
+(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`), and
+paths of starts in balls (`starts`). docs/certificate.md has the proof, of every inequality that is relied on here.
+
+Nothing here imports the search, and the search imports nothing from here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from flint import ctx, fmpq_mat
+
+from flexhinf.certify.checker.algebra import as_rational
+from flexhinf.certify.checker.inequality import FaceInequality, Inequality
+from flexhinf.certify.checker.march import Marched, Refusal, march_face
+from flexhinf.certify.checker.second_route import cell_holds
+from flexhinf.certify.checker.starts import check_start
+from flexhinf.certify.claim import Claim
+
+__all__ = ["Verification", "verify"]
+
+_BITS = 128
+_MOST_KINDS = 64
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the checker found.
+
+    Attributes
+    ----------
+    proved : bool
+    reason : str
+        Why not, else empty.
+    cells, accepted, with_level : int
+        Cells that were looked at, that were accepted, and of these the ones that needed V ≤ c.
+    resampled : int
+        Cells that were proved a second time, in rationals and balls.
+    faces : int
+        Of the cube: n where V and r are even but for rounding, else 2n.
+    starts : int
+        Intervals of amplitudes whose starts were shown to be inside.
+    gradient_law : bool
+        Whether 4. of the theorem is proved too.
+    rounding : float
+        Largest allowance for rounding in r/ρ².
+    cpu_s : float
+    """
+
+    proved: bool
+    reason: str = ""
+    cells: int = 0
+    accepted: int = 0
+    with_level: int = 0
+    resampled: int = 0
+    faces: int = 0
+    starts: int = 0
+    gradient_law: bool = False
+    rounding: float = 0.0
+    cpu_s: float = 0.0
+
+
+def verify(
+    claim: Claim,
+    *,
+    threads: int = 2,
+    sample: int = 10,
+    seed: int = 0,
+    tick: Callable[[int], None] = lambda cells: None,
+) -> Verification:
+    """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at."""
+    began = time.process_time()
+    try:
+        _check_sizes(claim)
+        _check_matrices(claim)
+        starts = sum(check_start(claim, start) for start in claim.starts)
+        inequality = Inequality(claim)
+        with ThreadPoolExecutor(threads) as pool:
+            jobs = [pool.submit(_face, inequality, face, sample, seed, tick) for face in inequality.faces]
+            try:
+                marched = [job.result() for job in jobs]
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        resampled = _second(inequality, marched, seed)
+    except Refusal as refusal:
+        return Verification(False, _reason(claim, refusal), cpu_s=time.process_time() - began)
+    return Verification(
+        True,
+        cells=sum(m.cells for m in marched),
+        accepted=sum(m.accepted for m in marched),
+        with_level=sum(m.with_level for m in marched),
+        resampled=resampled,
+        faces=len(marched),
+        starts=starts,
+        gradient_law=inequality.exact.gradient_law,
+        rounding=max(m.rounding for m in marched),
+        cpu_s=time.process_time() - began,
+    )
+
+
+def _check_sizes(claim: Claim) -> None:
+    """Few enough different products of parameters and functions for exact algebra to end."""
+    rows = (claim.drift, *claim.g1, *claim.g2)
+    kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
+    if len(kinds) > _MOST_KINDS:
+        raise Refusal(
+            f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}"
+        )
+
+
+def _check_matrices(claim: Claim) -> None:
+    """T is invertible and R2 is symmetric and positive definite, in rationals."""
+    t = fmpq_mat([[as_rational(v) for v in row] for row in claim.coordinates])
+    if t.det() == 0:
+        raise Refusal("the coordinates T are singular")
+    r2 = [[as_rational(v) for v in row] for row in claim.r2]
+    symmetric = all(r2[i][j] == r2[j][i] for i in range(len(r2)) for j in range(i))
+    if not symmetric or any(fmpq_mat([row[:k] for row in r2[:k]]).det() <= 0 for k in range(1, len(r2) + 1)):
+        raise Refusal("R2 is not symmetric and positive definite")
+    if claim.shift:
+        raise Refusal("a moved equilibrium is not yet covered by this checker")
+
+
+def _face(
+    inequality: Inequality, face: tuple[int, int], sample: int, seed: int, tick: Callable[[int], None]
+) -> Marched:
+    claim = inequality.claim
+    with np.errstate(all="ignore"):  # what is not finite is not accepted
+        bounds = FaceInequality(inequality, face)
+        return march_face(bounds, inequality.n, claim.level, claim.reach, sample=sample, seed=seed, tick=tick)
+
+
+def _second(inequality: Inequality, marched: list[Marched], seed: int) -> int:
+    rng = np.random.default_rng(seed)
+    cells = [cell for face in marched for cell in face.sample]
+    with ctx.workprec(_BITS):
+        for cell in cells:
+            corner = int(rng.integers(len(inequality.exact_corners)))
+            if inequality.even and rng.integers(2):
+                cell = cell.opposite()
+            if not cell_holds(inequality, cell, corner):
+                raise Refusal(f"rationals and balls do not confirm {cell}")
+    return len(cells)
+
+
+def _reason(claim: Claim, refusal: Refusal) -> str:
+    if refusal.z is None:
+        return f"{refusal}."
+    x = np.array(claim.coordinates) @ refusal.z
+    place = ", ".join(f"{s.name} = {v:.5g} {s.unit}".rstrip() for s, v in zip(claim.states, x, strict=True))
+    return f"{refusal} at {place}, where V = {refusal.value:.6g} (level {claim.level:.6g})."

@@ -1,0 +1,114 @@
+"""``flexhinf certify``: a proved region of a design's law as certificate.json, and its independent check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flexhinf.cli.arguments import Elastic, GoalXyz, Payload, Tool, request_of, with_specification
+from flexhinf.cli.messages import NOT_MET, ProofProgress, note
+from flexhinf.errors import InvalidInput
+
+__all__ = ["certify"]
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        help="A robot file, a name that `flexhinf robots` lists, or a design file (design.toml); options win over a "
+        "design file.",
+        show_default=False,
+    ),
+]
+
+
+@with_specification()
+def certify(
+    context: typer.Context,
+    robot: Source = "",
+    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("certificate.json"),
+    check: Annotated[
+        Path | None,
+        typer.Option(help="Prove this certificate again, by the independent checker.", show_default=False),
+    ] = None,
+    degree: Annotated[
+        int | None,
+        typer.Option(
+            help="Degree of V whose certificate is written. Default: the design's.", show_default=False
+        ),
+    ] = None,
+    decay: Annotated[
+        float, typer.Option(help="Rate of decay that is proved too: for disturbances that persist, 1/s.")
+    ] = 0.0,
+    threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
+    elastic: Elastic = "",
+    payload: Payload = "",
+    goal_xyz: GoalXyz = "",
+    tool: Tool = "",
+    **options: Any,
+) -> None:
+    """Prove how far the law of a design can be trusted: certificate.json.
+
+    The largest level of V that can be proved about the goal, by arithmetic that
+    cannot round the wrong way: the gain from disturbances, and the largest steps
+    from rest inside. What is proved is stated by --checked-gamma-ratio and
+    --checked-penalty. For robots of one link; the true state is fed back.
+
+    With --check, another program proves a certificate again and reads nothing but
+    the file; the theorem is printed with its hypotheses and what is not proved.
+
+    Exit code: 0 if something is proved; 1 if a check refuses a certificate;
+    2 for a mistake, or where nothing can be proved; 130 if interrupted.
+    """
+    if check is not None:
+        _check(check, robot, threads)
+        return
+    if not robot:
+        raise InvalidInput(
+            "Nothing is named to certify.",
+            "expected a robot, a design file, or --check FILE, got none of them",
+            "flexhinf certify design.toml",
+        )
+    from rich.console import Console
+
+    from flexhinf.certify import Verification
+    from flexhinf.certify.theorem import theorem_text
+    from flexhinf.design import report
+    from flexhinf.design.certification import certify_design, proved
+
+    request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
+    with ProofProgress() as bar:
+        found = certify_design(
+            request.robot, request.specification, bar.step, bar.share, decay=decay, threads=threads
+        )
+    for table in report.certification_tables(found):
+        Console().print(table)
+    for text in report.certification_notes(found):
+        note(text)
+    certificate = proved(found, degree).certificate
+    assert certificate is not None
+    certificate.save(out)
+    typer.echo(theorem_text(certificate, Verification(True, gradient_law=True)))
+    typer.echo(f"certificate: {out}\ncheck:       flexhinf certify --check {out}")
+
+
+def _check(path: Path, robot: str, threads: int) -> None:
+    from flexhinf.certify import load_certificate
+    from flexhinf.certify.theorem import theorem_text, verification_text
+
+    if robot:
+        raise InvalidInput(
+            "A certificate is checked alone.",
+            f"expected --check FILE without a robot or a design, got {robot!r}",
+            f"flexhinf certify --check {path}",
+        )
+    certificate = load_certificate(path)
+    with ProofProgress() as bar:
+        bar.step("check")
+        found = certificate.check(threads=threads, tick=bar.cells)
+    typer.echo(theorem_text(certificate, found))
+    typer.echo("")
+    typer.echo(verification_text(found))
+    if not found.proved:
+        raise typer.Exit(NOT_MET)

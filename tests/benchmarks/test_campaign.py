@@ -1,0 +1,61 @@
+"""The campaign benchmark's counts of operations, and the whole of it in small."""
+
+import json
+import subprocess
+import sys
+
+import casadi
+import pytest
+from benchmarks.campaign.floating_point import LANES, peak, work_of
+
+from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice
+
+
+def test_work_is_counted_from_the_program():
+    x = casadi.SX.sym("x", 2)
+    function = casadi.Function("step", [x], [casadi.vertcat(x[0] * x[1] + x[0], casadi.sqrt(x[1]) / x[0])])
+    call = Call(function, (Slice("x", size=2),), (Slice("x", size=2),))
+    body = (call, Repeat("parts", (call,)))
+    work = work_of(
+        Program("work", (Buffer("x", 2, "state"),), (Repeat("steps", body),), ("steps", "parts")),
+        {"parts": 3},
+    )
+    assert dict(work) == {"fma": 4, "fdiv": 4, "sqrt": 4}
+    assert (work.instructions, work.operations) == (12, 16)
+
+
+def test_sines_count_as_what_they_are_made_of():
+    x = casadi.SX.sym("x", 1)
+    call = Call(casadi.Function("turn", [x], [casadi.sin(x)]), (Slice("x"),), (Slice("x"),))
+    work = work_of(Program("work", (Buffer("x", 1, "state"),), (Repeat("steps", (call,)),), ("steps",)), {})
+    assert 15 < work.instructions < 40
+
+
+def test_the_limit_is_that_of_a_processor():
+    assert 1e8 < peak() * 8 / LANES < 1e11
+
+
+@pytest.mark.slow
+def test_the_whole_in_small(repository, tmp_path):
+    """Ours, filterpy and the limits; numba and JAX where they are."""
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.campaign",
+        "--plants",
+        "16",
+        "--steps",
+        "200",
+        "--repetitions",
+        "1",
+    ]
+    environment = {
+        "PYTHONPATH": f"{repository}/src:{repository}",
+        "PATH": "/usr/bin:/bin",
+        "HOME": str(tmp_path),
+    }
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / ".benchmarks" / "campaign.json").read_text())["rows"]
+    assert {"filterpy", "memory for ten times the plants"} <= {row["what"] for row in rows}
+    assert "numba is left out" in done.stdout

@@ -1,0 +1,147 @@
+"""``flexhinf certify``: a design's certificate, its check, the theorem in words, and exit codes for scripts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
+from flexhinf.cli import main
+from flexhinf.cli.commands import run
+
+#: ẋ = p x³ + u + d, u = −x, V = x²/2: r = −x²/2 + x²/(2γ²) + h²/2 + p x⁴ < 0 for x² < (1 − 1/γ² − h²)/(2p).
+CUBIC = Certificate(
+    about="a cubic",
+    states=(Signal("position", "m"),),
+    inputs=(Signal("pull", "N"),),
+    disturbances=(Signal("gust", "N"),),
+    drift=((Term(1.0, (3,), (("softening", 1),)),),),
+    g1=(((Term(1.0, (0,)),),),),
+    g2=(((Term(1.0, (0,)),),),),
+    penalty=((((1,), 0.5),),),
+    r2=((1.0,),),
+    value=(((2,), 0.5),),
+    law=((((1,), -1.0),),),
+    gamma=2.0,
+    level=0.1249,  # x² < 0.25 at p = 1
+    coordinates=((1.0,),),
+    reach=2.0,
+    parameters=(Parameter("softening", 0.5, 1.0, "N/m3"),),
+    starts=(Start("released at rest", 0.499, ((Term(-1.0, (1,)),),)),),
+)
+
+
+def test_the_theorem_is_said_with_its_hypotheses_and_what_is_not_proved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    CUBIC.save(tmp_path / "certificate.json")
+    assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
+    out = capsys.readouterr().out
+    for text in (
+        "softening in [0.5, 1] N/m3", "gust [N]", "released at rest; steps from rest to rest of up to 0.499",
+        "is fed the true state, in continuous time", "gamma = 2", "V <= 0.1249", "Not proved", "saturation",
+        "Disturbances that last for ever: no decay", "PROVED again from the certificate's data alone",
+    ):  # fmt: skip
+        assert text in out
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        replace(CUBIC, level=0.1251, starts=()),
+        replace(CUBIC, decay=0.01),
+        replace(CUBIC, starts=(replace(CUBIC.starts[0], amplitude=0.5),)),
+    ],
+)
+def test_what_is_not_proved_has_exit_code_1(
+    changed: Certificate, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed.save(tmp_path / "certificate.json")
+    assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 1
+    assert "NOT PROVED: " in capsys.readouterr().out
+
+
+def test_a_decay_bounds_persistent_disturbances(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    replace(CUBIC, decay=0.25, level=0.06, starts=()).save(tmp_path / "certificate.json")
+    assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
+    out = capsys.readouterr().out
+    assert "|d(t)| <= 0.0866025 at all times" in out
+    assert "the certificate states no starts" in out
+
+
+def test_a_file_that_is_no_certificate_is_a_mistake(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "c.json").write_text('{"format": "flexhinf certificate", "version": 1, "gamma": NaN}')
+    assert run(["certify", "--check", str(tmp_path / "c.json")]) == 2
+    assert "NaN is no number" in capsys.readouterr().err
+
+
+DESIGN = """[design]
+robot = "paper"
+pose = [3.141592653589793]
+penalty = [75, 27, 90, 27, 330]
+effort = 10
+checked_penalty = [60, 0, 0, 0, 300]
+gamma_ratio = 1.5
+checked_gamma_ratio = 1.6
+degrees = [2, 4]
+"""
+
+
+@pytest.mark.slow
+def test_a_design_is_certified_and_its_certificate_checked(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
+    assert main(["certify", "design.toml", "--degree", "2"]) == 0
+    shown = capsys.readouterr().out
+    for text in (
+        "99.9 %",
+        "V smallest",
+        "input unchanged",
+        "steps from rest to rest of up to 1.49",
+        "Parameters, nominal",
+    ):
+        assert text in shown, text
+    assert sorted(path.name for path in folder.iterdir()) == ["certificate.json", "design.toml"]
+    certificate = load_certificate(folder / "certificate.json")
+    assert certificate.about.startswith("paper, goal 3.14159, degree 2")
+    replace(certificate, level=1.002 * certificate.level, starts=()).save(folder / "more.json")
+    assert main(["certify", "--check", "more.json"]) == 1
+    assert "NOT PROVED: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
+    assert main(["certify", "design.toml", "--degree", "4", "--out", "four.json"]) == 0
+    assert main(["certify", "--check", "four.json"]) == 0
+    assert "PROVED again from the certificate's data alone" in capsys.readouterr().out
+    content = json.loads((folder / "four.json").read_text(encoding="utf-8"))
+    assert content["format"] == "flexhinf certificate"
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["certify"], "a robot, a design file, or --check FILE"),
+        (["certify", "paper", "--check", "certificate.json"], "without a robot"),
+        pytest.param(
+            ["certify", "paper", "--goal", "90deg", "--degrees", "2"],
+            "no margin in some direction",
+            marks=pytest.mark.slow,
+        ),
+        (["certify", "planar-two-link", "--degrees", "2"], "at most 5 states"),
+        (["certify", "--check", "missing.json"], "missing.json"),
+    ],
+)
+def test_what_cannot_be_certified_is_told_and_nothing_is_written(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], text: str
+) -> None:
+    assert main(words) == 2
+    assert text in " ".join(capsys.readouterr().err.split())
+    assert list(folder.iterdir()) == []
