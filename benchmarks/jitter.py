@@ -85,7 +85,7 @@ KINDS = {"controller": "Controller.step", "library": "compiled library"}
 def timed(stream: Stream, step: Any, steps: int, priority: int | None, core: int | None) -> dict[str, Any]:
     """Percentiles of `steps` samples at the period, in µs."""
     measured, command, now = stream.measured, stream.command, time.perf_counter_ns
-    late, took = np.zeros((2, steps), dtype=np.int64)
+    late, took = np.full((2, steps), 0)  # written now, so that no page is missing later
     for k in range(WARM):
         step(measured[k % RECORDED], command)
     period = round(1e9 * PERIOD)

@@ -20,10 +20,9 @@ def kept(links: int, real: str, machine: str) -> dict[str, float]:
 def test_one_link_fits_a_microcontroller() -> None:
     row = kept(1, "float", "Cortex-M4F")
     assert row["code"] < ROOM_IN_FLASH
-    assert row["cycles"] < CLOCK / RATE
-    assert (
-        row["cycles"] + 5 * row["most"] < 0.5 * CLOCK / RATE
-    )  # with five cycles of waiting for each instruction
+    period = CLOCK / RATE  # cycles
+    assert row["cycles"] < period / 6
+    assert row["cycles"] + 5 * row["most"] < 0.6 * period  # with five cycles of waiting for each instruction
     assert f"{row['cycles']:,}" in table()
 
 

@@ -141,6 +141,15 @@ def test_starts_on_a_path_are_inside_up_to_their_amplitude() -> None:
     assert "is not inside: at rest" in found.reason
 
 
+def test_starts_that_differ_from_plant_to_plant_are_inside_for_all_of_them() -> None:
+    """x1 = −a · weight / inertia: largest at one corner of the box."""
+    term = Term(-0.01, (1,), (("weight", 1), ("inertia", -1)))
+    largest = (LEVEL / 3 / 59.966315470456124) ** 0.5 / (0.01 * GRAVITY * 1.04 / 0.96)
+    for share, proved in ((0.999, True), (1.001, False)):
+        start = Start("for each plant its own", share * largest, ((term,), ()))
+        assert replace(uncertain(0.04), starts=(start,)).check(threads=1, sample=0).proved == proved
+
+
 # Soundness of the bounds, and of each step in them -------------------------------------------------------
 def excess(certificate: Certificate, cells: int = 60, points: int = 80, seed: int = 0) -> float:
     """Largest amount, relative to the values, by which points of random cells exceed their cell's bounds."""
@@ -313,7 +322,6 @@ MARCHING: dict[str, tuple[Any, str, Any]] = {
         inequality_file.Bounds, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
     ),
     "a split leaves out one half": (march_file, "_split", lambda *a: _SPLIT(*a)[:-1]),
-    "only one face": (inequality_file, "is_even", lambda *a: True),
 }  # fmt: skip
 _SPLIT = march_file._split
 
@@ -321,15 +329,21 @@ _SPLIT = march_file._split
 @pytest.mark.parametrize("name", MARCHING)
 def test_each_rule_of_the_march_is_needed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that is wrong in one place is proved where the rule is broken, and refused where it is not."""
-    tilted = (*V_2, ((3, 0), 1.0))
-    wrong = {
-        "a split leaves out one half": upright(level=LEVEL * 1.0005),
-        "only one face": upright(tilted, 8.0),
-    }.get(name, upright(level=LEVEL * 1.0005))
+    wrong = upright(level=LEVEL * 1.0005)
     assert not wrong.check(threads=1, sample=0).proved
     place, attribute, mutant = MARCHING[name]
     monkeypatch.setattr(place, attribute, mutant)
     assert wrong.check(threads=1, sample=0).proved
+
+
+def test_odd_parts_are_bounded_and_not_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    rounding, tilt = (*V_2, ((3, 0), 1e-12)), (*V_2, ((3, 0), 1.0))
+    assert upright(rounding).check(threads=1).faces == 2
+    assert upright(tilt, 5.0).check(threads=1).faces == 4
+    monkeypatch.setattr(inequality_file, "_nearly_even", lambda *a: True)
+    assert not upright(tilt, 8.0).check(threads=1).proved  # false on one of two opposite faces
+    monkeypatch.setattr(Inequality, "parts", lambda self, polynomial: (polynomial, None))
+    assert upright(tilt, 8.0).check(threads=1, sample=0).proved
 
 
 def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,5 +151,6 @@ def test_a_step_without_a_jump_is_proved_for_the_whole_tolerances(
     step = float(pose[0])
     proved = certify_tolerances(found, chosen.nominal, ranges(), gamma, step=step, scale=4.0)
     assert proved.step_amplitude == step
+    assert proved.check(threads=1).proved  # by the other program
     with pytest.raises(NotProved):  # not with a storage function that leaves no room
         certify_tolerances(found, chosen.nominal, ranges(), gamma, step=step, scale=1.0, most_cells=200_000)

@@ -10,7 +10,7 @@ from scipy import stats
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, interpret, machine
 from flexhinf.codegen.emit.normal import _philox
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
-from flexhinf.codegen.noise import normal_numbers, philox, seed_words
+from flexhinf.codegen.noise import normal_numbers, philox, seed_key
 from flexhinf.errors import InvalidInput
 
 #: Random123's kat_vectors, philox4x32-10: counter, key, result.
@@ -40,7 +40,7 @@ def in_kernel(seed: int, samples: np.ndarray, steps: int, channels: int, lanes: 
     kernel = maker(Program("noise", buffers, (Repeat("turns", (step,)),), ("turns",)), lanes)
     found = []
     for some in samples.reshape(-1, lanes):
-        key = np.stack([some, *(np.full(lanes, word) for word in seed_words(seed))]).astype(float)
+        key = np.stack([some, *(np.full(lanes, word) for word in seed_key(seed))]).astype(float)
         z = np.zeros((steps * channels, lanes))
         arrays = {"steps": np.arange(steps, dtype=float), "key": key, "z": z}
         assert kernel.run(arrays, {"turns": steps}).fine
@@ -89,7 +89,7 @@ def test_arrays_of_counters_are_the_counters_one_by_one():
 
 @pytest.mark.oracle
 def test_box_and_muller_by_the_mathematical_library():
-    words = philox((np.arange(20_000), 1, 2, 0), seed_words(SEED))
+    words = philox((np.arange(20_000), 1, 2, 0), seed_key(SEED))
     first, second = (((words[k] << np.uint64(21)) ^ (words[k + 1] >> np.uint64(11))) + 1.0 for k in (0, 2))
     expected = np.sqrt(-2.0 * np.log(first * 2.0**-53)) * np.cos(2.0 * np.pi * second * 2.0**-53)
     np.testing.assert_allclose(normal_numbers(SEED, np.arange(20_000), 1, 2), expected, rtol=0, atol=4e-15)

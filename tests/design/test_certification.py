@@ -15,7 +15,7 @@ from flexhinf.design.specification import Specification
 
 ARM = fh.paper_arm()
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
-ASKED = Specification(pose="180deg", checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
+ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +24,11 @@ def made() -> Any:
     problem = ARM.problem(PENALTY, pose=(np.pi,))
     star = fh.smallest_gamma(problem)
     solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
-    level = solution.sampled_region(1.6 * star, (60.0, 0.0, 0.0, 0.0, 300.0)).level
+    check = solution.sampled_region(1.6 * star, (60.0, 0.0, 0.0, 0.0, 300.0))
+    assert check is not None
     return SimpleNamespace(
         goal=np.array([np.pi]), solution=solution, law=solution,
-        chosen=SimpleNamespace(level=level, looked=True, degree=2),
+        chosen=SimpleNamespace(level=check.level, looked=True, degree=2),
         design_problem=SimpleNamespace(gamma_star=star, nominal=problem),
         problem=problem,
     )  # fmt: skip

@@ -12,7 +12,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.export import check_room, export_c, package
+from flexhinf.export import check_room, controller_files, export_c, package
 from flexhinf.export.names import comment, constants, identifier_of
 
 
@@ -71,6 +71,24 @@ def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
     for text in ("-1kB", "1 parsec", "nan", "kB"):
         with pytest.raises(InvalidInput, match="no positive quantity"):
             check_room(controller, "double", ram=text)
+
+
+def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.MonkeyPatch) -> None:
+    if shutil.which("arm-none-eabi-gcc") is None:
+        pytest.skip("no arm-none-eabi-gcc")
+    check_room(estimating, "float", flash="32kB")
+    with pytest.raises(
+        InvalidInput, match=r"(?s)code and constants need more room.*'8kB'.*for a Cortex-M4F.*float"
+    ):
+        check_room(estimating, "double", flash="8kB")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    check_room(estimating, "double", flash="8kB")  # constants alone
+
+
+def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controller) -> None:
+    unlimited = fh.Controller(controller.law, None, 1e-3)
+    assert "| saturation | -48 to 48 |" in controller_files(controller)["README.md"]
+    assert "| saturation | none: set `ARM_P_LOWER`" in controller_files(unlimited, "arm")["README.md"]
 
 
 def test_a_hostile_name_ends_no_comment_and_no_string() -> None:

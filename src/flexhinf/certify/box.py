@@ -7,8 +7,8 @@ variable by itself is largest at a vertex of the box. So with p0 the middle, ove
     r(p) − r(p0)  ≤  max over vertices v of  Σ_q C_vq Q_q(x),
 
 where the Q_q are products of two factors: an entry of V_x with a part of ẋ, or with another entry. On a cell every
-factor is enclosed as m ± e, every product by its middle and radius, and the sum at every vertex by C m + |C| e: the
-middles are exact, so nothing is lost as cells shrink.
+factor is enclosed as its value in the middle, slopes, and a rest of second order; so is every product, and the sum at
+every vertex by its own value and slopes: the middles are exact, so nothing is lost as cells shrink.
 """
 
 from __future__ import annotations
@@ -120,20 +120,21 @@ class BoxExcess:
         """
         middle = np.vstack([0.5 * (low + high), t])
         halves = np.vstack([0.5 * (high - low), half])
-        m, e, parts = self._mean.enclose(face, middle, halves)
-        s, se = self._quotients(face, middle, halves)
+        value, slopes, rest = self._mean.enclose(face, middle, halves)
+        quotient, spread = self._quotients(face, middle, halves)
         q = self._products
-        a, ae, b, be = m[q.first], e[q.first], m[q.second], e[q.second]
-        c, ce = s[q.function], se[q.function]
-        be, b = np.abs(b) * ce + be * (np.abs(c) + ce), b * c
-        centre = a * b
-        radius = np.abs(a) * be + ae * (np.abs(b) + be)
-        bound = q.changes @ centre + np.abs(q.changes) @ (radius + _ROUNDING * np.abs(centre))
+        a, a_slope, a_rest = value[q.first], slopes[q.first], rest[q.first]
+        c, c_spread = quotient[q.function], spread[q.function]
+        b, b_slope, b_rest = c * value[q.second], c[:, None] * slopes[q.second], np.abs(c) * rest[q.second]
+        b_rest += c_spread * (np.abs(value[q.second]) + np.abs(slopes[q.second]).sum(axis=1) + rest[q.second])
+        a_size, b_size = (np.abs(each).sum(axis=1) for each in (a_slope, b_slope))
+        centre, linear = a * b, a[:, None] * b_slope + b[:, None] * a_slope
+        left = np.abs(a) * b_rest + np.abs(b) * a_rest + (a_size + a_rest) * (b_size + b_rest)
+        left += _ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
+        at_vertices = np.abs(np.tensordot(q.changes, linear, axes=1)).sum(axis=1)
+        bound = q.changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(q.changes) @ left
         largest = np.abs(q.changes).max(axis=0, initial=0.0)
-        scores = (
-            np.abs(a)[:, None] * parts[q.second] * np.abs(c)[:, None] + parts[q.first] * np.abs(b)[:, None]
-        )
-        return bound.max(axis=0), np.einsum("q,qic->ic", largest, scores)
+        return bound.max(axis=0), np.tensordot(largest, np.abs(linear), axes=1)
 
     def _quotients(
         self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray

@@ -9,14 +9,17 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
+from flexhinf.certify.checker.march import Refusal
+from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.claim import Claim
+from flexhinf.certify.terms import Start
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
@@ -46,6 +49,10 @@ class Certificate(Summarised, Claim):
             Gets the number of cells that were just looked at.
         """
         return verify(self, threads=threads, sample=sample, tick=tick)
+
+    def with_proved_starts(self) -> Certificate:
+        """The same with those starts alone that ball arithmetic shows to lie in {V ≤ level}."""
+        return replace(self, starts=tuple(start for start in self.starts if _inside(self, start)))
 
     def summary(self) -> dict[str, str]:
         """For ``repr``: what it claims. `check` proves it again."""
@@ -115,6 +122,13 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         where = ".".join(str(part) for part in first["loc"])
         got = value_text(first.get("input"), 80)
         raise _unreadable(path.name, f"{where}: {first['msg']}", got) from None
+
+
+def _inside(claim: Claim, start: Start) -> bool:
+    try:
+        return check_start(claim, start) > 0
+    except Refusal:
+        return False
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Enclosures m ± e of many small polynomials on cells of a cube's face, divided by the radius.
+"""Enclosures of many small polynomials on cells of a cube's face, divided by the radius.
 
 On the face z_f = ±ρ of the cube max|z_i| ≤ ρ, with z_i = ρ t_i for the others, a polynomial q without a constant is
 q/ρ = Q(w), a polynomial in w = (ρ, t). On the cell |w_i − m_i| ≤ h_i, by Taylor's formula,
@@ -31,7 +31,7 @@ class MeanForms:
     n : int
         States.
     polynomials : sequence of dict of exponents to fmpq
-        Enclosed as m ± e.
+        Enclosed as value + Σ slope_i s_i ± rest, |s_i| ≤ 1.
     """
 
     def __init__(self, n: int, polynomials: Sequence[dict[tuple[int, ...], fmpq]]) -> None:
@@ -111,7 +111,7 @@ class MeanForms:
     def enclose(
         self, face: np.ndarray, middle: np.ndarray, half: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """m and e (polynomials, N), and the part of e that each variable adds (polynomials, n, N).
+        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
 
         Parameters
         ----------
@@ -123,15 +123,15 @@ class MeanForms:
         at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
         k, pairs, size = self.count, len(self._pairs), len(face)
         spread = np.array([half[i] * half[j] for i, j in self._pairs])
-        value_at, radius_of, parts = (np.zeros(shape) for shape in ((k, size), (k, size), (k, self.n, size)))
+        value_at, rest = np.zeros((k, size)), np.zeros((k, size))
+        slopes = np.zeros((k, self.n, size))
         for number in np.unique(face):
             cells = np.flatnonzero(face == number)
             table, magnitudes = self._tables[number]
             value, size_of = table @ at[:, cells], magnitudes @ beyond[:, cells]
-            linear = np.abs(value[k:]).reshape(k, self.n, -1) * half[:, cells]
             second = size_of[k:].reshape(k, pairs, -1)
-            radius = linear.sum(axis=1) + np.einsum("kic,ic->kc", second, spread[:, cells])
             value_at[:, cells] = value[:k]
-            radius_of[:, cells] = radius * (1.0 + _ROUNDING) + _ROUNDING * size_of[:k]
-            parts[:, :, cells] = linear
-        return value_at, radius_of, parts
+            slopes[:, :, cells] = value[k:].reshape(k, self.n, -1) * half[:, cells]
+            rest[:, cells] = np.einsum("kic,ic->kc", second, spread[:, cells]) + _ROUNDING * size_of[:k]
+        rest += _ROUNDING * (np.abs(slopes).sum(axis=1) + rest)
+        return value_at, slopes, rest

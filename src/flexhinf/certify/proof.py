@@ -114,7 +114,8 @@ def _proved(
     if not outcome.proved:
         return found, outcome
     provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays"}
-    return replace(found, starts=starts_of(solution, found), provenance=provenance), outcome
+    complete = replace(found, starts=starts_of(solution, found), provenance=provenance)
+    return complete.with_proved_starts(), outcome
 
 
 def prove(

@@ -20,13 +20,14 @@ from flexhinf.hinf.step_amplitude import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
 __all__ = [
-    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "multiplied", "path_states", "rest_path", "starts_of", "term_along",
+    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "multiplied", "path_states", "rest_path", "starts_of",
+    "term_along", "unchanged_input",
 ]  # fmt: skip
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 
-_STEPS = 150  # of the amplitude that the quadratic part of V predicts
+_STEPS = 30  # of the amplitude that the quadratic part of V predicts
 _LONGEST = 20  # give up at this many times that amplitude
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
@@ -49,7 +50,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     def equilibrium(a: float) -> np.ndarray:
         return path_states(path, functions, numbers, np.array([a]))[0]
 
-    for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, _unchanged)):
+    for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         rows = list(_followed(solution, statement.level, equilibrium, free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
@@ -224,7 +225,7 @@ def _followed(
         yield amplitude, start
 
 
-def _unchanged(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
+def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
     """The integrators at which the law's input is the one that holds the start, by Newton's method."""
     index = np.flatnonzero(free)
     f, _, g2, _ = solution.exact_fields(x[None])

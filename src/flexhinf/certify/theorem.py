@@ -16,8 +16,8 @@ def persistent_bound(claim: Claim) -> float:
     return sqrt(2.0 * claim.decay * claim.level) / claim.gamma
 
 
-def theorem_text(claim: Claim) -> str:
-    """What the claim says, to be believed where `Verification.proved`."""
+def theorem_text(claim: Claim, found: Verification) -> str:
+    """What the claim says, to be believed where `found.proved`."""
     disturbances = ", ".join(map(_named, claim.disturbances))
     inputs = ", ".join(map(_named, claim.inputs))
     z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
@@ -39,31 +39,34 @@ def theorem_text(claim: Claim) -> str:
         "",
         f"Region S: the part of {{V <= {claim.level:.8g}}} that is connected to the goal; V has degree {claim.degree}.",
         "",
-        "Proved",
+        "Proved" if found.proved else "Claimed, and NOT proved: see the end",
         f"  1. S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
         f"{f'-{claim.decay:.6g} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
         f"{claim.gamma:.8g} and z = ({z}).",
         f"  2. From x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {claim.level:.6g}, the state stays "
         "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0)).",
         "  3. Without disturbances every trajectory from S stays in S and converges to the goal, exponentially fast.",
-        f"  4. Anything that makes the input differ by v from the law is covered by 2. while V(x(0)) + 1/2 gamma^2 "
-        f"(energy of d) + 1/2 (integral of v'R2 v) <= {claim.level:.6g}.",
     ]
+    if found.gradient_law:
+        lines.append(
+            f"  4. Anything that makes the input differ by v from the law is covered by 2. while V(x(0)) + 1/2 gamma^2 "
+            f"(energy of d) + 1/2 (integral of v'R2 v) <= {claim.level:.6g}."
+        )
     if claim.decay:
         bound = persistent_bound(claim)
         lines.append(
             f"  5. S is invariant for disturbances with |d(t)| <= {bound:.6g} at all times, of any duration."
         )
     if claim.starts:
-        lines.append(f"  {6 if claim.decay else 5}. All starts named above lie in S.")
-    lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim))]
+        lines.append("  6. All starts named above lie in S.")
+    lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim, found))]
     return "\n".join(lines)
 
 
-def _not_proved(claim: Claim) -> list[str]:
+def _not_proved(claim: Claim, found: Verification) -> list[str]:
     texts = [
-        "An estimator instead of the true state, sampling and hold, delay, saturation, quantisation and noise, "
-        "beyond what the budget of 4. covers.",
+        "An estimator instead of the true state, sampling and hold, delay, saturation, quantisation and noise"
+        + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
         "Starts outside S, and starts of the integrators by another rule than the stated ones."
         if claim.starts
         else "Which steps start in S: the certificate states no starts.",

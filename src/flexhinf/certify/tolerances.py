@@ -14,8 +14,7 @@ this robot's input is the one that held it: both are terms in a and in the robot
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,12 +23,11 @@ import numpy as np
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.proof import NotProved, prove
 from flexhinf.certify.reading import flat_names, plant_terms
+from flexhinf.certify.robot_starts import largest_values, robot_start, start_inside, tabled_start
 from flexhinf.certify.search import Progress
-from flexhinf.certify.starts import UNCHANGED_INPUT, divided, path_states, rest_path, term_along
 from flexhinf.certify.statement import few_bits, law_polynomials
-from flexhinf.certify.terms import Function, Polynomial, Signal, Start, Term
+from flexhinf.certify.terms import Polynomial, Signal
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf.step_amplitude import step_roles
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
@@ -115,7 +113,9 @@ def certify_tolerances(
         The level could not be proved.
     """
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, about=about)
-    start = _start(statement)
+    start = robot_start(statement)
+    if start is None and step is not None:
+        start = tabled_start(solution, statement, step)
     if level is None:
         if step is None or start is None:
             raise InvalidInput(
@@ -123,14 +123,16 @@ def certify_tolerances(
                 f"expected a level, or a step of a plant with an integrator, got level={level!r}, step={step!r}",
                 "level=…, in the units of scale · V",
             )
-        level = _ROOM * float(_values(statement, start, np.linspace(0.0, step, _POINTS)).max()) / _INSIDE
+        level = (
+            _ROOM * float(largest_values(statement, start, np.linspace(0.0, step, _POINTS)).max()) / _INSIDE
+        )
     statement = replace(statement, level=float(level))
     found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
         raise NotProved(level, outcome, point)
     provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays, vertices of the box"}
-    starts = () if start is None else _inside(found, start, step)
+    starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)
 
 
@@ -241,89 +243,3 @@ def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
         if np.abs(rates).max() > _MOVED * max(1.0, float(np.abs(nominal).max())):
             return True
     return False
-
-
-# Starts -------------------------------------------------------------------------------------------
-def _start(statement: Certificate) -> Start | None:
-    """The path of starts without a jump of the input, for each robot its own; None where it has no such form."""
-    free = np.array([name.endswith("_integral") for name in (signal.name for signal in statement.states)])
-    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
-    if free.sum() != 1 or len(statement.law) != 1 or not linear:
-        return None
-    shares, free = step_roles(tuple(signal.name for signal in statement.states), None, None)
-    rest = rest_path(statement, shares, free)
-    if rest is None:
-        return None
-    path, functions = rest[0], list(rest[1])
-    held = _held_input(statement, path, functions)
-    if held is None:
-        return None
-    place = int(np.flatnonzero(free)[0])
-    gains = {powers.index(1): value for powers, value in statement.law[0]}
-    terms = [replace(term, coefficient=term.coefficient / gains[place]) for term in held]
-    for i, gain in gains.items():
-        if i != place:
-            terms += [replace(term, coefficient=-gain / gains[place] * term.coefficient) for term in path[i]]
-    whole = tuple(_gathered(terms) if i == place else row for i, row in enumerate(path))
-    return Start(UNCHANGED_INPUT, 1.0, whole, tuple(functions))
-
-
-def _held_input(
-    statement: Certificate, path: tuple[tuple[Term, ...], ...], functions: list[Function]
-) -> tuple[Term, ...] | None:
-    """The input that holds the robot at −a, in deviation from that at the goal: −f_i/g2_i of the driven rate."""
-    driven = [i for i, row in enumerate(statement.g2) if row[0]]
-    if len(driven) != 1 or len(statement.g2[driven[0]][0]) != 1:
-        return None
-    (divisor,) = statement.g2[driven[0]][0]
-    found: list[Term] = []
-    for term in statement.drift[driven[0]]:
-        moved = term_along(term, dict(enumerate(path)), statement, functions)
-        if moved is None:
-            return None
-        found += [divided(part, divisor) for part in moved]
-    return _gathered(found)
-
-
-def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
-    """Like terms as one: what cancels in exact numbers must not stay as a difference of intervals."""
-    sums: dict[tuple[Any, ...], list[float]] = {}
-    for term in terms:
-        key = term.powers, tuple(sorted(term.parameters)), term.function
-        sums.setdefault(key, []).append(term.coefficient)
-    largest = max((abs(c) for part in sums.values() for c in part), default=0.0)
-    return tuple(
-        Term(math.fsum(part), *key)
-        for key, part in sums.items()
-        if abs(math.fsum(part)) > _ROUNDING * largest
-    )
-
-
-def _values(statement: Certificate, start: Start, amplitudes: np.ndarray) -> np.ndarray:
-    """The largest V over the corners of the box at starts of some amplitudes, in doubles."""
-    used = {name for row in start.path for term in row for name, _ in term.parameters}
-    ends = {p.name: (p.low, p.high) for p in statement.parameters if p.name in used and p.low < p.high}
-    powers = np.array([powers for powers, _ in statement.value])
-    coefficients = np.array([value for _, value in statement.value])
-    middle = {p.name: p.middle for p in statement.parameters}
-    largest = np.full(len(amplitudes), -np.inf)
-    for corner in itertools.product(*ends.values()):
-        x = path_states(start.path, start.functions, middle | dict(zip(ends, corner)), amplitudes)
-        value = (coefficients * np.prod(x[:, None, :] ** powers, axis=2)).sum(axis=1)
-        largest = np.maximum(largest, value)
-    return largest
-
-
-def _inside(statement: Certificate, start: Start, step: float | None) -> tuple[Start, ...]:
-    """The path as far as V stays below the level at all corners: to `step`, if that is inside."""
-    if (
-        step is not None
-        and float(_values(statement, start, np.linspace(0.0, step, _POINTS)).max()) < statement.level
-    ):
-        return (replace(start, amplitude=float(step)),)
-    amplitude = 1e-3
-    amplitude *= float(np.sqrt(statement.level / _values(statement, start, np.array([amplitude]))[0]))
-    grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * _POINTS + 1)
-    beyond = np.flatnonzero(_values(statement, start, grid) >= _INSIDE * statement.level)
-    last = float(grid[max(beyond[0] - 1, 0)]) if len(beyond) else float(grid[-1])
-    return (replace(start, amplitude=last),) if last > 0.0 else ()

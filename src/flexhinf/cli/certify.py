@@ -72,6 +72,7 @@ def certify(
         )
     from rich.console import Console
 
+    from flexhinf.certify import Verification
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
     from flexhinf.design.certification import certify_design, proved
@@ -88,7 +89,7 @@ def certify(
     certificate = proved(found, degree).certificate
     assert certificate is not None
     certificate.save(out)
-    typer.echo(theorem_text(certificate))
+    typer.echo(theorem_text(certificate, Verification(True, gradient_law=True)))
     typer.echo(f"certificate: {out}\ncheck:       flexhinf certify --check {out}")
 
 
@@ -106,7 +107,7 @@ def _check(path: Path, robot: str, threads: int) -> None:
     with ProofProgress() as bar:
         bar.step("check")
         found = certificate.check(threads=threads, tick=bar.cells)
-    typer.echo(theorem_text(certificate))
+    typer.echo(theorem_text(certificate, found))
     typer.echo("")
     typer.echo(verification_text(found))
     if not found.proved:

@@ -48,7 +48,11 @@ def export_c(
     ] = "",
     flash: Annotated[
         str,
-        typer.Option(help="Room for constants, such as 32kB; refused if they need more.", show_default=False),
+        typer.Option(
+            help="Room for code and constants, such as 32kB; refused if they need more. The code is counted for a "
+            "Cortex-M4F, where arm-none-eabi-gcc is installed.",
+            show_default=False,
+        ),
     ] = "",
     ram: Annotated[
         str,

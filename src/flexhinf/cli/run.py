@@ -137,8 +137,7 @@ def run_design(
         list[Path],
         typer.Option(
             rich_help_panel=FILES,
-            help="Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove, PlotJuggler). Several "
-            "times.",
+            help="Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Several times.",
             show_default=False,
         ),
     ] = [],  # noqa: B006

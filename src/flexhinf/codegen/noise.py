@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["normal_numbers", "philox", "seed_words"]
+__all__ = ["normal_numbers", "philox", "seed_key"]
 
 ROUNDS = 10
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
@@ -44,7 +44,7 @@ SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10, 0, -1))
 TURN = 2.0 * math.pi * 2.0**-53
 
 
-def seed_words(seed: int) -> tuple[int, int]:
+def seed_key(seed: int) -> tuple[int, int]:
     """The low and the high word, of 32 bits each, of a seed below 2⁶⁴."""
     return seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF
 
@@ -90,7 +90,7 @@ def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarra
     ndarray
         At most 8.6 in size.
     """
-    words = philox((step, channel, sample, 0), seed_words(seed))
+    words = philox((step, channel, sample, 0), seed_key(seed))
     first, second = (_numerator(words[k], words[k + 1]) for k in (0, 2))
     return np.sqrt(_logarithm(first) * -2.0) * _cosine(second)
 

@@ -17,6 +17,8 @@ from .pipeline import compare as compare
 from .pipeline import comparison_stages as comparison_stages
 from .pipeline import design as design
 from .pipeline import stages as stages
+from .proved_step import ProvedLaw as ProvedLaw
+from .proved_step import search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
 from .result import ComparedLaw as ComparedLaw
 from .result import Comparison as Comparison

@@ -17,7 +17,7 @@ from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path
 
-__all__ = ["build", "compile_controller", "shared_library"]
+__all__ = ["build", "compile_controller", "cortex_m4_bytes", "shared_library"]
 
 
 def compile_controller(controller: Controller, path: str | os.PathLike[str]) -> Path:
@@ -61,6 +61,38 @@ def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -
     """What this machine's C compiler makes of some files; raises as `build`."""
     with TemporaryDirectory() as work:
         return build(sources, Path(work), (*flags, "-shared", "-fPIC", "-fvisibility=hidden")).read_bytes()
+
+
+def cortex_m4_bytes(code: ControllerCode) -> int | None:
+    """Code and constants on a Cortex-M4F, with what is used of the C library; None without arm-none-eabi-gcc.
+
+    As `make cortex-m4` of an exported folder says it.
+    """
+    compiler, size = shutil.which("arm-none-eabi-gcc"), shutil.which("arm-none-eabi-size")
+    if compiler is None or size is None:
+        return None
+    core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
+    used = (f"-Wl,--entry={code.name}_step", f"-Wl,--undefined={code.name}_init", "-Wl,--gc-sections")
+    with TemporaryDirectory() as work:
+        for file, text in ((f"{code.name}.h", code.header), (f"{code.name}.c", code.source)):
+            (Path(work) / file).write_text(text, encoding="utf-8")
+        words = [
+            compiler,
+            "-std=c99",
+            "-O2",
+            *core,
+            f"{code.name}.c",
+            "-nostartfiles",
+            *used,
+            "-lm",
+            "-o",
+            "alone",
+        ]
+        if subprocess.run(words, cwd=work, capture_output=True, check=False).returncode:
+            return None
+        table = subprocess.run([size, "alone"], cwd=work, capture_output=True, text=True, check=True).stdout
+    text, data = table.splitlines()[1].split()[:2]
+    return int(text) + int(data)
 
 
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:

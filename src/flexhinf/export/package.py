@@ -18,7 +18,7 @@ from flexhinf import __version__
 from flexhinf.codegen.c import Real, constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, fill, template
-from flexhinf.export.library import build
+from flexhinf.export.library import build, cortex_m4_bytes
 from flexhinf.export.names import comment
 from flexhinf.export.recording import Recording, record
 from flexhinf.files import write_file
@@ -129,12 +129,13 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     period : str
         Of the firmware's loop, such as "1ms"; empty for any.
     flash, ram : str
-        Room for constants and for the state, such as "32kB"; empty for any.
+        Room for code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a
+        Cortex-M4F where arm-none-eabi-gcc is installed.
 
     Raises
     ------
     InvalidInput
-        If the period is another one, or constants or state are larger.
+        If the period is another one, or code, constants or state are larger.
     """
     if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
         raise InvalidInput(
@@ -143,19 +144,28 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             "a design with --period of that length",
         )
     code = code_of(controller, "controller", real)
-    for what, room, needed in (("constants", flash, code.constant_bytes), ("state", ram, code.state_bytes)):
-        if room and needed > _quantity(room, BYTES):
-            option, advice = ("--flash", "--degrees 2 at the design, --real float")
-            if what == "state":
-                option, advice = (
-                    "--ram",
-                    "--real float, an extended Kalman filter (--estimator ekf), --degrees 2",
-                )
-            raise InvalidInput(
-                f"The controller does not fit: its {what} need{'s' * (what == 'state')} more room.",
-                f"expected at most {value_text(room)} ({option}), got {needed} bytes in the type {real}",
-                advice,
-            )
+    if flash:
+        whole = cortex_m4_bytes(code)
+        what, needed = ("constants", code.constant_bytes) if whole is None else ("code and constants", whole)
+        where = "" if whole is None else ", compiled for a Cortex-M4F"
+        advice = "--degrees 2 at the design, --real float"
+        _check_fits(
+            what, _quantity(flash, BYTES), f"{value_text(flash)} (--flash)", needed, f"{real}{where}", advice
+        )
+    if ram:
+        advice = "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"
+        _check_fits(
+            "state", _quantity(ram, BYTES), f"{value_text(ram)} (--ram)", code.state_bytes, real, advice
+        )
+
+
+def _check_fits(what: str, room: float, stated: str, needed: int, kind: str, advice: str) -> None:
+    if needed > room:
+        raise InvalidInput(
+            f"The controller does not fit: its {what} need{'s' * (what == 'state')} more room.",
+            f"expected at most {stated}, got {needed} bytes in the type {kind}",
+            advice,
+        )
 
 
 #: Units of times and sizes.
@@ -306,13 +316,15 @@ def _number(value: float, real: Real) -> str:
 
 def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
     c = code.controller
+    none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **c.summary(),
+        "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
         "inputs differ from the simulation's by": accuracy.text,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
-        "operations of one step": f"about {code.operations}",
+        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
     }
     return fill(
         template("README.md"), code.name, code.real,

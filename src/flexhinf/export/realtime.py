@@ -233,10 +233,9 @@ class _Clock:
         self._period, self._real_time, self._steps, self._request = period, real_time, steps, request
         self._step, self._k, self._first = steps.step, 0, 0
         self._watch, self._each = watch, max(1, round(watch_every / period))
-        self._due, self._woken, self._computed, self._ready, self._over = np.zeros(
-            (5, samples), dtype=np.int64
-        )
-        self.codes = np.zeros(samples, dtype=np.int64)
+        # filled, so that no page of memory is missing when it is first written
+        self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
+        self.codes = np.full(samples, 0)
         self.began, self.stopped = 0, None
 
     @property

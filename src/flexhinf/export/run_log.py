@@ -162,7 +162,7 @@ def _write_parquet(run: RealTimeRun, name: str) -> None:
 
     settings = {key: str(value) for key, value in _settings(run).items()}
     table = pyarrow.table(_table(run)).replace_schema_metadata(settings)
-    parquet.write_table(table, name, compression="zstd")
+    parquet.write_table(table, name)  # snappy, which every reader has
 
 
 # MCAP -----------------------------------------------------------------------------------------------

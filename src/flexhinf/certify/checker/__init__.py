@@ -1,16 +1,17 @@
 """Proves a certificate again, from its data alone and by another program than the one that found it.
 
 **Theorem.** Let k, V, γ, α, c be those of the certificate, and let S be the component of {x: V(x) ≤ c} that contains 0.
-Let `verify` return. Then, for every value of the parameters in the stated box (constant in time), for exact state
-feedback u = k(x) in continuous time without limits,
+Let `verify` return `proved`. Then, for every value of the parameters in the stated box (constant in time), for exact
+state feedback u = k(x) in continuous time without limits,
 
-1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S;
-2. V̇ ≤ −αV + ½γ²|d|² − ½|z|² on S, with z = (h(x), R2^½ u) and the exact elementary functions;
-3. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
-4. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
+1. S is compact and star-shaped, V > 0 on S \\ {0}, and V grows along every ray from 0 inside S; on S, with the exact
+   elementary functions and z = (h(x), R2^½ u), V̇ ≤ −αV + ½γ²|d|² − ½|z|²;
+2. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
+3. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
+4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
+   estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
 5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
-6. for u = k(x) + v (an estimate, a hold, a delay, a limit), 3. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
-7. every start of every stated path lies in S.
+6. every start of every stated path lies in S.
 
 **How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
 functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
@@ -41,6 +42,7 @@ from flexhinf.certify.claim import Claim
 __all__ = ["Verification", "verify"]
 
 _BITS = 128
+_MOST_KINDS = 64
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,11 @@ class Verification:
     resampled : int
         Cells that were proved a second time, in rationals and balls.
     faces : int
-        Of the cube: n where V and r are exactly even, else 2n.
+        Of the cube: n where V and r are even but for rounding, else 2n.
     starts : int
         Intervals of amplitudes whose starts were shown to be inside.
+    gradient_law : bool
+        Whether 4. of the theorem is proved too.
     rounding : float
         Largest allowance for rounding in r/ρ².
     cpu_s : float
@@ -73,6 +77,7 @@ class Verification:
     resampled: int = 0
     faces: int = 0
     starts: int = 0
+    gradient_law: bool = False
     rounding: float = 0.0
     cpu_s: float = 0.0
 
@@ -88,6 +93,7 @@ def verify(
     """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at."""
     began = time.process_time()
     try:
+        _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
         inequality = Inequality(claim)
@@ -109,9 +115,20 @@ def verify(
         resampled=resampled,
         faces=len(marched),
         starts=starts,
+        gradient_law=inequality.exact.gradient_law,
         rounding=max(m.rounding for m in marched),
         cpu_s=time.process_time() - began,
     )
+
+
+def _check_sizes(claim: Claim) -> None:
+    """Few enough different products of parameters and functions for exact algebra to end."""
+    rows = (claim.drift, *claim.g1, *claim.g2)
+    kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
+    if len(kinds) > _MOST_KINDS:
+        raise Refusal(
+            f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}"
+        )
 
 
 def _check_matrices(claim: Claim) -> None:
@@ -142,6 +159,8 @@ def _second(inequality: Inequality, marched: list[Marched], seed: int) -> int:
     with ctx.workprec(_BITS):
         for cell in cells:
             corner = int(rng.integers(len(inequality.exact_corners)))
+            if inequality.even and rng.integers(2):
+                cell = cell.opposite()
             if not cell_holds(inequality, cell, corner):
                 raise Refusal(f"rationals and balls do not confirm {cell}")
     return len(cells)

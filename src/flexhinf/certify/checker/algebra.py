@@ -52,12 +52,15 @@ class Residual:
         B_{π,j}.
     arguments : list of fmpq_mpoly
         ℓ_jᵀTz.
+    gradient_law : bool
+        Whether g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding of the coefficients, for 4. of the theorem.
     """
 
     value: Any
     plain: dict[Exponents, Any]
     factors: dict[tuple[int, Exponents], Any]
     arguments: list[Any]
+    gradient_law: bool
 
 
 def residual(claim: Claim) -> Residual:
@@ -80,6 +83,8 @@ def residual(claim: Claim) -> Residual:
     fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
     slopes = [[as_rational(v) for v in function.slope] for function in claim.functions]
     arguments = [sum((a * y for a, y in zip(row, x, strict=True)), context.constant(0)) for row in slopes]
+    input_slopes = [context.constant(0) for _ in law]  # V_x g2
+    certain = True
     for i in range(n):
         for (parameters, function), field in _fields(claim.drift[i], x, fixed).items():
             if function is None:
@@ -89,6 +94,8 @@ def residual(claim: Claim) -> Residual:
         for j, entry in enumerate(claim.g2[i]):
             for (parameters, _), field in _fields(entry, x, fixed).items():
                 add(plain, parameters, slope[i] * field * law[j])
+                input_slopes[j] += slope[i] * field
+                certain &= not parameters
     for j in range(len(claim.disturbances)):
         rate: dict[Exponents, Any] = {}
         for i in range(n):
@@ -100,11 +107,23 @@ def residual(claim: Claim) -> Residual:
     r2 = [[as_rational(v) for v in row] for row in claim.r2]
     for i, j in itertools.product(range(len(law)), repeat=2):
         add(plain, (), half * r2[i][j] * law[i] * law[j])
+    priced = [sum((r2[i][j] * law[j] for j in range(len(law))), context.constant(0)) for i in range(len(law))]
+    gradient = certain and all(_opposite(p, q) for p, q in zip(priced, input_slopes, strict=True))
     for row in claim.penalty:
         output = polynomial_of(row, context).compose(*x, ctx=context)
         add(plain, (), half * output * output)
     add(plain, (), as_rational(claim.decay) * value)
-    return Residual(value, plain, factors, arguments)
+    return Residual(value, plain, factors, arguments, gradient)
+
+
+def _opposite(one: Any, other: Any) -> bool:
+    """Whether the sum of two polynomials is rounding: below 1e-12 of the largest coefficient of their degree."""
+    largest: dict[int, fmpq] = {}
+    for powers, value in other.to_dict().items():
+        degree = sum(map(int, powers))
+        largest[degree] = max(largest.get(degree, fmpq(0)), abs(value))
+    rest = (one + other).to_dict().items()
+    return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
 
 
 def polynomial_of(polynomial: Polynomial, context: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import ctx
@@ -18,6 +18,7 @@ __all__ = ["Bounds", "FaceInequality", "Inequality"]
 
 _BITS = 128  # of the balls from which tables are rounded
 _NOMINAL = (np.ones(1), np.zeros(1))
+_ODD = 1e-9  # of an even polynomial
 _TINY = 1e-280  # more than what underflow loses anywhere
 
 
@@ -97,28 +98,53 @@ class Inequality:
         plain = max((int(p.total_degree()) for p in exact.plain.values()), default=2)
         self.table = CellTable(n, max(plain, factors + ORDER if exact.factors else 2, 2))
         self.small = CellTable(n, max(int(exact.value.total_degree()), factors))
-        signs = (1,) if is_even(exact, claim) else (1, -1)
+        self.even = is_even(exact, claim)
+        signs = (1,) if self.even else (1, -1)
         self.faces = [(face, sign) for face in range(n) for sign in signs]
 
     def column(self, table: CellTable, polynomial: Any, face: tuple[int, int]) -> np.ndarray:
         """The rounded coefficients of a polynomial on a face."""
-        if polynomial is None:
-            return np.zeros(table.size)
-        entries = {tuple(map(int, e)): rounded(v) for e, v in polynomial.to_dict().items()}
-        return table.fill(entries, *face)
+        entries = {} if polynomial is None else polynomial.to_dict()
+        return table.fill({tuple(map(int, e)): rounded(v) for e, v in entries.items()}, *face)
+
+    def parts(self, polynomial: Any) -> tuple[Any, Any]:
+        """What of a polynomial goes into tables, and what is only bounded: its odd part where half of the faces do."""
+        if polynomial is None or not self.even:
+            return polynomial, None
+        entries = polynomial.to_dict().items()
+        halves = [{e: v for e, v in entries if sum(map(int, e)) % 2 == odd} for odd in (0, 1)]
+        return tuple(polynomial.context().from_dict(half) for half in halves)
 
 
 def is_even(exact: Residual, claim: Claim) -> bool:
-    """Whether V and r are even in z, exactly: then half of the faces say all."""
+    """Whether V and r are even in z but for rounding in coefficients: then half of the faces say all."""
     polynomials = (exact.value, *exact.plain.values(), *exact.factors.values())
-    even = all(sum(map(int, e)) % 2 == 0 for p in polynomials for e in p.to_dict())
-    return even and all(_is_odd(f.name, f.offset, f.pi_halves) for f in claim.functions)
+    return all(_nearly_even(p, claim.reach) for p in polynomials) and all(
+        _is_odd(f.name, f.offset, f.pi_halves) for f in claim.functions
+    )
+
+
+def _nearly_even(polynomial: Any, reach: float) -> bool:
+    """Whether terms of odd degree are, at the reach, below `_ODD` of the others; they are bounded, not forgotten."""
+    size = [0.0, 0.0]
+    for exponents, value in polynomial.to_dict().items():
+        degree = sum(map(int, exponents))
+        size[degree % 2] += abs(rounded(value)) * reach**degree
+    return size[1] <= _ODD * size[0]
 
 
 def _is_odd(name: str, offset: float, pi_halves: int) -> bool:
     """Whether φ(o + s) − φ(o) is odd in s."""
     whole = {"sin": pi_halves % 2 == 0, "cos": pi_halves % 2 == 1}
     return offset == 0 and whole.get(name, name in ("tanh", "arctan") and pi_halves == 0)
+
+
+class _Columns(NamedTuple):
+    """Rows (rows, components) of a table; by degree the sums of their magnitudes, and of those left out as odd."""
+
+    rows: np.ndarray
+    sizes: np.ndarray
+    odd: np.ndarray
 
 
 class FaceInequality:
@@ -129,22 +155,22 @@ class FaceInequality:
         exact, table, small = inequality.exact, inequality.table, inequality.small
         weight = np.abs(inequality.mid) + inequality.rad
 
-        def columns(target: CellTable, get: Callable[[Any], Any]) -> tuple[np.ndarray, np.ndarray]:
-            rows = np.stack([inequality.column(target, get(p), face) for p in inequality.products], 1)
-            return rows, target.magnitudes(rows) @ weight
+        def columns(target: CellTable, get: Callable[[Any], tuple[Any, Any]]) -> _Columns:
+            pairs = [[inequality.column(target, part, face) for part in get(p)] for p in inequality.products]
+            kept, odd = (np.stack(half, 1) for half in zip(*pairs, strict=True))
+            return _Columns(kept, target.magnitudes(kept) @ weight, target.magnitudes(odd) @ weight)
 
-        self._value = inequality.column(small, exact.value, face)[:, None]
-        self._value_size = small.magnitudes(self._value)[:, 0]
-        self._plain, self._plain_size = columns(table, exact.plain.get)
+        value, odd = (inequality.column(small, p, face)[:, None] for p in inequality.parts(exact.value))
+        self._value = _Columns(value, small.magnitudes(value)[:, 0], small.magnitudes(odd)[:, 0])
+        self._plain = columns(table, lambda p: inequality.parts(exact.plain.get(p)))
         self._lifted, self._factors = [], []
         for j, argument in enumerate(exact.arguments):
-            found = {p: exact.factors[j, p] for p in inequality.products if (j, p) in exact.factors}
-            lifted = [
-                columns(table, lambda p, m=m, a=argument, f=found: f[p] * a**m if p in f else None)
-                for m in range(ORDER + 1)
-            ]
-            self._lifted.append(lifted)
-            self._factors.append(columns(small, found.get))
+            halves = {p: inequality.parts(exact.factors.get((j, p))) for p in inequality.products}
+            powers_ = [argument**m for m in range(ORDER + 1)]
+            self._lifted.append(
+                [columns(table, lambda p, a=a, h=halves: tuple(b and b * a for b in h[p])) for a in powers_]
+            )
+            self._factors.append(columns(small, halves.__getitem__))
         self._roundings = _roundings(table, len(inequality.products), len(exact.arguments)) * UNIT
         self._small_roundings = _roundings(small, len(inequality.products), 0) * UNIT
 
@@ -152,8 +178,10 @@ class FaceInequality:
         """On cells |t_i − τ_i| ≤ h_i, `begin` ≤ ρ ≤ `end`; t and h are (n − 1, cells)."""
         of, small, c = self._of, self._of.small, self._of.claim.level
         interval = _interval(begin, end)
-        value = small.shifted(np.repeat(self._value[..., None], len(end), 2), t, h)
-        value_error = self._small_roundings * _size(self._value_size, end) + _TINY
+        value = small.shifted(np.repeat(self._value.rows[..., None], len(end), 2), t, h)
+        value_error = (
+            self._small_roundings * _size(self._value.sizes, end) + _size(self._value.odd, end) + _TINY
+        )
         zero = np.zeros_like(end)
         inner, _ = small.on_interval(-value, (begin, zero, begin), _NOMINAL)
         least_value = (-small.upper(inner) - value_error) * begin**2
@@ -189,25 +217,26 @@ class FaceInequality:
         of, (f, sign) = self._of, self.face
         middle, radius, end = interval
         others = [i for i in range(of.n) if i != f]
-        rows = np.repeat(self._plain[..., None], len(end), 2)
-        size, remainder = _size(self._plain_size, end), np.zeros_like(end)
+        rows = np.repeat(self._plain.rows[..., None], len(end), 2)
+        size, odd, remainder = _size(self._plain.sizes, end), _size(self._plain.odd, end), np.zeros_like(end)
         for j, quotient in enumerate(of.quotients):
             slope = of.slopes[j]
             ray, half = sign * slope[f] + slope[others] @ t, np.abs(slope[others]) @ h
             pad = 1e-12 * np.abs(slope).sum() * end
             reach = np.abs(ray) * radius + half * end + pad
             coefficients, rest = quotient.at(ray * middle - reach, ray * middle + reach)
-            for (lifted, lifted_size), a in zip(self._lifted[j], coefficients, strict=True):
-                rows += lifted[..., None] * a
-                size += _size(lifted_size, end) * np.abs(a)
-            factor, factor_size = self._factors[j]
-            shifted = of.small.shifted(np.repeat(factor[..., None], len(end), 2), t, h)
+            for lifted, a in zip(self._lifted[j], coefficients, strict=True):
+                rows += lifted.rows[..., None] * a
+                size += _size(lifted.sizes, end) * np.abs(a)
+                odd += _size(lifted.odd, end) * np.abs(a)
+            factor = self._factors[j]
+            shifted = of.small.shifted(np.repeat(factor.rows[..., None], len(end), 2), t, h)
             form, _ = of.small.on_interval(shifted, interval, (of.mid, of.rad))
-            error = self._small_roundings * _size(factor_size, end)
+            error = self._small_roundings * _size(factor.sizes, end) + _size(factor.odd, end)
             remainder += rest * (of.small.magnitude(form) + error) * (1 + 1e-12)
         rows = of.table.shifted(rows, t, h)
         form, constants = of.table.on_interval(rows, interval, (of.mid, of.rad))
-        return form, constants, remainder, self._roundings * size + _TINY
+        return form, constants, remainder, self._roundings * size + odd * (1 + 1e-12) + _TINY
 
 
 def _interval(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from flexhinf.certify.checker.inequality import Bounds, FaceInequality
 __all__ = ["Cell", "Marched", "Refusal", "march_face"]
 
 BATCH = 64
-_NARROWEST = 2.0**-15  # of all t_i: a direction that is not decided there is refused
+_NARROWEST = 2.0**-15  # half width of the widest t_i: a direction that is not decided there is refused
+_EXACT = 2.0**-40  # half width of any t_i, so that t ± h are doubles
 _SHORTEST = 2.0**-24  # of an interval of ρ, in units of the reach
 _FLAT = 0.02  # an interval of ρ shorter than this times the widest t_i is not split further
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
@@ -28,6 +29,10 @@ class Cell:
     begin: float
     end: float
     multiplier: float
+
+    def opposite(self) -> Cell:
+        """The cell at −z."""
+        return replace(self, face=(self.face[0], -self.face[1]), t=tuple(-t for t in self.t))
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,9 @@ def _refuse(
 ) -> None:
     """Raise where something is wrong, or a cell is too small to go on."""
     undecided = ~bounds.finished & ~(bounds.proved & ~edge)
-    narrow = batch.h.max(0) < _NARROWEST if batch.n > 1 else np.ones(len(end), bool)
+    narrow = np.ones(len(end), bool)
+    if batch.n > 1:
+        narrow = (batch.h.max(0) < _NARROWEST) | (batch.h.min(0) < _EXACT)
     short = batch.columns[-1] - batch.columns[-2] < _SHORTEST
     inside = bounds.value < level
     allowance = bounds.remainder + bounds.rounding

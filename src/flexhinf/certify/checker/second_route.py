@@ -96,7 +96,7 @@ def _magnitude(polynomial: Any) -> arb:
 
 
 def _upper(polynomial: Any, n: int) -> arb:
-    """Bound (10): constant, slopes with their squares, pairs shared between squares, and the rest."""
+    """Bound (8): constant, slopes with their squares, pairs shared between squares, and the rest."""
     slopes, squares = [arb(0)] * n, [fmpq(0)] * n
     total, pairs = arb(0), [arb(0)] * n
     for exponents, value in polynomial.to_dict().items():

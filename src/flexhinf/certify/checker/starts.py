@@ -1,10 +1,14 @@
 """Starts along a path x(a) from 0 are inside: V(x(a)) ≤ c for every 0 ≤ a ≤ amplitude, in ball arithmetic.
 
-The path is continuous, so it stays in the component of {V ≤ c} that contains 0: no ray has to be followed.
+The path is continuous, so it stays in the component of {V ≤ c} that contains 0: no ray has to be followed. With
+uncertain parameters there is a path for each of their values. A V of degree two is convex (positive definite, where a
+region is proved), so where x(a) is affine in a power of each parameter, V is largest at a corner of their box.
+Otherwise parameters are balls.
 """
 
 from __future__ import annotations
 
+import itertools
 from itertools import pairwise
 from typing import Any
 
@@ -26,7 +30,6 @@ _FIRST = 16  # pieces
 def check_start(claim: Claim, start: Start) -> int:
     """Number of intervals of a on which V ≤ c was shown; a `Refusal` where that fails."""
     with ctx.workprec(_BITS):
-        box = {p.name: arb(p.low).union(arb(p.high)) for p in claim.parameters}
         level = arb(claim.level)
         knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
         todo = [
@@ -34,24 +37,39 @@ def check_start(claim: Claim, start: Start) -> int:
             for piece, (left, right) in enumerate(pairwise(knots))
             for i in range(_FIRST)
         ]
-        shown = 0
-        while todo:
-            left, right, piece, depth = todo.pop()
-            middle = (left + right) / 2
-            center = _value(claim, _path(start, piece, arb(middle), box, 1))[0]
-            slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), box, 2))[1]
-            if center + slope * arb(0, 1) * arb(right - middle) <= level:
-                shown += 1
-            elif center > level or depth >= _HALVINGS:
-                raise Refusal(
-                    f"the start of amplitude {float(middle.p) / float(middle.q):.6g} is not inside: {start.rule}"
-                )
-            else:
-                todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
-        return shown
+        return sum(_shown(claim, start, level, values, list(todo)) for values in _parameters(claim, start))
 
 
-def _path(start: Start, piece: int, about: arb, box: dict[str, arb], terms: int) -> list[Any]:
+def _parameters(claim: Claim, start: Start) -> list[dict[str, arb]]:
+    """Values of the parameters for which the path is looked at: corners of their box, or the box as balls."""
+    pairs = {pair for row in start.path for term in row for pair in term.parameters if pair[1]}
+    used = [p for p in claim.parameters if p.name in {name for name, _ in pairs}]
+    affine = len(pairs) == len(used) and all(sum(powers) == 2 for powers, _ in claim.value)
+    if not affine or any(p.low <= 0 <= p.high for p in used):
+        return [{p.name: arb(p.low).union(arb(p.high)) for p in used}]
+    corners = itertools.product(*(sorted({p.low, p.high}) for p in used))
+    return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
+
+
+def _shown(claim: Claim, start: Start, level: arb, values: dict[str, arb], todo: list[Any]) -> int:
+    """Number of intervals on which V ≤ c for these parameters, or a `Refusal`."""
+    shown = 0
+    while todo:
+        left, right, piece, depth = todo.pop()
+        middle = (left + right) / 2
+        center = _value(claim, _path(start, piece, arb(middle), values, 1))[0]
+        slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[1]
+        if center + slope * arb(0, 1) * arb(right - middle) <= level:
+            shown += 1
+        elif center > level or depth >= _HALVINGS:
+            amplitude = float(middle.p) / float(middle.q)
+            raise Refusal(f"the start of amplitude {amplitude:.6g} is not inside: {start.rule}")
+        else:
+            todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
+    return shown
+
+
+def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[Any]:
     """x(a + ε) as power series in ε, between two knots of the table."""
     a = arb_series([about, 1], prec=terms)
     states = []
@@ -60,7 +78,7 @@ def _path(start: Start, piece: int, about: arb, box: dict[str, arb], terms: int)
         for term in row:
             factor = arb(term.coefficient) * a ** term.powers[0]
             for name, exponent in term.parameters:
-                factor *= box[name] ** exponent
+                factor *= values[name] ** exponent
             if term.function is not None:
                 function = start.functions[term.function]
                 offset = offset_of(function)

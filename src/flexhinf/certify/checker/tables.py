@@ -147,7 +147,7 @@ class CellTable:
         weights: tuple[np.ndarray, np.ndarray],
         lift: int = 0,
     ) -> tuple[CentredForm, np.ndarray]:
-        """Σ_k ρ^(k−2+lift) P_k over an interval of ρ given as (middle, radius, end); components weighted in intervals.
+        """Σ_k ρ^(k−2+lift) P_k over an interval of ρ given as (middle, radius, end) by (10); weights are intervals.
 
         Returns
         -------
@@ -183,7 +183,7 @@ class CellTable:
 
     # Bounds -----------------------------------------------------------------------------------------
     def upper(self, form: CentredForm, constant: np.ndarray | None = None) -> np.ndarray:
-        """Upper bound (10) of a form on its cells; `constant` replaces its constant term."""
+        """Upper bound (8) of a form on its cells; `constant` replaces its constant term."""
         low, magnitude = form.low, np.abs(form.low) + form.radius
         pairs = self._in_pair @ magnitude[tuple(self._pairs)] / 2
         squares = low[tuple(self._squares)] + (

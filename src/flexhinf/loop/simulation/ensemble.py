@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import Kernel, compile_program
-from flexhinf.codegen.noise import seed_words
+from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
@@ -308,7 +308,7 @@ def _keys(seeds: Any, count: int) -> np.ndarray:
             f"expected {count} integers, got {len(given)}",
             "one for each plant",
         )
-    return np.array([(0, *seed_words(int(seed))) for seed in given], dtype=float).reshape(count, 3)
+    return np.array([(0, *seed_key(int(seed))) for seed in given], dtype=float).reshape(count, 3)
 
 
 def prepared_ensemble(
