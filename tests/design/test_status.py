@@ -8,15 +8,21 @@ from typing import Any
 
 import pytest
 
+from flexhinf.design.certification import DesignProof
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.status import Status, status_of
 
 #: Metrics under load of a joint that comes back.
 FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}
 
+NOTHING = DesignProof(None, "not tried")
+
 
 def judged(
-    lines: tuple[Requirement, ...] = (), inside: bool | None = True, **changes: float | None
+    lines: tuple[Requirement, ...] = (),
+    inside: bool | None = True,
+    proof: DesignProof = NOTHING,
+    **changes: Any,
 ) -> Status:
     """The status of a loop that is fine but for what is given."""
     margins: dict[str, Any] = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
@@ -38,7 +44,25 @@ def judged(
     )  # fmt: skip
     synthesis: Any = SimpleNamespace(chosen=SimpleNamespace(looked=inside is not None, level=1.0))
     worth: Any = SimpleNamespace(budget=(1,), lasts=True)
-    return status_of(lines, evaluation, synthesis, worth, inside)
+    return status_of(lines, evaluation, synthesis, worth, inside, proof)
+
+
+@pytest.mark.parametrize(
+    ("start", "spent", "words"),
+    [
+        (0.5, 0.4, ()),
+        (
+            0.5,
+            0.6,
+            ("the step with sampling, estimator and limits, which spends more than the proved level",),
+        ),
+        (1.1, 0.0, ("the step starts outside the proved region",)),
+    ],
+)
+def test_a_proof_is_judged_for_the_step(start: float, spent: float, words: tuple[str, ...]) -> None:
+    budget: Any = (SimpleNamespace(budget=SimpleNamespace(kept=start + spent <= 1.0)),)
+    certificate: Any = SimpleNamespace(level=1.0)
+    assert judged(proof=DesignProof(certificate, "", start, budget)).not_proved == words
 
 
 def test_a_loop_without_faults_has_only_what_is_not_proved() -> None:
@@ -60,13 +84,13 @@ def test_a_loop_without_faults_has_only_what_is_not_proved() -> None:
         ({"noise": 0.51}, "sensor noise at a motor is 5.1 % of the step's peak input"),
     ],
 )
-def test_what_is_risky_is_named(changes: dict[str, float | None], words: str) -> None:
+def test_what_is_risky_is_named(changes: dict[str, Any], words: str) -> None:
     (risk,) = judged(**changes).risky
     assert words in risk
 
 
 @pytest.mark.parametrize("changes", [{"damping": 0.11}, {"delay_margin_s": 0.0031}, {"noise": 0.49}])
-def test_what_is_not_risky_is_not_named(changes: dict[str, float]) -> None:
+def test_what_is_not_risky_is_not_named(changes: dict[str, Any]) -> None:
     assert judged(**changes).risky == ()
 
 

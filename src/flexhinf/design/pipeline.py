@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
+from flexhinf.design.certification import prove_design
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, synthesis_stages
 from flexhinf.design.evaluation import LawEvaluation
@@ -55,7 +56,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco_plant import check_expressed
 
-__all__ = ["compare", "comparison_stages", "design", "stages"]
+__all__ = ["compare", "comparison_stages", "design", "stages", "step_duration"]
 
 Progress = Callable[[str], None]
 
@@ -108,11 +109,14 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     progress("what the robot carries")
     loads = carried_payloads(evaluation)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, loads))
-    inside = _starts_inside(setup, synthesis)
+    start = _start_value(setup, synthesis)
+    inside = None if start is None else start <= synthesis.chosen.level
+    progress("proof of the region")
+    proof = prove_design(robot, s, synthesis, float("nan") if start is None else start, worth)
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside), writer=write_design,
+        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
+        status=status_of(lines, evaluation, synthesis, worth, inside, proof), writer=write_design,
     )  # fmt: skip
 
 
@@ -131,8 +135,12 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
+def step_duration(linear: LawEvaluation, synthesis: Synthesis) -> float:
+    """Of the step, s: as stated, or by the slowest mode of the law, after the command."""
+    return _duration(linear.setup, _law_modes(linear, synthesis))
+
+
 def _duration(setup: LoopSetup, modes: tuple) -> float:
-    """Of the step, s: as stated, or by the slowest mode, after the command."""
     stated = setup.specification.duration
     if stated is not None:
         return stated
@@ -172,12 +180,12 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
     return np.where(np.isfinite(found) & (found > 0.0), found, fallback)
 
 
-def _starts_inside(setup: LoopSetup, synthesis: Synthesis) -> bool | None:
-    """Whether the start, with the integrals that the controller chooses, lies in the sampled region."""
+def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float | None:
+    """V where the step starts, with the integrals that the controller chooses; None where no region was sampled."""
     if not synthesis.chosen.looked or np.isnan(synthesis.chosen.level):
         return None
     law = synthesis.solution
-    return bool(law.value(setup.departure(law)) <= synthesis.chosen.level)
+    return float(law.value(setup.departure(law)))
 
 
 def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:
@@ -245,7 +253,7 @@ def stages(robot: Robot, specification: Specification) -> int:
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     more = (preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)) + s.mujoco
     more += ROBUST_STAGES * (preset == "robust")
-    return 7 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
+    return 8 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 
 # Comparison ---------------------------------------------------------------------------------------------

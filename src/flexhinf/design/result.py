@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.carrying import Carried
+from flexhinf.design.certification import DesignProof
 from flexhinf.design.degrees import DegreeChoice, shrinking
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
@@ -55,6 +56,8 @@ class Design(Summarised):
         The worst disturbance found, and the dissipation budget of the step.
     inside : bool or None
         Whether the step starts inside the sampled region of the solution; None if no region was sampled.
+    proof : DesignProof
+        What is proved of the law that is used, and of the step.
     mujoco : Response or None
         The step on MuJoCo's plant, if asked for.
     rigid : RigidComparison or None
@@ -77,6 +80,7 @@ class Design(Summarised):
     evaluation: LawEvaluation
     attenuation: Attenuation
     inside: bool | None
+    proof: DesignProof
     mujoco: Response | None
     rigid: RigidComparison | None
     rest: RestRun | None

@@ -225,8 +225,7 @@ class Specification:
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")] = 0.0
     integral_dead_zone: Annotated[Distances | None, About(LOOP,
         "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
-        "0: none.",
-        "1e-3", "rad, m", ("--dead-zone",),
+        "0: none.", "1e-3", "rad, m", ("--dead-zone",),
         default="none, or the amplitude of the hunting that dry friction causes")] = None
     load: Annotated[Number | None, About(REPORT, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")] = None
@@ -236,6 +235,9 @@ class Specification:
     rays: Annotated[Count | None, About(REPORT,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")] = None
+    proof_seconds: Annotated[NotNegative, About(REPORT,
+        "CPU time that a proof of the region may take, for a robot of one link; what is not proved by then is sampled. "
+        "0: no proof.", "60", "s")] = 20.0
     duration: Annotated[Duration | None, About(REPORT, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")] = None
     seed: Annotated[Seed, About(REPORT, "Seed of directions, noise and sampled robots.", "0")] = 0

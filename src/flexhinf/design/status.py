@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.certification import DesignProof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
 from flexhinf.design.synthesis import Synthesis
@@ -68,6 +69,7 @@ def status_of(
     synthesis: Synthesis,
     worth: Attenuation,
     inside: bool | None,
+    proof: DesignProof,
 ) -> Status:
     """The status of a design."""
     setup = evaluation.setup
@@ -77,7 +79,7 @@ def status_of(
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
     scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
     risks = tuple(_risks(lines, evaluation))
-    return Status(missed, tuple(_not_proved(synthesis, worth, inside)), risks, scope)
+    return Status(missed, tuple(_not_proved(synthesis, worth, inside, proof)), risks, scope)
 
 
 def _missed(line: Requirement, places: bool) -> str:
@@ -90,8 +92,18 @@ def _missed(line: Requirement, places: bool) -> str:
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
-def _not_proved(synthesis: Synthesis, worth: Attenuation, inside: bool | None) -> list[str]:
+def _not_proved(
+    synthesis: Synthesis, worth: Attenuation, inside: bool | None, proof: DesignProof
+) -> list[str]:
     found = []
+    if proof.certificate is not None:
+        if not proof.inside:
+            found.append("the step starts outside the proved region")
+        elif not proof.lasts:
+            found.append(
+                "the step with sampling, estimator and limits, which spends more than the proved level"
+            )
+        return found
     if not synthesis.chosen.looked:
         found.append("no region was sampled")
     elif np.isnan(synthesis.chosen.level):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Design
+from flexhinf.design.certification import DesignProof
 from flexhinf.design.report import notes
 from flexhinf.design.report.page import remarks
 
@@ -90,9 +91,13 @@ def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Mak
             last.budget, level=1.0, start=start, spent=np.array([0.0, spent]), disturbance=np.zeros(2)
         )
         terms = (*first, dataclasses.replace(last, budget=budget))
-        changed = dataclasses.replace(
-            design, attenuation=dataclasses.replace(design.attenuation, budget=terms)
+        sampled = dataclasses.replace(
+            design,
+            attenuation=dataclasses.replace(design.attenuation, budget=terms),
+            proof=DesignProof(None, "not tried"),
         )
+        changed = dataclasses.replace(design, proof=dataclasses.replace(design.proof, budget=terms))
+        assert ("Nothing follows from the region for this step" in about(sampled)) is there
         assert ("Nothing follows from the region for this step" in about(changed)) is there
 
 

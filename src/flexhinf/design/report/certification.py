@@ -6,16 +6,13 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.report.formatting import law_name
+from flexhinf.design.report.proof import RULES
 from flexhinf.design.report.text import plain_table
 from flexhinf.report import number
 
 __all__ = ["certification_notes", "certification_tables"]
-
-#: Rules of the integrators' start, in short.
-RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 
 
 def certification_tables(found: Sequence[CertifiedDegree]) -> list[Table]:

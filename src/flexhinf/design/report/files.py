@@ -24,7 +24,7 @@ ENDING = "nc"
 def design_files(
     design: Design, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, design.json, the controller, and every run of the nominal robot.
+    """index.html, design.json, the controller, every run of the nominal robot, and a proof as certificate.json.
 
     Parameters
     ----------
@@ -46,6 +46,8 @@ def design_files(
         **{f"{name}.{ENDING}": save for name, save in runs.items()},
     }
     files: dict[str, str | bytes] = {"design.json": to_json(design_numbers(design)), **_saved(saved)}
+    if design.proof.certificate is not None:
+        files["certificate.json"] = design.proof.certificate.text()
     page = design_page(design, command, warnings, (*files, *beside))
     return {"index.html": page.html(), **files}
 

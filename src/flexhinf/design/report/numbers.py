@@ -16,6 +16,7 @@ from flexhinf.design.modes import Mode
 from flexhinf.design.ranking import TradeOff, best_rival, trade_offs
 from flexhinf.design.report.formatting import finite
 from flexhinf.design.report.page import notes, verdict
+from flexhinf.design.report.proof import proof_numbers
 from flexhinf.design.report.sections.along_move import along_rows
 from flexhinf.design.report.sections.corners import corner_rows
 from flexhinf.design.report.sections.estimator_noise import is_used
@@ -67,6 +68,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             for c in design.choices
         ],
         "starts_inside": design.inside,
+        "proof": proof_numbers(design),
         **_runs(design),
         "noise_variances": noise_variances(design.problem.plant, design.specification.measurement_noise),
         "initial_variance": _initial_variance(design),

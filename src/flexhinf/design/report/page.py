@@ -17,6 +17,7 @@ from flexhinf.design.report.formatting import (
     rounded,
     units_of,
 )
+from flexhinf.design.report.proof import proof_text
 from flexhinf.design.report.sections import (
     along_move,
     corners,
@@ -68,7 +69,7 @@ PARTS = (
     Part("corners", "Corners of the tolerances", corners.blocks, corners.remarks),
     Part("weights", "Weights", weights.blocks),
     Part("noise", "Noise levels of the estimator", estimator_noise.blocks),
-    Part("region", "Sampled region and dissipation", region.blocks, region.remarks),
+    Part("region", "Region: what is proved, what is sampled, and dissipation", region.blocks, region.remarks),
     Part("rigid", "Rigid design on the same robot", law_section.rigid_blocks),
     Part("law", "The law", law_section.law_blocks, law_section.law_remarks),
 )
@@ -196,6 +197,7 @@ def _headline(design: Design) -> str:
         parts.append(_sampled(design, units))
     if design.carried:
         parts.append(payload.carrying_text(design))
+    parts.append(proof_text(design))
     return " ".join(parts)
 
 

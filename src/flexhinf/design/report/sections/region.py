@@ -1,9 +1,9 @@
-"""Where each solution was checked by samples, the worst disturbance found, and the dissipation budget of the step."""
+"""What is proved of the law, where each solution was checked by samples, the worst disturbance, and the budget."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,15 @@ from flexhinf.design.degree_rule import ACTING, GAIN
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.report.drawing import DASHED, figure_block, thin
 from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
+from flexhinf.design.report.proof import proof_text
 from flexhinf.design.result import Design
 from flexhinf.report import (
     INK,
     SERIES,
     Column,
     Figure,
+    Listing,
+    Note,
     Paragraph,
     Table,
     house_style,
@@ -43,10 +46,11 @@ NEAR = 0.05
 
 def blocks(design: Design) -> list[Any]:
     """Level set and step of every degree; the gain found; the budget."""
-    found: list[Any] = [Paragraph(degree_text(design)), Paragraph(_region_text(design)), _regions(design)]
+    found: list[Any] = [Paragraph(degree_text(design)), *_proof(design)]
+    found += [Paragraph(_region_text(design)), _regions(design)]
     if design.attenuation.attained is not None:
         found += [Paragraph(_attained_text(design)), _levels(design)]
-    if design.attenuation.budget:
+    if budget_of(design):
         found += [Paragraph(_budget_text(design)), _budget(design), *_budget_figure(design)]
     return found
 
@@ -67,8 +71,8 @@ def remarks(design: Design) -> Iterator[str]:
             f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
             "not keep its level there, because the truncated V or the sampling leaves too much out."
         )
-    if design.attenuation.budget:
-        budget = design.attenuation.budget[-1].budget
+    if terms := budget_of(design):
+        budget = terms[-1].budget
         if np.isfinite(budget.level) and budget.start <= budget.level and not budget.kept:
             yield (
                 f"The step begins inside the region, but its parts use {number(budget.total, 3)} of the "
@@ -78,6 +82,26 @@ def remarks(design: Design) -> Iterator[str]:
     if not design.chosen.looked:
         many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
         yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
+
+
+def _proof(design: Design) -> list[Any]:
+    """The certificate of the law that is used, and how it is proved again."""
+    given = design.proof.certificate
+    if given is None:
+        return [Paragraph(proof_text(design))]
+    share = 100.0 * given.level / design.chosen.level
+    return [
+        Paragraph(
+            f"{proof_text(design)} The level V ≤ {number(given.level, 5)} is {number(share, 3)} % of the sampled one, "
+            f"proved in {number(design.proof.cpu_seconds, 2)} s of CPU by arithmetic that cannot round the wrong way; "
+            "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
+        ),
+        Listing("flexhinf certify --check certificate.json"),
+        Note(
+            "Not covered by the proof: other values of the parameters; estimator, sampling, hold, delay, limits and "
+            "noise beyond the budget below. A planned move and payloads are judged by runs."
+        ),
+    ]
 
 
 def degree_text(design: Design) -> str:
@@ -127,9 +151,10 @@ def _percent(fraction: float) -> str:
 def _region_text(design: Design) -> str:
     s = design.specification
     return (
-        "The largest level set of V in which no violation of the dissipation inequality was found, along random rays "
-        "and by ascent from many starts: sampled, not proved. The checked pair is weaker than the designed one: "
-        f"γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the true state, not "
+        "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
+        "along random rays and by ascent from many starts: sampled, not proved. The checked pair is weaker than the "
+        f"designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the "
+        "true state, not "
         "the estimator. The largest step moves all joints alike and starts with the integrals at which V is smallest. "
         "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
         "shorter step may begin outside the level set."
@@ -212,9 +237,14 @@ def _levels(design: Design) -> Table:
     return Table(("√(∫|z|²/∫|d|²)", "value"), rows, "Levels of attenuation", "table-attained")
 
 
+def budget_of(design: Design) -> Sequence[BudgetTerm]:
+    """The budget of the step against the proved level, or against the sampled one where nothing is proved."""
+    return design.proof.budget or design.attenuation.budget
+
+
 def budget_rows(design: Design) -> list[dict[str, Any]]:
     """For each part of the loop with all above it: what it adds, what is used in all, and the level that remains."""
-    return [_budget_row(term) for term in design.attenuation.budget]
+    return [_budget_row(term) for term in budget_of(design)]
 
 
 def _budget_row(term: BudgetTerm) -> dict[str, Any]:
@@ -235,7 +265,7 @@ def _budget_text(design: Design) -> str:
     text = (
         "Dissipation budget. Whatever makes the input differ by v from the law's own (on the true state, at every "
         "instant) uses ½∫vᵀR2v of the level. While V(x0) and this stay below the level, V does too, and the "
-        "inequality holds for the controller as it runs, as far as the region is right. For the step of the nominal "
+        "inequality holds for the controller as it runs. For the step of the nominal "
         "robot, extras left out, "
     )
     if row["spent"] is None or not np.isfinite(row["spent"]):
@@ -243,10 +273,11 @@ def _budget_text(design: Design) -> str:
     text += f"V(x0) is {number(row['start'])} and {number(row['spent'], 3)} is used"
     if not np.isfinite(row["level"]):
         return text + "; no region was sampled to compare it with."
+    which = "the sampled" if design.proof.certificate is None else "the proved"
     kept = "this is within the budget" if row["kept"] else "the budget is exceeded"
     if row["start"] > row["level"]:
         kept = "V(x0) alone exceeds it, so nothing follows for this step"
-    return f"{text}, of a level of {number(row['level'])}: {kept}."
+    return f"{text}, of {which} level of {number(row['level'])}: {kept}."
 
 
 def _budget(design: Design) -> Table:
@@ -261,7 +292,7 @@ def _budget(design: Design) -> Table:
 
 def _budget_figure(design: Design) -> list[Figure]:
     """V along the step and its bound, of the loop with all parts; none if it diverged."""
-    budget = design.attenuation.budget[-1].budget
+    budget = budget_of(design)[-1].budget
     if not budget.complete:
         return []
     few = thin(budget.times)

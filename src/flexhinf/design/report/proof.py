@@ -1,0 +1,79 @@
+"""What is proved of a design's law: in a sentence, and in design.json."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
+from flexhinf.design.result import Design
+from flexhinf.report import number
+
+__all__ = ["RULES", "proof_numbers", "proof_text", "step_texts"]
+
+#: Rules of the integrators' start, in short.
+RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
+
+
+def proof_text(design: Design) -> str:
+    """What is proved of the law that is used, in two sentences; why nothing is where nothing is."""
+    proof, looked = design.proof, design.chosen.looked
+    given = proof.certificate
+    if given is None:
+        sampled = "the region is a sampled check" if looked else "no region was looked for"
+        return f"Nothing is proved, {sampled}: {proof.reason.rstrip('.')}."
+    steps = step_texts(design)
+    reach = (
+        f"rest-to-rest steps of up to {' or '.join(steps)} stay in the region with"
+        if steps
+        else "in the region,"
+    )
+    own = (
+        "The step that is asked for starts inside"
+        if proof.inside
+        else "The step that is asked for starts outside"
+    )
+    if proof.inside:
+        spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
+        kept = "which covers" if proof.lasts else "which does not cover"
+        own += f", and leaves {left} % of the level, {kept} the {spent} % that {_parts(design)} spend"
+    return f"Proved, for the nominal robot with the true state fed back: {reach} γ = {number(given.gamma, 4)}. {own}."
+
+
+def step_texts(design: Design) -> list[str]:
+    """The proved steps with the rule by which the integrator starts."""
+    given, degrees = design.proof.certificate, design.specification.in_degrees
+    if given is None:
+        return []
+    slides = any(design.robot.links.slides)
+    scale, unit = (180.0 / math.pi, "°") if not slides and degrees else (1.0, " m" if slides else " rad")
+    return [f"{number(scale * s.amplitude, 3)}{unit} ({RULES.get(s.rule, s.rule)})" for s in given.starts]
+
+
+def proof_numbers(design: Design) -> dict[str, Any]:
+    """For design.json."""
+    proof, given = design.proof, design.proof.certificate
+    if given is None:
+        return {
+            "strength": "SampledCheck",
+            "proved": False,
+            "reason": proof.reason,
+            "cpu_s": proof.cpu_seconds,
+        }
+    return {
+        "strength": "Certificate", "proved": True, "parameters": "nominal", "feedback": given.feedback,
+        "gamma": given.gamma, "level": given.level, "sampled_level": given.sampled_level,
+        "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in given.starts},
+        "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
+        "attained_gain": given.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
+    }  # fmt: skip
+
+
+def _spent(design: Design) -> float:
+    budget = design.proof.budget
+    return budget[-1].budget.total if budget else float("nan")
+
+
+def _parts(design: Design) -> str:
+    names = [term.name for term in design.proof.budget]
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "sampling and hold"

@@ -1,0 +1,88 @@
+"""The proof that a design carries: what it covers, what refuses it, and the time that it may take."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design.certification import DesignProof, prove_design
+from flexhinf.design.specification import Specification
+
+ARM = fh.paper_arm()
+PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
+ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
+
+
+@pytest.fixture(scope="module")
+def made() -> Any:
+    """A quadratic V about upright, with its sampled region."""
+    problem = ARM.problem(PENALTY, pose=(np.pi,))
+    star = fh.smallest_gamma(problem)
+    solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
+    check = solution.sampled_region(1.6 * star, (60.0, 0.0, 0.0, 0.0, 300.0))
+    assert check is not None
+    return SimpleNamespace(
+        goal=np.array([np.pi]), solution=solution, law=solution,
+        chosen=SimpleNamespace(level=check.level, looked=True, degree=2),
+        design_problem=SimpleNamespace(gamma_star=star, nominal=problem),
+        problem=problem,
+    )  # fmt: skip
+
+
+def worth(spent: float) -> Any:
+    """An attenuation whose step spends so much of an unknown level."""
+    from flexhinf.analysis import BudgetTerm
+    from flexhinf.analysis.dissipation_budget import DissipationBudget
+
+    zero = np.zeros(2)
+    budget = DissipationBudget(np.arange(2.0), np.inf, 100.0, np.array([0.0, spent]), zero, zero, True)
+    return SimpleNamespace(attained=None, budget=(BudgetTerm("sampling", budget, spent),))
+
+
+def proof_of(made: Any, start: float = 100.0, spent: float = 10.0, **asked: Any) -> DesignProof:
+    return prove_design(ARM, replace(ASKED, **asked), made, start, worth(spent))
+
+
+def test_the_sampled_region_is_proved_and_the_budget_is_judged_by_it(made: Any) -> None:
+    found = proof_of(made)
+    given = found.certificate
+    assert given is not None
+    assert given.level == pytest.approx(0.999 * made.chosen.level)
+    assert given.sampled_level == made.chosen.level
+    assert len(given.starts) == 2
+    assert found.inside
+    assert found.lasts
+    assert found.budget[0].budget.level == given.level
+    assert not replace(found, start=given.level * 1.01).inside
+    assert not proof_of(made, spent=given.level).lasts
+
+
+def test_a_level_that_was_sampled_too_large_is_lowered(made: Any) -> None:
+    chosen = SimpleNamespace(level=1.01 * made.chosen.level, looked=True, degree=2)
+    larger = SimpleNamespace(**{**vars(made), "chosen": chosen})
+    given = proof_of(larger).certificate
+    assert given is not None
+    assert given.level == pytest.approx(0.98 * larger.chosen.level)
+
+
+@pytest.mark.parametrize(
+    ("changes", "asked", "reason"),
+    [
+        ({}, {"proof_seconds": 0.0}, "--proof-seconds 0"),
+        ({}, {"proof_seconds": 1e-6}, "within 1e-06 s of CPU time"),
+        ({"law": None}, {}, "a schedule"),
+        ({"chosen": SimpleNamespace(level=np.nan, looked=True, degree=2)}, {}, "no sampled region"),
+        ({"solution": SimpleNamespace(state_names=("x",) * 10)}, {}, "at most 5 states"),
+    ],
+)
+def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reason: str) -> None:
+    found = proof_of(SimpleNamespace(**{**vars(made), **changes}), **asked)
+    assert found.certificate is None
+    assert reason in found.reason
+    assert not found.inside
+    assert not found.lasts
