@@ -6,16 +6,18 @@ Found in doubles with a margin, so that the strict inequalities hold in rational
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.starts import starts_of
 from flexhinf.certify.terms import Observer, Terms
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 
-__all__ = ["error_axes", "observed"]
+__all__ = ["check_bandwidth", "error_axes", "observed"]
 
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
 _OVER = 1.5  # γ_e over the smallest one
@@ -42,25 +44,18 @@ def observed(
     bandwidth : float
         Every error decays faster than exp(−bandwidth · t), 1/s: L is the stationary Kalman gain for A + bandwidth.
     share : float
-        ε over the level, between 0 and 1.
+        ε over the level, between 0 and 1, both left out.
 
     Raises
     ------
     InvalidInput
-        A problem without sensors, a bandwidth that is not positive, a share outside (0, 1).
+        As `check_bandwidth`.
     NumericalFailure
-        No X for this law and these errors, and where the law's slopes grow over the hull, why.
+        No M and X for this law and these errors.
     """
     from scipy.linalg import solve_continuous_are
 
-    problem = solution.problem
-    if not isinstance(problem, GeneralisedPlant) or not 0 < bandwidth < np.inf or not 0 < share < 1:
-        raise InvalidInput(
-            "There is no such observer.",
-            f"expected a robot's or a plant's problem, a bandwidth > 0 and a share in (0, 1), "
-            f"got {type(problem).__name__}, {bandwidth!r} and {share!r}",
-            "observer=20.0, in 1/s",
-        )
+    problem = check_bandwidth(solution, bandwidth)
     size = problem.plant.n
     names = solution.state_names
     sensors = np.zeros((len(problem.plant.outputs), len(names)))
@@ -87,9 +82,28 @@ def observed(
         _rows(sensors), names[size:], _rows(gain), _rows(weight), _rows(storage), gain_error, energy
     )
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
-    from flexhinf.certify.starts import starts_of
-
+    if reason := claimed.why_no_observer():
+        raise _not_found(reason)
     return replace(claimed, starts=starts_of(solution, claimed)).with_proved_starts()
+
+
+def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPlant:
+    """The problem, whose plant's sensors the observer has.
+
+    Raises
+    ------
+    InvalidInput
+        A problem without sensors, a bandwidth that is not positive.
+    """
+    problem = solution.problem
+    if isinstance(problem, GeneralisedPlant) and 0 < bandwidth < np.inf:
+        return problem
+    raise InvalidInput(
+        "There is no such observer.",
+        f"expected the problem of a plant with sensors and a bandwidth > 0, got {type(problem).__name__}, "
+        f"{bandwidth!r}",
+        "a robot's problem, and 10.0, in 1/s",
+    )
 
 
 def _paid(
@@ -115,10 +129,12 @@ def _paid(
         )
         if np.all(widths <= 1.04 * before):
             return weight, storage, gain_error
-    raise NumericalFailure(
-        "No energy of the errors was found for this observer.",
-        f"the law's slopes over the region and its estimates did not settle in {_PASSES} passes",
-        "a smaller share, or another bandwidth",
+    raise _not_found(f"the law's slopes where the estimates are did not settle in {_PASSES} passes")
+
+
+def _not_found(reason: str) -> NumericalFailure:
+    return NumericalFailure(
+        "No energy of the errors was found for this observer.", reason, "another bandwidth, or degree 2"
     )
 
 
@@ -128,7 +144,7 @@ def _weight(solution: ValueFunction, certificate: Certificate, widest: np.ndarra
     at_origin, radius = _slopes(certificate, np.abs(transform) @ widest, size)
     scale = np.sqrt(np.diag(transform @ transform.T)[:size])
     base = at_origin.T @ r2 @ at_origin
-    most = float((scale @ np.abs(base) @ scale))
+    most = float(scale @ np.abs(base) @ scale)
     reached = radius @ scale
     extra = np.zeros((size, size))
     spread = np.sqrt(np.outer(reached, reached) * np.abs(r2)).sum() ** 2
@@ -188,7 +204,8 @@ def _riccati(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray, gamma: f
     n = len(closed)
     pushed = noise @ noise.T / gamma**2
     hamiltonian = np.block([[closed, pushed], [-weight, -closed.T]])
-    _, basis, stable = schur(hamiltonian, sort="lhp")
+    found: Any = schur(hamiltonian, sort="lhp")
+    _, basis, stable = found
     if stable != n or np.abs(np.linalg.eigvals(hamiltonian).real).min() < 1e-9:
         return None
     x = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T)

@@ -11,6 +11,7 @@ from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.observer import check_bandwidth, observed
 from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.search import Outcome, Progress, search
 from flexhinf.certify.starts import starts_of
@@ -66,17 +67,20 @@ def certify(
     *,
     decay: float = 0.0,
     about: str = "",
+    observer: float | None = None,
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Certificate:
     """What `HJISolution.certify` does."""
     check_states(len(solution.P))
+    if observer is not None:
+        check_bandwidth(solution, observer)
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
     if level is not None:
         proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
         if not outcome.proved:
             raise NotProved(level, outcome, _in_state(statement, outcome))
-        return proved
+        return proved if observer is None else observed(solution, proved, observer)
     check = sample_region(solution, gamma, penalty)
     if check is None or not 0 < check.level < np.inf:
         raise InvalidInput(
@@ -90,7 +94,8 @@ def certify(
         tried *= share
         proved, outcome = _proved(solution, replace(statement, level=tried), threads, progress)
         if outcome.proved:
-            return replace(proved, sampled_level=check.level)
+            found = replace(proved, sampled_level=check.level)
+            return found if observer is None else observed(solution, found, observer)
         if outcome.value == outcome.value:
             tried = min(tried, outcome.value)
     raise NotProved(tried, outcome, _in_state(statement, outcome))

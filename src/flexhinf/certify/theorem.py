@@ -122,10 +122,10 @@ def _with_estimates(claim: Claim, observer: Observer) -> str:
     return (
         "  7. Output feedback, the law fed with the observer's estimates whose errors begin at e0: while 1/2 e0'X e0 + "
         f"1/2 gamma_e^2 (energy of d) <= {observer.energy:.6g} with gamma_e = {observer.gain_error:.6g}, and V(x(0)) + "
-        f"1/2 e0'X e0 + 1/2 ({gain:.6g})^2 (energy of d) <= {claim.level:.6g}, the state stays in S, and (energy of z) <= "
-        f"({gain:.6g})^2 (energy of d) + 2 V(x(0)) + e0'X e0. Without disturbances state and errors converge "
-        "exponentially fast. So all starts named above, the integrators started as for the true state, are covered "
-        "together with every e0 in the ellipsoid "
+        f"1/2 e0'X e0 + 1/2 ({gain:.6g})^2 (energy of d) <= {claim.level:.6g}, the state stays in S, and "
+        f"(energy of z) <= ({gain:.6g})^2 (energy of d) + 2 V(x(0)) + e0'X e0. Without disturbances state and errors "
+        "converge exponentially fast. So all starts named above, the integrators started as for the true state, are "
+        "covered together with every e0 in the ellipsoid "
         f"1/2 e0'X e0 <= {observer.energy:.6g}: an error in one state alone of up to {axes}."
     )
 

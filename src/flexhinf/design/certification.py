@@ -14,7 +14,6 @@ import numpy as np
 
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.observer import observed
 from flexhinf.certify.proof import NotProved, certify, check_states
 from flexhinf.certify.steps import ProvedStep, proved_steps
 from flexhinf.certify.terms import MOST_STATES
@@ -104,11 +103,8 @@ def certify_design(
         margin = solution.checked_margin(gamma, penalty)
         if margin.definite:
             try:
-                certificate = certify(
-                    solution, gamma, penalty, decay=decay, about=about, threads=threads, progress=share
-                )
-                if observer is not None:
-                    certificate = observed(solution, certificate, observer)
+                asked = {"decay": decay, "about": about, "observer": observer}
+                certificate = certify(solution, gamma, penalty, **asked, threads=threads, progress=share)
                 steps = proved_steps(solution, certificate)
             except NotProved as error:
                 reason = error.found

@@ -141,7 +141,8 @@ class HJISolution(ValueFunction, Law):
         Returns
         -------
         Certificate
-            Of the state feedback, with `observer` also of the output feedback, nominal parameters: see docs/certificate.md for what it claims.
+            Of the state feedback, with `observer` also of the output feedback, nominal parameters: see
+            docs/certificate.md for what it claims.
 
         Raises
         ------
@@ -150,13 +151,10 @@ class HJISolution(ValueFunction, Law):
         NumericalFailure
             `flexhinf.certify.NotProved`: the level, or none, could be proved; ``.point`` is where it fails.
         """
-        from flexhinf.certify.observer import observed
         from flexhinf.certify.proof import certify
 
-        proved = certify(
-            self, gamma, penalty, level, decay=decay, about=about, threads=threads, progress=progress
-        )
-        return proved if observer is None else observed(self, proved, observer)
+        asked = {"decay": decay, "about": about, "observer": observer}
+        return certify(self, gamma, penalty, level, **asked, threads=threads, progress=progress)
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.

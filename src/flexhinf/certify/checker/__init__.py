@@ -18,8 +18,9 @@ state feedback u = k(x) in continuous time without limits,
 **How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
 functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
 each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a centred form and an a-priori bound of all rounding
-(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`), and
-paths of starts in balls (`starts`), an observer in rationals (`observer`). docs/certificate.md has the proof, of every inequality that is relied on here.
+(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`),
+paths of starts in balls (`starts`), and an observer in rationals (`observer`). docs/certificate.md has the proof, of
+every inequality that is relied on here.
 
 Nothing here imports the search, and the search imports nothing from here.
 """
@@ -37,8 +38,8 @@ from flint import ctx, fmpq_mat
 from flexhinf.certify.checker.algebra import as_rational
 from flexhinf.certify.checker.inequality import FaceInequality, Inequality
 from flexhinf.certify.checker.march import Marched, Refusal, march_face
-from flexhinf.certify.checker.second_route import cell_holds
 from flexhinf.certify.checker.observer import check_observer
+from flexhinf.certify.checker.second_route import cell_holds
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.claim import Claim
 
