@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf import report
+from flexhinf.campaign import run_batch
 from flexhinf.cli import main
+from flexhinf.design.campaign_folder import stored_campaign
 
 pytest.importorskip("pyarrow")
 
@@ -64,6 +67,19 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
     assert "sample 23: completed; the same bits" in said(capsys)
     assert (judged / "run.nc").stat().st_size > 10_000
+
+
+def test_lanes_say_what_the_signals_of_each_run_say(judged: Path) -> None:
+    assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
+    campaign, _ = stored_campaign(judged / "runs")
+    assert campaign.laned(campaign.drawn(0))
+    slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
+    lanes, signals = (run_batch(one, 1).columns for one in (campaign, slow))
+    for name, values in lanes.items():
+        if name == "rise_time_s":
+            np.testing.assert_allclose(values, signals[name], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(values, signals[name], name)
 
 
 def test_shards_of_jobs_are_merged_to_the_same_table(
