@@ -153,6 +153,8 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
         (["--shard", "4/3"], "no such shard"),
         (["--shard", "third"], "shard cannot be read"),
         (["--workers", "-1"], "workers"),
+        (["--cluster", "localhost"], "address of the cluster"),
+        (["--cluster", "tcp://a:1", "--workers", "2"], "on a cluster"),
         (["--initial-error", "-1"], "initial error"),
         (["--duration", "-1"], "duration"),
         (["--out", "design"], "not a campaign"),

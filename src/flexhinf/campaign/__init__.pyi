@@ -2,6 +2,7 @@
 
 from .batches import Campaign as Campaign
 from .batches import check_counts as check_counts
+from .cluster import in_cluster as in_cluster
 from .draws import DISTRIBUTIONS as DISTRIBUTIONS
 from .draws import METHODS as METHODS
 from .draws import Draw as Draw
