@@ -1,5 +1,6 @@
 """Public names and the rooms that they come from; a room is loaded when one of its names is first used."""
 
+from .campaign import run_campaign as run_campaign
 from .design import Comparison as Comparison
 from .design import Design as Design
 from .design import Specification as Specification

@@ -77,7 +77,7 @@ def write_files(page: str, folder: Path) -> None:
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BLOCKS = blocks(REPOSITORY)
-LONG = {"design", "compare", "paper"}
+LONG = {"design", "compare", "paper", "campaign"}
 SHIM = '#!/bin/sh\nexec "{python}" -m flexhinf "$@"\n'
 
 

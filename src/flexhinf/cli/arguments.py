@@ -6,7 +6,7 @@ import functools
 import inspect
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,6 +29,7 @@ __all__ = [
     "Payload",
     "Robot",
     "Tool",
+    "read_source",
     "reproduce_command",
     "request_of",
     "with_specification",
@@ -159,15 +160,22 @@ def request_of(
     InvalidInput
         For a file or an option that cannot be used.
     """
+    read = read_source(source, elastic, _fields(context), payload, goal, tool)
+    _check_drive(context, read.request.robot)
+    return read
+
+
+def read_source(
+    source: str, elastic: str, fields: Mapping[str, Any], payload: str = "", goal: str = "", tool: str = ""
+) -> CommandRequest:
+    """Robot and specification of a file and of fields that win over it; prints notes, raises as `request_of`."""
     from flexhinf.design import read_request
     from flexhinf.design.cartesian import with_joints
     from flexhinf.robot import RobotFileWarning
 
-    fields = _fields(context)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
         request = with_joints(read_request(source, elastic or None, fields, payload or None), goal, tool)
-    _check_drive(context, request.robot)
     found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*found, *request.notes):
         note(text)

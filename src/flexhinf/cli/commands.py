@@ -15,6 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf import __version__
+from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design
 from flexhinf.cli.export import app as export
@@ -109,6 +110,7 @@ for command, examples in COMMANDS.items():
     app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 
+app.add_typer(campaign, name="campaign")
 app.add_typer(export, name="export")
 
 

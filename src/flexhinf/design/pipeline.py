@@ -56,7 +56,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco_plant import check_expressed
 
-__all__ = ["compare", "comparison_stages", "design", "stages"]
+__all__ = ["compare", "comparison_stages", "design", "stages", "step_duration"]
 
 Progress = Callable[[str], None]
 
@@ -135,8 +135,12 @@ def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
     return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
+def step_duration(linear: LawEvaluation, synthesis: Synthesis) -> float:
+    """Of the step, s: as stated, or by the slowest mode of the law, after the command."""
+    return _duration(linear.setup, _law_modes(linear, synthesis))
+
+
 def _duration(setup: LoopSetup, modes: tuple) -> float:
-    """Of the step, s: as stated, or by the slowest mode, after the command."""
     stated = setup.specification.duration
     if stated is not None:
         return stated

@@ -18,18 +18,19 @@ end of each step of a simulation. Backlash is not smooth: a synthesis refuses it
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.quantities import per_joint
 from flexhinf.scalars import clip
 
 __all__ = [
     "DEFAULTS", "DRY", "EXTRAS", "Engaged", "Sticking", "checked_extras", "dry_level", "friction_torque",
-    "spring_torque", "stated_friction",
+    "inactive_parameters", "spring_torque", "stated_friction",
 ]  # fmt: skip
 
 #: The parameter that each switch needs.
@@ -76,6 +77,15 @@ def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot:
                 f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
             )
     return tuple(name for name in EXTRAS if name in requested)
+
+
+def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
+    """A robot's parameters that do not act in a plant with these extras, by name."""
+    on = {EXTRAS[name] for name in extras}
+    if "stribeck_friction" in extras:
+        on.add(EXTRAS["coulomb_friction"])
+    off = set(EXTRAS.values()) - on
+    return {per_joint(name, joint, len(joints)) for name in off for joint in joints}
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:

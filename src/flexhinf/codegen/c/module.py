@@ -128,7 +128,8 @@ class Translator:
         yield "}"
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
-        wide = step.shape[1] >= algebra.TOGETHER
+        apart = step.plus is None or not overlap(step.plus, step.target)
+        wide = step.shape[1] >= algebra.TOGETHER and apart
         flags = step.weights is not None, step.plus is not None, step.symmetric, wide
         short = "sum" + "".join(letter for letter, flag in zip("wpsv", flags) if flag)
         name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags))

@@ -14,9 +14,8 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.plant import Plant
 from flexhinf.report import Column, Note, Table, number
 from flexhinf.robot import Robot
-from flexhinf.robot.extras import EXTRAS
+from flexhinf.robot.extras import inactive_parameters
 from flexhinf.robot.parameter import PlantValues
-from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.signals import signal_names
 
 __all__ = [
@@ -194,11 +193,7 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     """
     if not isinstance(values, PlantValues):
         raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
-    off = {
-        per_joint(name, joint, len(robot.joint_names))
-        for name in _inactive(extras)
-        for joint in robot.joint_names
-    }
+    off = inactive_parameters(extras, robot.joint_names)
     changes: list[tuple[float, str]] = []
     for name, new in values.numbers.items():
         old, words = robot.nominal[name], name.replace("_", " ")
@@ -214,14 +209,6 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     if len(changes) > LISTED:
         words.append("others by less")
     return ", ".join(words) or "the nominal robot"
-
-
-def _inactive(extras: Sequence[str]) -> set[str]:
-    """Parameters that do not act in a plant with these extras."""
-    on = {EXTRAS[name] for name in extras}
-    if "stribeck_friction" in extras:
-        on.add(EXTRAS["coulomb_friction"])
-    return set(EXTRAS.values()) - on
 
 
 def finite(value: Any) -> Any:

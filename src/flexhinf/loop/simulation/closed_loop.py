@@ -160,6 +160,15 @@ class Loop(Summarised):
         assert isinstance(self.true_plant, Plant)
         return LoopCode.of(self.true_plant, self.controller, self.channel, self.sub_steps)
 
+    def with_plant(self, plant: Plant | BlackBox) -> Loop:
+        """The same controller, channel and sub-steps round another true plant."""
+        if plant is self.true_plant:
+            return self
+        steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
+        found = Loop(plant, self.controller, steps)
+        found.channel = self.channel
+        return found
+
     @property
     def kernel(self) -> Any:
         """The whole run as one compiled kernel."""
@@ -214,15 +223,8 @@ class Loop(Summarised):
         """
         if isinstance(self.true_plant, Plant):
             return self.prepared(
-                reference,
-                disturbance,
-                noise,
-                duration,
-                initial_state,
-                seed,
-                initial_input,
-                multi_turn=multi_turn,
-            ).alone()
+                reference, disturbance, noise, duration, initial_state, seed, initial_input, multi_turn=multi_turn
+            ).alone()  # fmt: skip
         return self.run_paced(
             AT_ONCE, None, reference, disturbance, noise, duration, initial_state, seed, initial_input,
             multi_turn=multi_turn,
@@ -283,10 +285,7 @@ class Loop(Summarised):
             "disturbance": code.undisturbed(samples) if disturbance is None else d.ravel(),
             "held": before.copy(),
         }  # fmt: skip
-        recorded = {
-            "reference": signals["reference"],
-            "disturbance": d[:, 0, 0].copy(),
-        }
+        recorded = {"reference": signals["reference"], "disturbance": d[:, 0, 0].copy()}
         return PreparedRun(
             code,
             plant,

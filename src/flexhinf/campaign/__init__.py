@@ -1,0 +1,12 @@
+"""Many perturbed loops: which plant is the i-th one, its run, the journal of all runs, and what they say together.
+
+Enter at `run_campaign`, or at `Campaign`: a description of everything that a sample depends on. `run_batch` is a pure
+function of a campaign and the number of a batch, so batches can be run anywhere, in any order, and again. `Journal`
+keeps them on disk, one file for each. This room knows no robot: plants come from a `Draw`.
+"""
+
+from __future__ import annotations
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,32 @@
+"""The room's public names and the files that they come from; read when a name is first used."""
+
+from .batches import Campaign as Campaign
+from .batches import check_counts as check_counts
+from .draws import DISTRIBUTIONS as DISTRIBUTIONS
+from .draws import METHODS as METHODS
+from .draws import Draw as Draw
+from .draws import FunctionDraw as FunctionDraw
+from .draws import Sample as Sample
+from .draws import Tolerances as Tolerances
+from .draws import Variable as Variable
+from .draws import one_of as one_of
+from .draws import sample_seed as sample_seed
+from .driver import Shard as Shard
+from .driver import drive as drive
+from .driver import in_processes as in_processes
+from .driver import run_campaign as run_campaign
+from .journal import Journal as Journal
+from .metrics import STANDARD as STANDARD
+from .metrics import Metrics as Metrics
+from .metrics import Requirement as Requirement
+from .results import CampaignJudgement as CampaignJudgement
+from .results import MergedTable as MergedTable
+from .results import Replayed as Replayed
+from .results import merged as merged
+from .results import replayed as replayed
+from .samples import Rows as Rows
+from .samples import run_batch as run_batch
+from .statistics import Interval as Interval
+from .statistics import Sensitivity as Sensitivity
+from .statistics import sensitivity as sensitivity
+from .statistics import success_interval as success_interval

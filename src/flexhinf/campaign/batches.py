@@ -1,0 +1,319 @@
+"""A campaign as a value, and its batches: a pure function of the campaign and the number of the batch."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf import __version__
+from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
+from flexhinf.campaign.metrics import chosen_metrics
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Ensemble, Loop, Trajectory, run_many
+from flexhinf.loop.simulation.run_arguments import sample_count
+from flexhinf.plant import Plant
+from flexhinf.untrusted import value_text
+
+__all__ = [
+    "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "check_counts", "checked_integer",
+]  # fmt: skip
+
+#: Values of a row's status.
+COMPLETED, DIVERGED, NOT_RUN = "completed", "diverged", "not run"
+
+#: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
+MOST_SAMPLES = 1 << 29
+
+#: Samples of a batch by default, and most of them.
+BATCH, LARGEST_BATCH = 256, 65_536
+
+#: Instants of the signals that are kept of a run, and how many runs, the first ones, they are kept of.
+INSTANTS, TRACED = 200, 10_000
+
+#: How the columns of kept signals begin; columns that every campaign has.
+TRACE = "trace."
+OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
+
+#: What a sample may have of its own in the lanes of an ensemble, besides parameters and noise.
+_LANED = frozenset({"initial_state", "initial_input"})
+
+#: Samples of the run that tells loops apart, and digits that count.
+PROBE, DIGITS = 100, 6
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"own", "parameter", "metric", "trace"}
+    unit : str
+    """
+
+    name: str
+    kind: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Everything that the samples of a campaign depend on.
+
+    Parameters
+    ----------
+    loop : Loop
+        With the nominal true plant; controller and estimator stay as they are.
+    draw : Draw, or function of a generator
+    samples : int
+    seed : int
+        0 … 2⁶³ − 1.
+    options : mapping
+        Of `Loop.run`, for every sample: ``reference``, ``disturbance``, ``noise``, ``duration``, ``initial_state``,
+        ``initial_input``, ``multi_turn``.
+    metrics
+        See `chosen_metrics`.
+    signals : sequence of str, optional
+        States of which some instants are kept, for bands; by default those that are tracked.
+    batch : int
+        Samples of a batch. No sample depends on it.
+    about : mapping of str to str
+        What else is stated of the campaign and compared when it goes on: the specification of a design.
+
+    Raises
+    ------
+    InvalidInput
+        Before any work: for numbers out of range, metrics or signals that are not known, a draw that does not fit the
+        plant.
+    """
+
+    loop: Loop
+    draw: Draw
+    samples: int
+    seed: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Any = None
+    signals: Sequence[str] | None = None
+    batch: int = BATCH
+    about: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.loop, Loop):
+            raise InvalidInput(
+                "A campaign needs a loop.",
+                f"expected a Loop, got {value_text(self.loop)}",
+                "fh.Loop(plant, controller)",
+            )
+        if not isinstance(self.draw, Draw):
+            if not callable(self.draw):
+                raise InvalidInput(
+                    "The draw is no function.",
+                    f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                    "robot.draw, or flexhinf.campaign.Tolerances([...])",
+                )
+            object.__setattr__(self, "draw", FunctionDraw(self.draw))
+        check_counts(self.samples, self.seed, self.batch)
+        tracked = self.loop.controller.judged
+        object.__setattr__(self, "metrics", chosen_metrics(self.metrics, bool(tracked)))
+        object.__setattr__(self, "signals", tuple(tracked if self.signals is None else self.signals))
+        sample_count(self.options.get("duration", 8.0), self.loop.controller.period)
+        self._check_first()
+
+    def _check_first(self) -> None:
+        """Prepare the first sample, so that what does not fit is told before any work."""
+        (first,) = self.draw.samples([0], self.samples, self.seed)
+        names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
+        clash = sorted({name for name in names if names.count(name) > 1})
+        if clash:
+            raise InvalidInput(
+                "Two columns of the campaign have one name.",
+                f"expected names that are neither those of parameters and metrics at once nor of {list(OWN)}, "
+                f"got {clash}",
+                "another name for the metric or the variable",
+            )
+        unknown = [name for name in self.signals or () if name not in self._kept_names]
+        if unknown:
+            raise InvalidInput(
+                f"There is no signal {unknown[0]!r}.",
+                f"expected states out of {self._kept_names}",
+                "one of these",
+            )
+        if not first.failure and isinstance(self.loop.true_plant, Plant):
+            self.prepared(0, first)
+
+    @property
+    def _kept_names(self) -> list[str]:
+        return list(dict.fromkeys((*self.loop.true_plant.states, *self.loop.controller.measured)))
+
+    # Parts -----------------------------------------------------------------------------------------------
+    @property
+    def batches(self) -> int:
+        """How many batches there are."""
+        return -(-self.samples // self.batch)
+
+    def indices(self, batch: int) -> range:
+        """The samples of a batch."""
+        return range(batch * self.batch, min((batch + 1) * self.batch, self.samples))
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Of the table, in their order."""
+        (first,) = self.draw.samples([0], self.samples, self.seed)
+        units = self.draw.units
+        plant = self.loop.true_plant.units
+        return (
+            *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
+            *(Column(name, "parameter", units.get(name, "")) for name in first.row()),
+            *(Column(name, "metric", unit) for one in self.metrics for name, unit in one.units.items()),
+            *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
+        )
+
+    def named(self, kind: str) -> tuple[str, ...]:
+        """Names of the columns of a kind."""
+        return tuple(column.name for column in self.columns if column.kind == kind)
+
+    @cached_property
+    def instants(self) -> np.ndarray:
+        """Samples (T,) at which signals are kept, the first and the last among them."""
+        last = sample_count(self.options.get("duration", 8.0), self.loop.controller.period) - 1
+        return np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
+
+    # Runs -------------------------------------------------------------------------------------------------
+    def loop_of(self, drawn: Sample) -> Loop:
+        """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
+        plant = self.loop.true_plant if drawn.plant is None else drawn.plant
+        if drawn.parameters:
+            if not isinstance(plant, Plant):
+                raise InvalidInput(
+                    "The true plant has no parameters that could be drawn.",
+                    f"expected a Plant, got {type(plant).__name__}",
+                    "a draw that returns Sample(plant=…), a plant of its own for each sample",
+                )
+            plant = plant.with_parameters(**drawn.parameters)
+        return self.loop.with_plant(plant)
+
+    def prepared(self, index: int, drawn: Sample) -> Any:
+        """A sample's run, ready to be made."""
+        return self.loop_of(drawn).prepared(**self._arguments(index, drawn))
+
+    def _arguments(self, index: int, drawn: Sample) -> dict[str, Any]:
+        return {**self.options, **drawn.options, "seed": sample_seed(self.seed, index)}
+
+    def drawn(self, index: int) -> Sample:
+        """What is special about a sample."""
+        checked_integer("sample", index, 0, self.samples - 1, "0")
+        return self.draw.samples([index], self.samples, self.seed)[0]
+
+    def replay(self, index: int) -> Trajectory:
+        """The run of one sample, alone: bit by bit what the campaign ran.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such sample, or it could not be run.
+        """
+        drawn = self.drawn(index)
+        if drawn.failure:
+            raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
+        return self.loop_of(drawn).run(**self._arguments(index, drawn))
+
+    def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
+        """The runs of samples, in their order."""
+        if not isinstance(self.loop.true_plant, Plant):
+            for index, one in zip(indices, drawn):
+                yield self.loop_of(one).run(**self._arguments(index, one))
+            return
+        yield from run_many(self.prepared(index, one) for index, one in zip(indices, drawn))
+
+    def laned(self, drawn: Sample) -> bool:
+        """Whether a sample runs in the lanes of an ensemble: it has no plant, command or disturbance of its own."""
+        return self.ensemble is not None and drawn.plant is None and set(drawn.options) <= _LANED
+
+    @cached_property
+    def ensemble(self) -> Ensemble | None:
+        """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
+        if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
+            return None
+        loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
+        loop.channel = self.loop.channel
+        reductions = [reduction for one in self.metrics for reduction in one.reductions]
+        kept, instants = self.signals or (), self.instants
+        return loop.ensemble(**self.options, reductions=reductions, kept=kept, instants=instants)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For other processes: without compiled code."""
+        return {name: value for name, value in vars(self).items() if name != "ensemble"}
+
+    # What it is -------------------------------------------------------------------------------------------
+    @cached_property
+    def settings(self) -> dict[str, str]:
+        """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
+        options = {name: _option_text(value) for name, value in sorted(self.options.items())}
+        return {
+            "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
+            **dict(self.about), **dict(self.draw.settings), **options,
+            "metrics": ", ".join(name for one in self.metrics for name in one.units),
+            "signals": ", ".join(self.signals or ()), **self._probe,
+        }  # fmt: skip
+
+    @cached_property
+    def digest(self) -> str:
+        """Of the settings."""
+        return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()
+
+    @cached_property
+    def _probe(self) -> dict[str, str]:
+        """What tells two loops apart that are described alike: controller, plant, and where a short run leads."""
+        loop, controller = self.loop, self.loop.controller
+        found = {"controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps)}
+        if isinstance(loop.true_plant, Plant):
+            found["plant"] = _hash(loop.true_plant.parameters.vector())
+        duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
+        options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
+        run = self.loop_of(Sample()).run(**options)
+        last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
+        found["short run"] = " ".join(f"{value:.{DIGITS}g}" for value in last)
+        return found
+
+
+def check_counts(samples: Any, seed: Any, batch: Any) -> None:
+    """Refuse numbers of a campaign that are out of range."""
+    checked_integer("samples", samples, 1, MOST_SAMPLES, "10000")
+    checked_integer("seed", seed, 0, 2**63 - 1, "0")
+    checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
+
+
+def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> None:
+    """Refuse what is no integer between two."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or not least <= int(value) <= most:
+        raise InvalidInput(
+            f"The number of the campaign's {name} is not usable."
+            if name == "samples"
+            else f"No such {name}.",
+            f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
+            f"{name}={example}",
+        )
+
+
+def _hash(numbers: np.ndarray) -> str:
+    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
+    text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _option_text(value: Any) -> str:
+    """An option of a run; of a signal its name."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {_option_text(part)}" for name, part in value.items())
+    if isinstance(value, np.ndarray):
+        return ", ".join(repr(one) for one in value.ravel().tolist())
+    text = str(getattr(value, "name", None) or getattr(value, "__qualname__", None) or repr(value))
+    return type(value).__qualname__ if " at 0x" in text else text

@@ -1,0 +1,343 @@
+"""Which plant, in which circumstances, is the i-th sample: the same in any batch, order, worker or interruption.
+
+Nothing is drawn from a stream. A sample's numbers follow from the seed of the campaign and its own number alone: by the
+counter-based generator of `flexhinf.codegen.noise`, by a scrambled Sobol sequence, or by a Latin hypercube.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen.noise import philox, seed_key
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.plant import BlackBox, Plant
+from flexhinf.untrusted import checked_text, distinct, is_real, value_text
+
+__all__ = [
+    "DISTRIBUTIONS",
+    "METHODS",
+    "Draw",
+    "FunctionDraw",
+    "Sample",
+    "Tolerances",
+    "Variable",
+    "one_of",
+    "sample_seed",
+]  # fmt: skip
+
+#: How a number is distributed in its interval.
+DISTRIBUTIONS = ("uniform", "normal", "truncated-normal", "corners")
+
+#: How the samples are spread over all numbers at once.
+METHODS = ("random", "latin-hypercube", "sobol")
+
+#: Half an interval in standard deviations of a normal distribution.
+SIGMAS = 3.0
+
+#: Farthest normal number that 53 bits give, in standard deviations.
+FARTHEST = 8.3
+
+#: Last word of the generator's counter: noise has 0.
+_NUMBERS, _SEEDS, _FUNCTIONS = 1, 2, 3
+
+#: Binary digits of a Sobol sequence, and most numbers of a Latin hypercube (0.4 GB).
+_SOBOL_BITS, _MOST_LATIN = 30, 50_000_000
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number that differs from sample to sample.
+
+    Parameters
+    ----------
+    name : str
+    low, high : float
+        Its interval.
+    distribution : str
+        One of `DISTRIBUTIONS`. Normal: about the middle, the interval is ±`SIGMAS` standard deviations; truncated: and
+        cut off at its ends. Corners: one end or the other, each as often.
+    unit : str
+
+    Raises
+    ------
+    InvalidInput
+        For an interval that is empty or not finite, an unknown distribution, or a normal one that is not sure to keep
+        the sign of the interval.
+    """
+
+    name: str
+    low: float
+    high: float
+    distribution: str = "uniform"
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        checked_text("the name of a variable", self.name)
+        one_of("distribution", self.distribution, DISTRIBUTIONS)
+        ends = (self.low, self.high)
+        if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
+            raise InvalidInput(
+                f"The interval of {self.name!r} is not usable.",
+                f"expected finite low <= high, got {value_text(ends)}",
+                "its smallest and its largest value",
+            )
+        lowest, highest = self.middle - FARTHEST * self.deviation, self.middle + FARTHEST * self.deviation
+        if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
+            raise InvalidInput(
+                f"A normal distribution of {self.name!r} may change its sign.",
+                f"expected an interval of at most ±{100 * SIGMAS / FARTHEST:.3g} % about its middle, got "
+                f"[{self.low:g}, {self.high:g}], which is ±{SIGMAS:g} standard deviations",
+                "the distribution truncated-normal",
+            )
+
+    @property
+    def middle(self) -> float:
+        """Mean of the distribution."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the normal distribution that is not cut off."""
+        return 0.5 * (self.high - self.low) / SIGMAS
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles (N,) of numbers u (N,) inside (0, 1)."""
+        if self.distribution == "corners":
+            return np.where(u < 0.5, self.low, self.high)
+        if self.distribution == "uniform":
+            return np.clip((1.0 - u) * self.low + u * self.high, self.low, self.high)
+        from scipy.special import ndtr, ndtri
+
+        if self.distribution == "normal":
+            return self.middle + self.deviation * ndtri(u)
+        inside = ndtri(ndtr(-SIGMAS) + u * (ndtr(SIGMAS) - ndtr(-SIGMAS)))
+        return np.clip(self.middle + self.deviation * inside, self.low, self.high)
+
+    def text(self) -> str:
+        """The variable in a line, every digit of its interval in it."""
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.distribution} in [{self.low!r}, {self.high!r}]{unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What is special about one sample.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of the true plant, those that differ from the nominal ones (`Plant.with_parameters`).
+    options : mapping
+        Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
+        the campaign's.
+    numbers : mapping of str to float, optional
+        What the sample's row says; by default the parameters, arrays element by element.
+    plant : Plant or BlackBox, optional
+        A true plant of its own, for plants without parameters.
+    failure : str
+        Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run.
+    """
+
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, float] | None = None
+    plant: Plant | BlackBox | None = None
+    failure: str = ""
+
+    def row(self) -> dict[str, float]:
+        """Its numbers by the names of their columns."""
+        if self.numbers is not None:
+            return {name: float(value) for name, value in self.numbers.items()}
+        if isinstance(numbers := getattr(self.parameters, "numbers", None), Mapping):
+            return {name: float(value) for name, value in numbers.items()}
+        found = {}
+        for name, value in self.parameters.items():
+            array = np.asarray(value, dtype=float)
+            if array.ndim == 0:
+                found[name] = float(array)
+            else:
+                found |= {f"{name}_{k + 1}": float(one) for k, one in enumerate(array.ravel())}
+        return found
+
+
+class Draw(ABC):
+    """The samples of a campaign, by their numbers."""
+
+    @abstractmethod
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
+        """Samples of these numbers, of `count` in all; a sample does not depend on the others that are asked for."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the numbers in a row, where they are known."""
+        return {}
+
+    @property
+    @abstractmethod
+    def settings(self) -> Mapping[str, str]:
+        """Everything that the samples depend on beside count and seed, as text: compared when a campaign goes on."""
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionDraw(Draw):
+    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one.
+
+    Parameters
+    ----------
+    function : callable
+        Generator → parameters by name, or a `Sample`.
+    """
+
+    function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
+
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
+        """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
+        found = []
+        for index in indices:
+            bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, index])
+            found.append(_drawn(self.function(np.random.Generator(bits))))
+        return found
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """The name of the function."""
+        name = getattr(self.function, "__qualname__", type(self.function).__name__)
+        return {"draw": f"{getattr(self.function, '__module__', '')}.{name}"}
+
+
+def _drawn(value: Any) -> Sample:
+    if isinstance(value, Sample):
+        return value
+    if not isinstance(value, Mapping):
+        raise InvalidInput(
+            "The draw gives no parameters.",
+            f"expected a mapping by name or a Sample, got {value_text(value)}",
+            "{'stiffness': rng.uniform(0.9, 1.1)}",
+        )
+    return Sample(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances(Draw):
+    """Independent numbers in their intervals.
+
+    Parameters
+    ----------
+    variables : sequence of Variable
+    method : str
+        One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
+        all of them together are, and a campaign's samples are the first ones of a longer one.
+    build : callable, optional
+        Numbers by name → `Sample`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
+        failure.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown method, no variable, or two of one name.
+    """
+
+    variables: Sequence[Variable]
+    method: str = "random"
+    build: Callable[[Mapping[str, float]], Sample] | None = None
+
+    def __post_init__(self) -> None:
+        one_of("method", self.method, METHODS)
+        if not self.variables:
+            raise InvalidInput(
+                "Nothing differs from sample to sample.",
+                "expected at least one variable, got none",
+                "Variable('stiffness', 0.9, 1.1)",
+            )
+        distinct("variables", [variable.name for variable in self.variables])
+
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
+        """Each variable's quantiles of the points that belong to these numbers."""
+        points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
+        columns = [variable.values(points[:, k]) for k, variable in enumerate(self.variables)]
+        names = [variable.name for variable in self.variables]
+        return [self._built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
+
+    def _built(self, numbers: dict[str, float]) -> Sample:
+        if self.build is None:
+            return Sample(numbers, numbers=numbers)
+        try:
+            return self.build(numbers)
+        except FlexhinfError as error:
+            return Sample(numbers=numbers, failure=" ".join(str(error).split()))
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Of the variables."""
+        return {variable.name: variable.unit for variable in self.variables}
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """The method, and every variable."""
+        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}}
+
+
+def one_of(what: str, value: Any, known: Sequence[str]) -> None:
+    """Refuse a name that is not one of these."""
+    if value not in known:
+        raise InvalidInput(
+            f"There is no such {what}.",
+            f"expected one of {', '.join(known)}, got {value_text(value)}",
+            known[0],
+        )
+
+
+# Numbers inside (0, 1) --------------------------------------------------------------------------------------
+def sample_seed(seed: int, index: int) -> int:
+    """The seed of a sample's measurement noise, for `Loop.run`."""
+    words = philox((0, 0, index, _SEEDS), seed_key(seed))
+    return int(words[0]) << 32 | int(words[1])
+
+
+def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
+    """Points (N, dimensions) inside the open unit cube."""
+    if method == "random":
+        words = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
+        bits = (words[0] << np.uint64(21)) ^ (words[1] >> np.uint64(11))
+        return np.minimum((bits.astype(float) + 0.5) * 2.0**-53, 1.0 - 2.0**-53)
+    if method == "latin-hypercube":
+        return np.maximum(_latin_hypercube(dimensions, count, seed)[indices], 2.0**-54)
+    return _sobol(indices, dimensions, seed) + 2.0 ** -(_SOBOL_BITS + 1)
+
+
+@lru_cache(2)
+def _latin_hypercube(dimensions: int, count: int, seed: int) -> np.ndarray:
+    """All points (count, dimensions): each depends on the number of all."""
+    from scipy.stats import qmc
+
+    if count * dimensions > _MOST_LATIN:
+        raise InvalidInput(
+            "A Latin hypercube of this size does not fit into memory.",
+            f"expected at most {_MOST_LATIN} numbers, got {count} samples of {dimensions}",
+            "the method sobol, which is evenly spread too",
+        )
+    points = qmc.LatinHypercube(dimensions, rng=seed).random(count)
+    points.setflags(write=False)
+    return points
+
+
+def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
+    """Points (N, dimensions) of the scrambled sequence: each run of successive numbers at once."""
+    from scipy.stats import qmc
+
+    found = np.empty((len(indices), dimensions))
+    for run in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) != 1) + 1):
+        if len(run):
+            sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
+            if indices[run[0]]:
+                sequence.fast_forward(int(indices[run[0]]))
+            even = 1 << (len(run) - 1).bit_length()  # SciPy warns of other numbers at the beginning
+            found[run] = sequence.random(even)[: len(run)]
+    return found

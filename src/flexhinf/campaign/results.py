@@ -1,0 +1,217 @@
+"""What the rows of a campaign come to: which samples fail, by which requirement, and which is the worst."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign
+from flexhinf.campaign.journal import TABLE, Journal
+from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.samples import run_samples
+from flexhinf.campaign.statistics import Interval, Sensitivity, sensitivity, success_interval
+from flexhinf.campaign.storage import labelled, numpy_column, read_columns
+from flexhinf.loop import Trajectory
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CampaignJudgement", "MergedTable", "Replayed", "merged", "replayed"]
+
+#: Quantiles that are stated of every metric.
+QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MergedTable:
+    """All rows of a campaign.
+
+    Attributes
+    ----------
+    journal : Journal
+        Whose table was merged.
+    shards : mapping of int to Path
+        By batch, all of them.
+    """
+
+    journal: Journal
+    shards: Mapping[int, Path]
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """By name, (N,); NaN where a row has no number."""
+        table = read_columns(self.journal.folder / TABLE)
+        return {name: numpy_column(table.column(name)) for name in table.column_names}
+
+    def names(self, kind: str) -> tuple[str, ...]:
+        """Names of the columns of a kind."""
+        return tuple(column.name for column in self.journal.columns if column.kind == kind)
+
+    def unit(self, name: str) -> str:
+        """Of a column."""
+        return next(column.unit for column in self.journal.columns if column.name == name)
+
+    def trace(self, name: str) -> np.ndarray:
+        """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
+        found: list[np.ndarray] = []
+        for batch in range(self.journal.batches):
+            if sum(map(len, found)) < TRACED:
+                found.append(numpy_column(read_columns(self.shards[batch], [name]).column(name)))
+        return np.concatenate(found)[:TRACED]
+
+    def dataset(self) -> xr.Dataset:
+        """The rows as an xarray Dataset; see `run_campaign`."""
+        rows = {**self.columns, **{name: self.trace(name) for name in self.names("trace")}}
+        return labelled(rows, self.journal.columns, self.journal.time, self.journal.settings)
+
+
+def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
+    """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
+    journal.merge(good)
+    return MergedTable(journal, dict(good))
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignJudgement:
+    """The rows of a campaign against requirements.
+
+    Attributes
+    ----------
+    table : MergedTable
+    requirements : tuple of Requirement
+    """
+
+    table: MergedTable
+    requirements: tuple[Requirement, ...]
+
+    @property
+    def count(self) -> int:
+        """Samples."""
+        return len(self.column("sample"))
+
+    def column(self, name: str) -> np.ndarray:
+        """A column of the table (N,)."""
+        return self.table.columns[name]
+
+    def of_status(self, status: str) -> int:
+        """Samples of a status."""
+        return int((self.column("status") == status).sum())
+
+    @cached_property
+    def violations(self) -> np.ndarray:
+        """Whether each sample (N) misses each requirement (R); one that did not come to its end misses all."""
+        ended = self.column("status") == COMPLETED
+        missed = [~one.met(self.column(one.metric)) for one in self.requirements]
+        return np.column_stack([~ended, *(one | ~ended for one in missed)])[:, 1:]
+
+    @cached_property
+    def failed(self) -> np.ndarray:
+        """Numbers of the samples that fail, those that did not come to their end first, then by the main metric."""
+        ended = self.column("status") == COMPLETED
+        failed = np.flatnonzero(~ended | self.violations.any(axis=1))
+        size = self.column(self.main) if self.main else np.zeros(self.count)
+        return failed[np.lexsort((failed, -np.nan_to_num(size[failed], posinf=1e300), ended[failed]))]
+
+    @property
+    def failures(self) -> int:
+        """How many fail."""
+        return len(self.failed)
+
+    @cached_property
+    def success(self) -> Interval:
+        """The fraction of successes, as of independent samples."""
+        return success_interval(self.count - self.failures, self.count)
+
+    @property
+    def main(self) -> str:
+        """The metric by which samples are worse than others: the overshoot, or the first one; empty without any."""
+        names = self.table.names("metric")
+        return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
+
+    def worst(self, metric: str) -> int | None:
+        """The completed sample with the largest value of a metric (the smallest where a requirement is a least value).
+
+        Infinite values are the worst; None where no sample has a value.
+        """
+        values = self.column(metric)
+        known = np.flatnonzero(~np.isnan(values))
+        least = any(one.metric == metric and not one.at_most for one in self.requirements)
+        if not len(known):
+            return None
+        return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
+
+    def quantiles(self, metric: str) -> np.ndarray:
+        """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
+        values = self.column(metric)
+        values = values[~np.isnan(values)]
+        return (
+            np.quantile(values, QUANTILES, method="higher")
+            if len(values)
+            else np.full(len(QUANTILES), np.nan)
+        )
+
+    def sensitivity(self, metric: str) -> Sensitivity | None:
+        """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
+        names = self.table.names("parameter")
+        return sensitivity(names, np.column_stack([self.column(name) for name in names]), self.column(metric))
+
+    def numbers(self, sample: int) -> dict[str, float]:
+        """What is special about a sample, by name."""
+        return {name: float(self.column(name)[sample]) for name in self.table.names("parameter")}
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Nominal values of the numbers, where they are known."""
+        return self.table.journal.about.get("nominal", {})
+
+    def missed(self, sample: int) -> list[Requirement]:
+        """The requirements that a completed sample misses."""
+        return [one for one, bad in zip(self.requirements, self.violations[sample]) if bad]
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """A sample that was run again.
+
+    Attributes
+    ----------
+    sample : int
+    run : Trajectory
+    recorded, again : mapping
+        Its row in the journal, and that of the run; the first is empty for a sample that is not in it yet.
+    command : str
+    """
+
+    sample: int
+    run: Trajectory
+    recorded: Mapping[str, object]
+    again: Mapping[str, object]
+
+    @property
+    def same(self) -> bool:
+        """Whether both are the same, bit by bit."""
+        return not self.recorded or all(_same(self.recorded[k], v) for k, v in self.again.items())
+
+
+def _same(a: object, b: object) -> bool:
+    return a == b or (isinstance(a, float) and isinstance(b, float) and np.isnan(a) and np.isnan(b))
+
+
+def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
+    """Run one sample of a campaign again, alone.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such sample, or it could not be run.
+    """
+    run = campaign.replay(sample)
+    rows = run_samples(campaign, range(sample, sample + 1))
+    again = {name: column[0] for name, column in rows.columns.items() if column.ndim == 1}
+    plain = {name: value.item() if hasattr(value, "item") else value for name, value in again.items()}
+    return Replayed(sample, run, journal.row(sample), plain)

@@ -1,0 +1,211 @@
+"""What the rows of a campaign say: success rate with its interval, and which number matters for a metric."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+
+__all__ = ["Interval", "Sensitivity", "sensitivity", "success_interval"]
+
+#: Samples for each coefficient of a surrogate, at least; most coefficients, and most samples that it is fitted to.
+SAMPLES_A_TERM, MOST_TERMS, MOST_ROWS = 10, 600, 20_000
+
+#: Parts of the samples of which each in turn is left out to judge the surrogate.
+FOLDS = 5
+
+#: Base samples of the Sobol indices of a surrogate.
+BASE = 1024
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A fraction with its confidence interval.
+
+    Attributes
+    ----------
+    successes, count : int
+    low, high : float
+        By Clopper and Pearson: exact for independent samples.
+    confidence : float
+    """
+
+    successes: int
+    count: int
+    low: float
+    high: float
+    confidence: float
+
+    @property
+    def rate(self) -> float:
+        """The fraction itself."""
+        return self.successes / self.count
+
+
+def success_interval(successes: int, count: int, confidence: float = 0.95) -> Interval:
+    """The interval of a probability of which so many independent samples out of `count` are successes.
+
+    Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934. With no
+    failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
+
+    Raises
+    ------
+    InvalidInput
+        For a count below 1, or successes that are not among them.
+    """
+    from scipy.stats import binomtest
+
+    if not 0 <= successes <= count or count < 1:
+        raise InvalidInput(
+            "There is no such fraction.",
+            f"expected 0 <= successes <= count, got {successes} of {count}",
+            "99 of 100",
+        )
+    found = binomtest(successes, count).proportion_ci(confidence, method="exact")
+    return Interval(successes, count, float(found.low), float(found.high), confidence)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Numbers that differ from sample to sample, the most important one first.
+    first, total : (p,)
+        Fraction of the polynomial's variance that a number causes alone, and with all others.
+    r_squared : float
+        Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
+        of higher order, or noise.
+    terms : str
+        What the polynomial has.
+    count : int
+        Samples it was fitted to.
+    """
+
+    names: tuple[str, ...]
+    first: np.ndarray
+    total: np.ndarray
+    r_squared: float
+    terms: str
+    count: int
+
+
+def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
+    """Which numbers a metric depends on, from the samples that there are.
+
+    Parameters
+    ----------
+    names : sequence of str
+    numbers : (N, p)
+        Of the samples.
+    values : (N,)
+        The metric; samples where it is not finite are left out.
+
+    Returns
+    -------
+    Sensitivity or None
+        None where nothing differs, or there are too few samples for a straight line in each number.
+    """
+    kept = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
+    varied = [k for k in range(numbers.shape[1]) if len(kept) and np.ptp(numbers[kept, k]) > 0.0]
+    x, y = numbers[kept][:, varied], values[kept]
+    surrogate = _Surrogate.fitting(len(kept), len(varied))
+    if surrogate is None or not len(varied) or np.ptp(y) <= 1e-12 * np.abs(y).max():
+        return None
+    centre, scale = x.mean(axis=0), x.std(axis=0)
+    z = (x - centre) / scale
+    r_squared = _cross_validated(surrogate, z, y)
+    coefficients = surrogate.fit(z, y)
+    first, total = _indices(lambda points: surrogate.terms_of(points) @ coefficients, z)
+    order = np.argsort(-total, kind="stable")
+    chosen = tuple(names[varied[int(k)]] for k in order)
+    return Sensitivity(chosen, first[order], total[order], r_squared, surrogate.text, len(kept))
+
+
+@dataclass(frozen=True)
+class _Surrogate:
+    """A polynomial in standardised numbers.
+
+    Attributes
+    ----------
+    squares, products : bool
+        Whether it has the squares, and the products of two, beside the numbers themselves.
+    """
+
+    squares: bool
+    products: bool
+
+    @staticmethod
+    def fitting(count: int, numbers: int) -> _Surrogate | None:
+        """The one with most terms that so many samples allow."""
+        linear, pairs = 1 + numbers, numbers * (numbers - 1) // 2
+        most = min(count // SAMPLES_A_TERM, MOST_TERMS)
+        for surrogate, terms in (
+            (_Surrogate(True, True), linear + numbers + pairs),
+            (_Surrogate(True, False), linear + numbers),
+            (_Surrogate(False, False), linear),
+        ):
+            if terms <= most:
+                return surrogate
+        return None
+
+    @property
+    def text(self) -> str:
+        """What it has."""
+        if self.products:
+            return "a quadratic polynomial"
+        return "a quadratic polynomial without products" if self.squares else "a linear polynomial"
+
+    def terms_of(self, z: np.ndarray) -> np.ndarray:
+        """Its terms (N, terms) at numbers (N, p)."""
+        parts = [np.ones((len(z), 1)), z]
+        if self.squares:
+            parts.append(z**2)
+        if self.products:
+            first, second = np.triu_indices(z.shape[1], 1)
+            parts.append(z[:, first] * z[:, second])
+        return np.hstack(parts)
+
+    def fit(self, z: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Coefficients by least squares."""
+        return np.linalg.lstsq(self.terms_of(z), y, rcond=None)[0]
+
+
+def _cross_validated(surrogate: _Surrogate, z: np.ndarray, y: np.ndarray) -> float:
+    """Fraction of the variance explained in samples that were left out of the fit, every fifth in turn."""
+    fold, errors = np.arange(len(y)) % FOLDS, np.empty(len(y))
+    for k in range(FOLDS):
+        out = fold == k
+        errors[out] = y[out] - surrogate.terms_of(z[out]) @ surrogate.fit(z[~out], y[~out])
+    return float(1.0 - np.mean(errors**2) / np.var(y))
+
+
+class _Empirical:
+    """The distribution of samples, as `scipy.stats.sobol_indices` takes one."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.sorted = np.sort(values)
+
+    def ppf(self, u: np.ndarray) -> np.ndarray:
+        """Quantiles."""
+        return self.sorted[np.minimum((np.asarray(u) * len(self.sorted)).astype(int), len(self.sorted) - 1)]
+
+
+def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and total Sobol indices (p,) of a function of points (N, p), its arguments distributed as the samples."""
+    from scipy.stats import sobol_indices
+
+    if z.shape[1] == 1:
+        return np.ones(1), np.ones(1)
+    found = sobol_indices(
+        func=lambda points: function(points.T)[None, :], n=BASE, rng=0,
+        dists=[_Empirical(column) for column in z.T],
+    )  # fmt: skip
+    first, total = (np.clip(np.ravel(values), 0.0, 1.0) for values in (found.first_order, found.total_order))
+    return first, np.where(np.isfinite(total), total, math.nan)

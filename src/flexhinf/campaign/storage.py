@@ -1,0 +1,157 @@
+"""Rows as Parquet and as xarray, the same bytes for the same rows; files that are whole, or not there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.campaign.batches import Column
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import part_file
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import xarray as xr
+
+__all__ = [
+    "FORMAT", "check_installed", "disk_refusals", "labelled", "numpy_column", "parquet_bytes", "publish_whole",
+    "read_columns", "write_whole",
+]  # fmt: skip
+
+FORMAT: dict[str, Any] = {
+    "compression": "zstd",
+    "write_statistics": True,
+    "use_dictionary": ["status", "failure"],
+}
+
+
+def check_installed() -> None:
+    """Refuse to keep a campaign on disk without pyarrow.
+
+    Raises
+    ------
+    InvalidInput
+        With how to install it.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        raise InvalidInput(
+            "A campaign on disk is kept in Parquet files, and pyarrow is not installed.",
+            f"expected pyarrow, got: {error}",
+            "pip install 'flexhinf[campaign]'",
+        ) from error
+
+
+def parquet_bytes(columns: Sequence[Column], rows: Mapping[str, np.ndarray], digest: str) -> bytes:
+    """Columns as the bytes of a Parquet file, the digest of their campaign in its metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields, arrays = [], []
+    for column in columns:
+        array = _arrow(column, rows[column.name])
+        about = {"kind": column.kind, "unit": column.unit}
+        fields.append(pa.field(column.name, array.type, metadata=about))
+        arrays.append(array)
+    stream = pa.BufferOutputStream()
+    pq.write_table(
+        pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"campaign": digest})), stream, **FORMAT
+    )
+    return stream.getvalue().to_pybytes()
+
+
+def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
+    """Columns of a file, all by default."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.read(columns=None if names is None else list(names))
+
+
+def _arrow(column: Column, values: np.ndarray) -> pa.Array:
+    import pyarrow as pa
+
+    if column.kind == "trace":
+        flat = pa.array(values.ravel(), mask=np.isnan(values).ravel())
+        return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    if values.dtype == object:
+        return pa.array(values.tolist(), pa.string())
+    if values.dtype == float:
+        return pa.array(values, mask=np.isnan(values))
+    return pa.array(values)
+
+
+def numpy_column(column: Any) -> np.ndarray:
+    """A column (N,), or (N, T) of lists; NaN for what is missing."""
+    import pyarrow as pa
+
+    whole = column.combine_chunks()
+    if pa.types.is_fixed_size_list(whole.type):
+        return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
+    if pa.types.is_string(whole.type) or pa.types.is_dictionary(whole.type):
+        return np.array(whole.to_pylist(), dtype=object)
+    return np.array(whole.to_numpy(zero_copy_only=False))
+
+
+def labelled(
+    rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
+) -> xr.Dataset:
+    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
+    import xarray as xr
+
+    variables, coordinates = {}, {"sample": rows["sample"]}
+    for column in columns:
+        values = rows[column.name]
+        attributes = {"units": column.unit, "kind": column.kind}
+        if column.kind == "trace":
+            variables[column.name] = (("kept", "time"), values, attributes)
+            coordinates |= {"time": ("time", time, {"units": "s"}), "kept": np.arange(len(values))}
+        elif column.name != "sample":
+            variables[column.name] = ("sample", values, attributes)
+    return xr.Dataset(variables, coordinates, dict(settings))
+
+
+# Files ----------------------------------------------------------------------------------------------------
+def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
+    """Write a file under another name, force it to the disk, and rename it."""
+    with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
+        with open(name, "wb") as file:
+            file.write(content)
+        publish_whole(name, path)
+
+
+def publish_whole(name: str, path: Path) -> None:
+    """Force a file to the disk, and rename it, and force that as well."""
+    with open(name, "rb") as file:
+        os.fsync(file.fileno())
+    mask = os.umask(0)
+    os.umask(mask)
+    os.chmod(name, 0o666 & ~mask)
+    os.replace(name, path)
+    if hasattr(os, "O_DIRECTORY"):
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+@contextmanager
+def disk_refusals(folder: Path) -> Iterator[None]:
+    """Refusals of the disk in three parts."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        raise FlexhinfError(
+            "The disk of the campaign is full." if full else "The campaign's folder cannot be written.",
+            f"{folder}: {error.strerror or error}; every batch that was written before is whole and stays",
+            "more room, and the same command: it goes on where it stopped",
+        ) from error

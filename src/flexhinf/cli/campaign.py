@@ -1,0 +1,328 @@
+"""``flexhinf campaign``: many perturbed robots with the controller of one design; what was run before is kept."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from flexhinf.cli.arguments import Elastic, read_source, reproduce_command
+from flexhinf.cli.messages import NOT_MET, note
+from flexhinf.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from flexhinf.campaign import Journal, MergedTable
+    from flexhinf.campaign.driver import Report
+
+__all__ = ["app"]
+
+#: Seconds between two lines of progress where standard error is no terminal.
+EVERY = 10.0
+
+
+class _Runs(TyperGroup):
+    """A group whose first word is a command or, without one, the design that is run."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_Runs,
+    help="Run the step of a design on thousands of robots within their tolerances, and go on after every interruption.",
+)
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a campaign.")]
+Requirements = Annotated[
+    list[str],
+    typer.Option(
+        "--require",
+        metavar="<metric<=x>",
+        help="What a run must keep to count as a success; again for more. Default: it settles and keeps the limits "
+        "of the design.",
+        show_default=False,
+    ),
+]
+
+
+@app.command("run", epilog="Example: flexhinf campaign design.toml --samples 10000 --out campaign")
+def run(
+    context: typer.Context,
+    design: Annotated[
+        str,
+        typer.Argument(
+            metavar="DESIGN",
+            help="design.toml, or a robot as for `flexhinf design`. The controller of a report is taken as it was "
+            "judged; without one it is designed first.",
+        ),
+    ],
+    samples: Annotated[int, typer.Option(help="How many robots.")] = 1000,
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; the same command goes on there.")] = Path(
+        "flexhinf-campaign"
+    ),
+    seed: Annotated[int, typer.Option(help="Sample i depends on it and on i alone.")] = 0,
+    distribution: Annotated[
+        str,
+        typer.Option(
+            help="Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners."
+        ),
+    ] = "uniform",
+    method: Annotated[
+        str, typer.Option(help="How samples are spread: random (independent), latin-hypercube, sobol.")
+    ] = "random",
+    tolerance: Annotated[
+        list[str],
+        typer.Option(
+            metavar="<name=x>",
+            help="Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006
+    payload: Annotated[
+        str,
+        typer.Option(
+            help="What the true robot carries, 0..2kg; the controller stays the design's.", show_default=False
+        ),
+    ] = "",
+    initial_error: Annotated[
+        float,
+        typer.Option(help="The robot starts up to so much beside where the estimator believes it, rad or m."),
+    ] = 0.0,
+    disturbance: Annotated[
+        float,
+        typer.Option(
+            help="A constant torque on each link of up to so much, N·m or N, from a tenth of the run on."
+        ),
+    ] = 0.0,
+    duration: Annotated[
+        float, typer.Option(help="Of a run, s. Default: that of the design.", show_default=False)
+    ] = 0.0,
+    require: Requirements = [],  # noqa: B006
+    workers: Annotated[
+        int, typer.Option(help="Processes beside this one; 0: this one alone, with two threads.")
+    ] = 0,
+    shard: Annotated[
+        str,
+        typer.Option(
+            metavar="<i/n>",
+            help="Every n-th batch only, for one of n jobs; then `merge`.",
+            show_default=False,
+        ),
+    ] = "",
+    batch: Annotated[
+        int, typer.Option(help="Samples of a file of the journal: what SIGKILL may cost.")
+    ] = 256,
+    elastic: Elastic = "",
+) -> None:
+    """Run a design's step on many robots within their tolerances, each with its own noise.
+
+    The folder is a journal: Ctrl-C, SIGKILL and a full disk lose at most the
+    batch in flight, and the same command goes on. Sample i is the same for any
+    batches, workers, shards and interruptions. At the end stand samples.parquet,
+    one row for each robot, and index.html.
+
+    Exit code: 0 if every sample is a success; 1 if not; 2 for a mistake; 130 if
+    interrupted.
+    """
+    from flexhinf.campaign import Requirement, Shard, drive, in_processes
+    from flexhinf.design import CampaignOptions, DesignCampaign, open_campaign
+
+    part = Shard.read(shard) if shard else Shard()
+    options = CampaignOptions(
+        samples, seed, batch, distribution, method, tuple(map(_named, tolerance)), payload or None, initial_error,
+        disturbance, duration or None,
+    )  # fmt: skip
+    request = read_source(design, elastic, {}).request
+    asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
+    executor = in_processes(workers, note) if workers else None
+    checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
+    with _stages() as stage:
+        campaign, journal = open_campaign(asked, out, _words(context), stage)
+    try:
+        with _progress(part.name) as progress:
+            table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
+    except KeyboardInterrupt:
+        done = sum(map(journal.size, journal.shards()[0]))
+        note(f"{done} of {journal.samples} samples are in {out}; the same command goes on from there.")
+        raise
+    if table is None:
+        missing = journal.missing(journal.shards()[0])
+        typer.echo(
+            f"shard {shard} is done; {len(missing)} of {journal.batches} batches are still to be run elsewhere."
+        )
+        typer.echo(f"then:  flexhinf campaign merge {out}")
+        return
+    _finish(table, checked)
+
+
+@app.command("merge")
+def merge(
+    folder: Folder,
+    others: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[DIR…]", help="Folders with other shards of the same campaign."),
+    ] = None,
+    require: Requirements = [],  # noqa: B006
+) -> None:
+    """Write the table and the report of a campaign whose shards are done.
+
+    Shards of other folders are copied into the first one. Every file is
+    checked, byte for byte; what is missing or damaged is named.
+    """
+    from flexhinf.campaign import merged
+
+    journal = _journal(folder)
+    checked = _requirements(journal, require)
+    with journal.driven():
+        for other in others or ():
+            typer.echo(f"{journal.take(_journal(other))} batches from {other}")
+        good, bad = journal.shards()
+        for path, wrong in bad:
+            note(f"{path.name} is {wrong}; the campaign's command runs it again")
+        table = merged(journal, good)
+    _finish(table, checked)
+
+
+@app.command("replay", epilog="Example: flexhinf campaign replay campaign --sample 123")
+def replay(
+    folder: Folder,
+    sample: Annotated[int, typer.Option(help="Its number in the table.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Write all signals: run.csv or run.nc.", show_default=False)
+    ] = None,
+) -> None:
+    """Run one sample of a campaign again, alone, and say whether the metrics are the same bits."""
+    from flexhinf.campaign import replayed
+    from flexhinf.design import stored_campaign
+    from flexhinf.design.report import replay_table
+
+    campaign, journal = stored_campaign(folder)
+    found = replayed(campaign, journal, sample)
+    if out is not None:
+        found.run.save(out)
+    _print(replay_table(found))
+    if not found.same:
+        note(
+            "the numbers differ in their last bits: another kind of processor, or other versions, made the table"
+        )
+
+
+def _print(table: Any) -> None:
+    from rich.console import Console
+
+    Console().print(table)
+
+
+def _journal(folder: Path) -> Journal:
+    from flexhinf.campaign import Journal
+
+    journal = Journal.read(folder)
+    if journal is None:
+        raise InvalidInput(
+            "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
+        )
+    return journal
+
+
+def _words(context: typer.Context) -> list[str]:
+    """The command without the name of the group's own one."""
+    return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
+
+
+def _named(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InvalidInput(
+            "The tolerance names no parameter.", f"expected NAME=x, got {text!r}", "--tolerance stiffness=15%"
+        )
+    return name.strip(), value.strip()
+
+
+def _requirements(journal: Journal, given: list[str]) -> list[Any]:
+    """Of the option, or those that the campaign was made with."""
+    from flexhinf.campaign import Requirement
+
+    metrics = [column.name for column in journal.columns if column.kind == "metric"]
+    return [Requirement.of(text, metrics) for text in given or journal.about.get("requirements", [])]
+
+
+def _finish(table: MergedTable, requirements: list[Any]) -> None:
+    """Report, verdict, exit code."""
+    from flexhinf.design import stored_campaign
+    from flexhinf.design.report import campaign_verdict, write_campaign
+
+    def run(sample: int) -> Any:
+        return stored_campaign(table.journal.folder)[0].replay(sample)
+
+    judged = write_campaign(table, requirements, run)
+    typer.echo(campaign_verdict(judged))
+    typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
+    typer.echo(f"report: {table.journal.folder / 'index.html'}")
+    if judged.failures:
+        raise typer.Exit(NOT_MET)
+
+
+# Progress -----------------------------------------------------------------------------------------------------
+@contextmanager
+def _stages() -> Iterator[Callable[[str], None]]:
+    """A line for what comes next while the controller is designed; silent where it is no terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda text: None
+        return
+    with console.status("design") as status:
+        yield lambda text: status.update(text.replace("[", r"\["))
+
+
+@contextmanager
+def _progress(part: str) -> Iterator[Callable[[Report], None]]:
+    """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task("")
+    begun, told = time.monotonic(), time.monotonic()
+
+    def progress(report: Report) -> None:
+        nonlocal told
+        if report.note:
+            note(report.note)
+        text = _rate(report, time.monotonic() - begun)
+        bar.update(task, total=report.total, completed=report.done, description=text)
+        if not console.is_terminal and report.fresh and time.monotonic() - told >= EVERY:
+            told = time.monotonic()
+            sys.stderr.write(
+                f"{part + ': ' if part else ''}{report.done} of {report.total} samples, {text}\n"
+            )
+
+    with bar:
+        yield progress
+
+
+def _rate(report: Report, seconds: float) -> str:
+    """Samples per second of this driver, and the time that is left at that rate."""
+    if not report.fresh or seconds <= 0.0:
+        return ""
+    rate = report.fresh / seconds
+    left = (report.total - report.done) / rate
+    shown = (
+        f"{left:.0f} s"
+        if left < 120.0
+        else f"{left / 60.0:.0f} min"
+        if left < 7200.0
+        else f"{left / 3600.0:.1f} h"
+    )
+    return f"{rate:.3g} samples/s, {shown} left"

@@ -1,0 +1,305 @@
+"""The campaign of a design: its step as deployed, on robots within their tolerances, with its controller as it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf.campaign import (
+    DISTRIBUTIONS,
+    METHODS,
+    Campaign,
+    Sample,
+    Tolerances,
+    Variable,
+    check_counts,
+    one_of,
+)
+from flexhinf.design.campaign_metrics import StepMetrics
+from flexhinf.design.design_file import DesignRequest, plain
+from flexhinf.design.joint_limits import joint_limits
+from flexhinf.design.loop_plants import LoopPlants
+from flexhinf.design.plans import has_integrals, step_command
+from flexhinf.design.scenario import LOAD_START, default_start
+from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop.simulation.run_arguments import sample_count
+from flexhinf.robot import Parameter, Robot, load_robot
+from flexhinf.robot.extras import inactive_parameters
+from flexhinf.robot.signals import UNITS, signal_names
+from flexhinf.untrusted import value_text
+
+__all__ = ["CampaignOptions", "DesignCampaign", "fields_text"]
+
+_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
+_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """What a campaign adds to a design.
+
+    Attributes
+    ----------
+    samples, seed, batch : int
+        See `Campaign`.
+    distribution, method : str
+        See `Variable` and `Tolerances`.
+    tolerances : tuple of (str, str)
+        Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
+    payload : str or None
+        What the true robot carries instead, as for `load_robot`; the controller stays the design's.
+    initial_error : float
+        The robot starts up to so much (rad or m) beside where the estimator believes it, each joint by itself.
+    disturbance : float
+        A constant torque (N·m or N) of up to so much on each link, from a tenth of the run on.
+    duration : float or None
+        Of the runs, s; the design's by default.
+    """
+
+    samples: int
+    seed: int = 0
+    batch: int = 256
+    distribution: str = "uniform"
+    method: str = "random"
+    tolerances: tuple[tuple[str, str], ...] = ()
+    payload: str | None = None
+    initial_error: float = 0.0
+    disturbance: float = 0.0
+    duration: float | None = None
+
+    def __post_init__(self) -> None:
+        check_counts(self.samples, self.seed, self.batch)
+        one_of("distribution", self.distribution, DISTRIBUTIONS)
+        one_of("method", self.method, METHODS)
+        for name in ("initial_error", "disturbance"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InvalidInput(
+                    f"The {name.replace('_', ' ')} is not usable.",
+                    f"expected a number >= 0, the half width of its interval, got {value_text(value)}",
+                    "0.01",
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDraw:
+    """From numbers of a sample to its robot, in equilibrium where it starts.
+
+    Parameters
+    ----------
+    robot : Robot
+        The true one.
+    start : (n,)
+        Where the estimator believes it, rad or m.
+    extras : tuple of str
+        Of the true plant.
+    load_at : float
+        When torques on the links begin, s.
+    """
+
+    robot: Robot
+    start: np.ndarray
+    extras: tuple[str, ...]
+    load_at: float
+
+    def __call__(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
+        known = self.robot.nominal
+        values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
+        errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
+        x, u = self.robot.operating_point(self.start + errors, self.extras, values)
+        options: dict[str, Any] = {"initial_state": x, "initial_input": u}
+        torques = {
+            name: numbers[name] for name in signal_names(TORQUE, self.robot.joint_names) if name in numbers
+        }
+        if torques:
+            options["disturbance"] = {name: Step(size, at=self.load_at) for name, size in torques.items()}
+        plant = self.robot.plant(extras=self.extras)
+        return Sample(plant.parameters.known(values), options, numbers)
+
+
+ERROR, TORQUE = "initial_error", "link_torque"
+
+
+@dataclass(frozen=True, eq=False)
+class DesignCampaign:
+    """A design and the campaign that is asked for.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    options : CampaignOptions
+    file : Path or None
+        The design file it came from. Of a report that nobody changed the controller is taken as it was judged.
+    """
+
+    request: DesignRequest
+    options: CampaignOptions
+    file: Path | None = None
+
+    @property
+    def specification(self) -> Specification:
+        """Of the design."""
+        return self.request.specification
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The true robot with the tolerances of the campaign.
+
+        Raises
+        ------
+        InvalidInput
+            For a parameter that the robot does not have, or one that does not act.
+        """
+        robot = self.request.robot
+        if self.options.payload is not None:
+            robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        for name, spread in self.options.tolerances:
+            parameter = robot[name]
+            if name in off:
+                raise InvalidInput(
+                    f"The parameter {name!r} does not act in this design's true plant.",
+                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    "the design with --extras for it",
+                )
+            robot = robot.with_parameters(_spread(parameter, spread))
+        return robot
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Start and goal of the step (n,), rad or m."""
+        s, robot, n = self.specification, self.request.robot, len(self.request.robot.joint_names)
+        goal = robot.operating_point(s.pose)[0][:n]
+        return (
+            default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
+        ), goal
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """What differs from sample to sample.
+
+        Raises
+        ------
+        InvalidInput
+            If nothing does.
+        """
+        o, robot = self.options, self.robot
+        slides = robot.links.slides
+        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        found = [
+            Variable(p.name, *p.interval, o.distribution, p.unit)
+            for p in robot.uncertain
+            if p.name not in off
+        ]
+        for size, name, signal in (
+            (o.initial_error, ERROR, "link_position"),
+            (o.disturbance, TORQUE, TORQUE),
+        ):
+            units = [UNITS[signal][sliding] for sliding in slides]
+            names = signal_names(name, robot.joint_names) if size else ()
+            found += [Variable(one, -size, size, o.distribution, unit) for one, unit in zip(names, units)]
+        if not found:
+            raise InvalidInput(
+                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+                "expected a tolerance, a range of the payload, an initial error or a disturbance",
+                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+            )
+        return tuple(found)
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """The design and the campaign as text by name: known before anything is designed.
+
+        Raises
+        ------
+        InvalidInput
+            For what does not fit the robot.
+        """
+        o, s, (start, goal) = self.options, self.specification, self.ends
+        length = {}
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
+            length = {"duration": str(float(o.duration))}
+        fields = {f"design {name}": text for name, text in fields_text(s).items()}
+        robots = {"robot": self.request.robot, "true robot": self.robot}
+        parameters = {
+            f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip()
+            for which, robot in robots.items()
+            for p in robot.parameters
+            if which == "robot" or p not in self.request.robot.parameters
+        }
+        drawn = {f"variable {v.name}": v.text() for v in self.variables}
+        return {
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method, **drawn,
+            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
+        }  # fmt: skip
+
+    def campaign(self, controller: Controller, duration: float) -> Campaign:
+        """The campaign with a controller and runs of this length, s."""
+        s, robot, (start, goal) = self.specification, self.robot, self.ends
+        plants = LoopPlants(robot, s)
+        plant = robot.plant(s.measured, extras=s.extras)
+        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
+        options: dict[str, Any] = {"duration": duration}
+        command = step_command(self.request.robot, s, start, goal) if has_integrals(controller.law) else None
+        options |= {} if command is None else {"reference": command}
+        options |= {} if plants.noise is None else {"noise": plants.noise}
+        draw = Tolerances(
+            self.variables, self.options.method, RobotDraw(robot, start, s.extras, LOAD_START * duration)
+        )
+        return Campaign(
+            loop, draw, self.options.samples, self.options.seed, options,
+            self.metrics.metrics(plant.states, controller.states),
+            signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
+        )  # fmt: skip
+
+    @cached_property
+    def metrics(self) -> StepMetrics:
+        """Of each run."""
+        return StepMetrics(*self.ends, joint_limits(self.request.robot, self.specification))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """What a run must keep by the design's specification, besides reaching its end."""
+        limits = self.metrics.limits
+        found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
+        found += ["input_limit_use<=1"] if limits.limits_peak else []
+        return (*found, *(["speed_limit_use<=1"] if limits.limits_speed else []))
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal values of the variables."""
+        return {v.name: self.robot.nominal.get(v.name, 0.0) for v in self.variables}
+
+
+def fields_text(s: Specification) -> dict[str, str]:
+    """The fields of a specification that are not at their defaults, as text."""
+    values = {name: (plain(name, getattr(s, name)), plain(name, one.default)) for name, one in FIELDS.items()}
+    return {name: str(value) for name, (value, default) in values.items() if value != default}
+
+
+def _spread(parameter: Parameter, text: str) -> Parameter:
+    """A parameter with another tolerance: ``12%``, or ``0.9..1.2`` in its unit."""
+    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    try:
+        if percent:
+            return replace(parameter, tolerance=float(percent[1]), range=None)
+        if ends:
+            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+    except ValueError:
+        pass
+    raise InvalidInput(
+        f"The tolerance of {parameter.name!r} cannot be read.",
+        f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
+        f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
+        f"{1.1 * parameter.value:g}",
+    )

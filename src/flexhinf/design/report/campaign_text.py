@@ -1,0 +1,137 @@
+"""A campaign in words: the verdict in one line, samples by their numbers, limits, the table of a replay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flexhinf.campaign import CampaignJudgement, Replayed, Requirement
+from flexhinf.campaign.batches import DIVERGED, NOT_RUN
+from flexhinf.report import number
+
+__all__ = [
+    "ENDLESS",
+    "WORDS",
+    "campaign_verdict",
+    "changes",
+    "limit_text",
+    "metric_text",
+    "percent_text",
+    "reasons_text",
+    "replay_table",
+    "value_text",
+]  # fmt: skip
+
+#: Names of metrics in sentences; others are written with spaces.
+WORDS = {
+    "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
+    "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
+    "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
+    "speed_limit_use": "use of the speed's limit",
+}  # fmt: skip
+
+#: Numbers of a sample that are listed.
+LISTED = 4
+
+#: Time limits beyond this are no limits: the run only has to get there.
+ENDLESS = 1e8
+
+
+def campaign_verdict(judged: CampaignJudgement) -> str:
+    """How many fail, with what confidence, and the worst of the main metric with its parameters."""
+    found = judged.success
+    failed = f"{judged.failures} of {judged.count} failed"
+    text = f"{failed}; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
+    worst = judged.worst(judged.main) if judged.main else None
+    if worst is not None:
+        value = float(judged.column(judged.main)[worst])
+        shown = value_text(value, judged.table.unit(judged.main))
+        text += f"; worst {metric_text(judged.main)} {shown}, at {changes(judged, worst)}"
+    return f"{text} (sample {worst})." if worst is not None else f"{text}."
+
+
+def metric_text(metric: str) -> str:
+    """A metric in a sentence."""
+    return WORDS.get(metric, metric.replace("_", " "))
+
+
+def changes(judged: CampaignJudgement, sample: int) -> str:
+    """A sample by its numbers that are furthest from nominal, for their spread: ``stiffness −12 %``."""
+    found = []
+    for name, value in judged.numbers(sample).items():
+        column, old = judged.column(name), judged.nominal.get(name)
+        spread = float(column.std())
+        middle = float(column.mean()) if old is None else old
+        if spread <= 0.0 or value == middle:
+            continue
+        unit = judged.table.unit(name)
+        change = 100.0 * (value / old - 1.0) if old else 0.0
+        sign = "+" if change > 0.0 else ""
+        text = f"{sign}{number(change, 2)} %" if old and "payload" not in name else value_text(value, unit)
+        found.append((abs(value - middle) / spread, f"{name.replace('_', ' ')} {text}"))
+    ordered = [text for _, text in sorted(found, key=lambda one: -one[0])]
+    return (
+        ", ".join([*ordered[:LISTED], *(["others by less"] if len(ordered) > LISTED else [])])
+        or "nominal numbers"
+    )
+
+
+def percent_text(fraction: float) -> str:
+    """A fraction close to one, with the digits that tell it from one."""
+    if fraction in (0.0, 1.0):
+        return f"{100 * fraction:.0f} %"
+    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if fraction > 0.5 else 1
+    return f"{100 * fraction:.{digits}f} %"
+
+
+def value_text(value: float, unit: str) -> str:
+    """A number with its unit; infinity is a time that is never reached."""
+    if np.isinf(value):
+        return "never"
+    return f"{number(value, 3)} {unit}".strip()
+
+
+def limit_text(one: Requirement, unit: str) -> str:
+    """The limit of a requirement."""
+    if one.at_most and one.limit >= ENDLESS:
+        return "within the run"
+    return f"at {'most' if one.at_most else 'least'} {value_text(one.limit, unit)}"
+
+
+def reasons_text(judged: CampaignJudgement, sample: int) -> str:
+    """Why a sample fails: its status, or the requirements that it misses."""
+    status = str(judged.column("status")[sample])
+    if status == NOT_RUN:
+        return f"not run: {judged.column('failure')[sample]}"
+    if status == DIVERGED:
+        return f"diverged at {judged.column('diverged_at_s')[sample]:g} s"
+    found = []
+    for one in judged.missed(sample):
+        value = float(judged.column(one.metric)[sample])
+        found.append(f"{metric_text(one.metric)} {value_text(value, judged.table.unit(one.metric))}")
+    return ", ".join(found)
+
+
+def replay_table(found: Replayed) -> Any:
+    """A sample that was run again: its numbers and metrics, in the table and now."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as Terminal
+
+    state = (
+        "the same bits"
+        if found.same and found.recorded
+        else "not in the table yet"
+        if found.same
+        else "differs"
+    )
+    table = Terminal(
+        title=f"sample {found.sample}: {found.run.status}; {state}", box=SIMPLE_HEAD, title_justify="left"
+    )
+    for column in ("", "table", "run again"):
+        table.add_column(column, justify="left" if not column else "right")
+    for name, value in found.again.items():
+        if name not in ("sample", "failure") and value == value:
+            old = found.recorded.get(name, "–")
+            table.add_row(name, *(f"{v:.10g}" if isinstance(v, float) else str(v) for v in (old, value)))
+    return table

@@ -1,0 +1,243 @@
+"""The journal: nothing is lost, nothing is counted twice, and each fault is told."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.campaign.conftest import OPTIONS, made_campaign, tolerances
+
+from flexhinf.campaign import Journal, Shard, drive, run_batch, run_campaign
+from flexhinf.campaign import storage as campaign_storage
+from flexhinf.campaign.driver import in_this_process
+from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
+from flexhinf.errors import FlexhinfError, InvalidInput
+
+pytest.importorskip("pyarrow")
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def table_of(folder: Path) -> bytes:
+    return (folder / TABLE).read_bytes()
+
+
+def shards_of(folder: Path) -> list[Path]:
+    return sorted((folder / SHARDS).glob("*.parquet"))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a campaign that nobody interrupted."""
+    folder = tmp_path_factory.mktemp("whole") / "campaign"
+    campaign = made_campaign()
+    drive(campaign, Journal.opened(folder, campaign))
+    return folder
+
+
+def test_the_journal_holds_what_memory_has(whole: Path, loop) -> None:
+    campaign = made_campaign()
+    table = drive(
+        campaign, Journal.opened(whole, campaign), executor=lambda *given: pytest.fail("nothing is to run")
+    )
+    found, memory = table.dataset(), run_campaign(loop, tolerances(), 50, seed=1, **OPTIONS)
+    for name in memory:
+        kept = memory[name].values
+        assert np.array_equal(found[name].values, kept, equal_nan=kept.dtype.kind == "f"), name
+        assert found[name].attrs == memory[name].attrs
+
+
+@pytest.mark.parametrize("executor", ["reversed", "interrupted", "shards"])
+def test_order_interruptions_and_shards_leave_the_same_bytes(
+    whole: Path, tmp_path: Path, executor: str
+) -> None:
+    campaign, folder = made_campaign(), tmp_path / "campaign"
+
+    def backwards(campaign, batches):
+        return in_this_process(campaign, list(batches)[::-1])
+
+    def interrupted(campaign, batches):
+        yield from in_this_process(campaign, list(batches)[:1])
+        raise KeyboardInterrupt
+
+    journal = Journal.opened(folder, campaign)
+    if executor == "reversed":
+        drive(campaign, journal, executor=backwards)
+    elif executor == "shards":
+        assert [drive(campaign, journal, shard=Shard(k, 3)) is None for k in (3, 1, 2)] == [True, True, False]
+    else:
+        for _ in range(journal.batches):
+            with pytest.raises(KeyboardInterrupt):
+                drive(campaign, Journal.opened(folder, campaign), executor=interrupted)
+        drive(campaign, journal)
+    assert table_of(folder) == table_of(whole)
+    assert [path.name for path in shards_of(folder)] == [path.name for path in shards_of(whole)]
+
+
+def test_damaged_shards_are_found_told_and_run_again(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    shutil.copytree(whole, folder)
+    truncated, changed, renamed, _ = shards_of(folder)
+    truncated.write_bytes(truncated.read_bytes()[:-100])
+    content = bytearray(changed.read_bytes())
+    content[len(content) // 2] ^= 1
+    changed.write_bytes(content)
+    renamed.rename(renamed.with_name(renamed.name.replace("batch-00000002", "batch-00000009")))
+    (folder / TABLE).unlink()
+    campaign, told = made_campaign(), []
+    drive(campaign, Journal.opened(folder, campaign), progress=told.append)
+    notes = [report.note for report in told if report.note]
+    assert [note for note in notes if truncated.name in note and "damaged" in note]
+    assert [note for note in notes if changed.name in note]
+    assert [note for note in notes if "batch-00000009" in note]
+    assert told[-1].fresh == 48
+    assert table_of(folder) == table_of(whole)
+
+
+def test_a_batch_with_two_results_is_refused(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    shutil.copytree(whole, folder)
+    campaign = made_campaign()
+    journal = Journal.opened(folder, campaign)
+    rows = run_batch(campaign, 0)
+    rows.columns["peak_input"][3] += 1e-12
+    journal.write(0, rows)
+    with pytest.raises(InvalidInput, match="Batch 0 was written twice"):
+        journal.shards()
+
+
+def test_a_full_disk_is_told_and_loses_nothing(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign, folder, room = made_campaign(), tmp_path / "campaign", 2
+    journal, publish = Journal.opened(folder, campaign), campaign_storage.publish_whole
+
+    def full(name: str, path: Path) -> None:
+        nonlocal room
+        if (room := room - 1) < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        publish(name, path)
+
+    monkeypatch.setattr(campaign_storage, "publish_whole", full)
+    with pytest.raises(FlexhinfError, match="disk of the campaign is full") as error:
+        drive(campaign, journal)
+    assert "the same command" in error.value.advice
+    assert len(list((folder / SHARDS).iterdir())) == 2
+    monkeypatch.undo()
+    drive(campaign, journal)
+    assert table_of(folder) == table_of(whole)
+
+
+def test_other_folders_and_other_campaigns_are_refused(whole: Path, tmp_path: Path) -> None:
+    changed = made_campaign(seed=2, draw=tolerances("sobol"))
+    with pytest.raises(InvalidInput, match="another campaign") as error:
+        Journal.opened(whole, changed)
+    assert "seed: 1 → 2" in error.value.found
+    assert "method: random → sobol" in error.value.found
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InvalidInput, match="something that is not a campaign"):
+        Journal.opened(tmp_path, changed)
+    with pytest.raises(InvalidInput, match="there is a file"):
+        Journal.opened(tmp_path / "notes.txt", changed)
+    manifest = tmp_path / "damaged" / MANIFEST
+    manifest.parent.mkdir()
+    for text in ("{", '{"what": "flexhinf report"}', (whole / MANIFEST).read_text().replace('"50"', '"60"')):
+        manifest.write_text(text)
+        with pytest.raises(InvalidInput, match="cannot be read"):
+            Journal.opened(manifest.parent, changed)
+
+
+def test_shards_of_several_folders_are_merged(whole: Path, tmp_path: Path) -> None:
+    campaign = made_campaign()
+    journals = [Journal.opened(tmp_path / name, campaign) for name in ("one", "two")]
+    for k, journal in enumerate(journals):
+        assert drive(campaign, journal, shard=Shard(k + 1, 2)) is None
+    first, second = journals
+    with pytest.raises(InvalidInput, match="not complete") as error:
+        first.merge(first.shards()[0])
+    assert "missing: 1, 3" in error.value.found
+    assert first.take(second) == 2
+    assert first.take(second) == 0
+    first.merge(first.shards()[0])
+    assert table_of(first.folder) == table_of(whole)
+    other = made_campaign(seed=9)
+    with pytest.raises(InvalidInput, match="another campaign"):
+        first.take(Journal.opened(tmp_path / "other", other))
+
+
+def test_two_drivers_of_one_folder_are_refused(tmp_path: Path) -> None:
+    campaign = made_campaign()
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    with journal.driven():
+        for part in ("", "1-of-2"):
+            with pytest.raises(InvalidInput, match="Another driver"), journal.driven(part):
+                pass
+    with journal.driven("1-of-2"), journal.driven("2-of-2"):
+        for part in ("", "1-of-2"):
+            with pytest.raises(InvalidInput, match="Another driver"), journal.driven(part):
+                pass
+
+
+DRIVER = """
+import sys, time
+from flexhinf.campaign import Journal, drive
+from flexhinf.campaign.driver import in_this_process
+from tests.campaign.conftest import made_campaign
+
+def slowly(campaign, batches):
+    for found in in_this_process(campaign, batches):
+        time.sleep(0.2)
+        yield found
+
+campaign = made_campaign()
+drive(campaign, Journal.opened(sys.argv[1], campaign), executor=slowly)
+"""
+
+
+def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER, str(folder)], env=environment)
+    until = time.monotonic() + 60.0
+    while len(shards_of(folder)) < 2 and driver.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    driver.send_signal(signal.SIGKILL)
+    assert driver.wait() == -signal.SIGKILL
+    campaign, told = made_campaign(), []
+    kept = len(shards_of(folder))
+    drive(campaign, Journal.opened(folder, campaign), progress=told.append)
+    assert 2 <= kept < 4
+    assert told[-1].fresh == 50 - 16 * kept
+    assert table_of(folder) == table_of(whole)
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=48k", "tmpfs", str(disk)], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip(f"no small disk can be mounted here: {mounted.stderr.decode().strip()}")
+    try:
+        campaign = made_campaign()
+        journal = Journal.opened(disk / "campaign", campaign)
+        with pytest.raises(FlexhinfError, match="disk of the campaign is full"):
+            drive(campaign, journal)
+        good, bad = journal.shards()
+        assert good
+        assert not bad
+        assert subprocess.run(["mount", "-o", "remount,size=4m", str(disk)]).returncode == 0
+        drive(campaign, journal)
+        assert table_of(disk / "campaign") == table_of(whole)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)

@@ -1,0 +1,185 @@
+"""``flexhinf campaign``: from a judged report, again, in shards, merged, replayed; and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf import report
+from flexhinf.campaign import run_batch
+from flexhinf.cli import main
+from flexhinf.design.campaign_folder import stored_campaign
+
+pytest.importorskip("pyarrow")
+
+DESIGN = """
+[design]
+robot = "paper"
+estimator = "ekf"
+measurement_noise = 1e-8
+overshoot = 30.0
+[result]
+duration = 0.5
+"""
+WORDS = ["campaign", "design/design.toml", "--samples", "40", "--batch", "16", "--out", "runs"]
+
+
+@pytest.fixture
+def judged(folder: Path) -> Path:
+    """The report of a design, as far as a campaign needs it: nothing is designed."""
+    arm = fh.paper_arm()
+    filter = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-8, 1e-8, np.zeros(4), 1e-6)
+    controller = fh.Controller(
+        fh.linear_law(arm.problem(), gamma=math.inf), filter, 1e-3, 48.0, start="bumpless"
+    )
+    controller.save(folder / "law")
+    report.write(folder / "design", {"design.toml": DESIGN, "controller": (folder / "law").read_bytes()})
+    (folder / "law").unlink()
+    return folder
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    return "".join(capsys.readouterr())
+
+
+def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(WORDS) in (0, 1)
+    text = said(capsys)
+    assert "of 40 failed" in text
+    assert "worst overshoot" in text
+    table = (judged / "runs" / "samples.parquet").read_bytes()
+    page = (judged / "runs" / "index.html").read_text()
+    for title in ("Success", "Signals", "Metrics", "What matters", "Failures", "flexhinf campaign"):
+        assert title in page
+    assert "src=" not in page
+    shards = sorted((judged / "runs" / "shards").iterdir())
+    shards[1].write_bytes(shards[1].read_bytes()[:-7])
+    assert main(WORDS) in (0, 1)
+    assert "damaged" in said(capsys)
+    assert (judged / "runs" / "samples.parquet").read_bytes() == table
+    assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
+    assert "sample 23: completed; the same bits" in said(capsys)
+    assert (judged / "run.nc").stat().st_size > 10_000
+
+
+def test_lanes_say_what_the_signals_of_each_run_say(judged: Path) -> None:
+    assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
+    campaign, _ = stored_campaign(judged / "runs")
+    assert campaign.laned(campaign.drawn(0))
+    slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
+    lanes, signals = (run_batch(one, 1).columns for one in (campaign, slow))
+    for name, values in lanes.items():
+        if name == "rise_time_s":
+            np.testing.assert_allclose(values, signals[name], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(values, signals[name], name)
+
+
+def test_shards_of_jobs_are_merged_to_the_same_table(
+    judged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(WORDS) in (0, 1)
+    whole = (judged / "runs" / "samples.parquet").read_bytes()
+    for out, shard in (("a", "1/3"), ("b", "2/3"), ("a", "3/3")):
+        assert main([*WORDS[:-1], out, "--shard", shard]) == 0
+        assert "flexhinf campaign merge" in said(capsys)
+    assert main(["campaign", "merge", "a"]) == 2
+    assert "missing: 1" in said(capsys)
+    assert main(["campaign", "merge", "a", "b"]) in (0, 1)
+    assert (judged / "a" / "samples.parquet").read_bytes() == whole
+
+
+def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    easy, hard = ["--require", "peak_speed<=1e6"], ["--require", "peak_speed<=0"]
+    assert main([*WORDS, *easy]) == 0
+    assert "0 of 40 failed" in said(capsys)
+    assert main(["campaign", "merge", "runs", *hard]) == 1
+    assert "40 of 40 failed" in said(capsys)
+    page = (judged / "runs" / "index.html").read_text()
+    assert "flexhinf campaign replay runs --sample" in page
+
+
+def test_what_differs_from_sample_to_sample(judged: Path) -> None:
+    more = ["--tolerance", "stiffness=20%", "--tolerance", "mass=0.9..1.3", "--initial-error", "0.01"]
+    words = [
+        *WORDS[:-1],
+        "more",
+        *more,
+        "--disturbance",
+        "0.2",
+        "--method",
+        "sobol",
+        "--distribution",
+        "normal",
+    ]
+    assert main([word if word != "normal" else "truncated-normal" for word in words]) in (0, 1)
+    settings = json.loads((judged / "more" / "campaign.json").read_text())["settings"]
+    assert settings["variable stiffness"] == "truncated-normal in [80.0, 120.0] N·m/rad"
+    assert settings["variable mass"] == "truncated-normal in [0.9, 1.3] kg"
+    assert settings["variable initial_error"] == "truncated-normal in [-0.01, 0.01] rad"
+    assert settings["variable link_torque"] == "truncated-normal in [-0.2, 0.2] N·m"
+    assert "variable inductance" not in settings  # it does not act without the extra
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        (["--samples", "0"], "samples"),
+        (["--samples", "-5"], "samples"),
+        (["--require", "overshot<=5"], "no metric 'overshot'"),
+        (["--require", "overshoot_percent"], "cannot be read"),
+        (["--tolerance", "stifness=5%"], "no parameter 'stifness'"),
+        (["--tolerance", "stiffness"], "names no parameter"),
+        (["--tolerance", "stiffness=five"], "tolerance of 'stiffness'"),
+        (["--tolerance", "inductance=5%"], "does not act"),
+        (["--distribution", "gauss"], "no such distribution"),
+        (["--method", "halton"], "no such method"),
+        (["--shard", "4/3"], "no such shard"),
+        (["--shard", "third"], "shard cannot be read"),
+        (["--workers", "-1"], "workers"),
+        (["--initial-error", "-1"], "initial error"),
+        (["--duration", "-1"], "duration"),
+        (["--out", "design"], "not a campaign"),
+        (["--payload", "much"], "payload"),
+    ],
+)
+def test_mistakes_are_told_before_any_work(
+    judged: Path, refused: Callable[..., str], more: list[str], what: str
+) -> None:
+    refused([*WORDS, *more], what, judged)
+
+
+def test_another_campaign_in_the_folder_is_refused(judged: Path, refused: Callable[..., str]) -> None:
+    assert main(WORDS) in (0, 1)
+    message = refused([*WORDS, "--samples", "41", "--tolerance", "mass=7%"], "another campaign", judged)
+    assert "samples: 40 → 41" in message
+    assert "variable mass: uniform in [0.95, 1.05] kg → uniform in [0.9" in message
+    (judged / "design" / "design.toml").write_text(DESIGN.replace("30.0", "31.0"))
+    message = refused(WORDS, "another campaign", judged)
+    assert "design overshoot: 30.0 → 31.0" in message
+    refused(["campaign", "replay", "runs", "--sample", "40"], "sample", judged)
+    refused(["campaign", "replay", "design", "--sample", "4"], "not a campaign", judged)
+    refused(["campaign", "merge", "nowhere"], "no campaign", judged)
+
+
+def test_a_robot_without_tolerances(folder: Path, arm: str, refused: Callable[..., str]) -> None:
+    (folder / "arm.toml").write_text(arm)
+    refused(["campaign", "arm.toml", "--samples", "4"], "states no tolerance", folder)
+
+
+@pytest.mark.slow
+def test_without_a_report_it_is_designed_first(folder: Path, arm: str) -> None:
+    (folder / "arm.toml").write_text(arm)
+    (folder / "design.toml").write_text(
+        '[design]\nrobot = "arm.toml"\ndegrees = [2]\ndraws = 0\nduration = 1.0\n'
+    )
+    words = ["campaign", "design.toml", "--samples", "30", "--tolerance", "stiffness=10%", "--out", "runs"]
+    assert main(words) in (0, 1)
+    assert main([*words, "--workers", "2"]) in (0, 1)
