@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from flexhinf import report
 from flexhinf.campaign import run_batch
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign
+from flexhinf.design.report.campaign_text import percent_text
 
 pytest.importorskip("pyarrow")
 
@@ -69,12 +71,19 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
+def test_fractions_are_told_from_none_and_all() -> None:
+    assert [percent_text(f) for f in (0.0, 3.7e-4, 0.3, 0.99963, 1.0)] == [
+        "0 %", "0.037 %", "30.0 %", "99.9630 %", "100 %",
+    ]  # fmt: skip
+
+
 def test_lanes_say_what_the_signals_of_each_run_say(judged: Path) -> None:
     assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
     campaign, _ = stored_campaign(judged / "runs")
     assert campaign.laned(campaign.drawn(0))
     slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
-    lanes, signals = (run_batch(one, 1).columns for one in (campaign, slow))
+    travelled = pickle.loads(pickle.dumps(campaign))
+    lanes, signals = (run_batch(one, 1).columns for one in (travelled, slow))
     for name, values in lanes.items():
         if name == "rise_time_s":
             np.testing.assert_allclose(values, signals[name], rtol=1e-12)

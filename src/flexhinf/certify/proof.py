@@ -40,7 +40,13 @@ class NotProved(NumericalFailure):
     """
 
     def __init__(
-        self, what: str, found: str = "", advice: str = "", *, point: np.ndarray | None = None, reason: str = ""
+        self,
+        what: str,
+        found: str = "",
+        advice: str = "",
+        *,
+        point: np.ndarray | None = None,
+        reason: str = "",
     ) -> None:
         super().__init__(what, found, advice)
         self.point, self.reason = point, reason

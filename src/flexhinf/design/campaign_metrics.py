@@ -110,9 +110,12 @@ class StepMetrics:
 
 
 def _named(one: Reduction, before: str) -> Reduction:
-    """The same with other names of its numbers."""
-    result = lambda kept, command: {before + k: v for k, v in one.result(kept, command).items()}  # noqa: E731
-    return replace(one, result=result)
+    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
+    return replace(one, result=partial(_renamed, one.result, before))
+
+
+def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {before + name: values for name, values in result(kept, command).items()}
 
 
 def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:

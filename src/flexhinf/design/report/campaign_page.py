@@ -273,7 +273,7 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Any:
             grain = period if unit == "s" and period > 0.0 and np.ptp(values) > 10.0 * period else 0.0
             axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
             axis.grid(axis="x", visible=False)
-            axis.locator_params(axis="x", nbins=3)
+            axis.locator_params(axis="x", nbins=3 if np.abs(values).max() > 5e-3 else 2)
             axis.xaxis.set_major_formatter(lambda value, _: number(value, 3))
             axis.tick_params(axis="x", labelsize=8)
             for limit in limits:

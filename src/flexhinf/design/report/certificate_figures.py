@@ -54,7 +54,7 @@ def surface_figure(given: Certificate, surface: StartSurface) -> Figure:
         "starts", figure,
         "Equilibria at a distance from the goal, with each value of the integrator. The set is a slice of the proved "
         "region; the proof covers the part that is connected to the goal (+). "
-        + ("Where r > 0, nothing is proved." if violated.any() else "On all that is drawn, r < 0."),
+        + ("Where r > 0, nothing is proved." if violated.any() else "On what is drawn, r is nowhere positive."),
         "Starts of steps",
     )  # fmt: skip
 
