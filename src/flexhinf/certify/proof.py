@@ -40,14 +40,29 @@ class NotProved(NumericalFailure):
     reason : str
     """
 
-    def __init__(self, level: float, outcome: Outcome, point: np.ndarray | None) -> None:
-        self.point, self.reason = point, outcome.reason
+    def __init__(
+        self,
+        what: str,
+        found: str = "",
+        advice: str = "",
+        *,
+        point: np.ndarray | None = None,
+        reason: str = "",
+    ) -> None:
+        super().__init__(what, found, advice)
+        self.point, self.reason = point, reason
+
+    @classmethod
+    def at(cls, level: float, outcome: Outcome, point: np.ndarray | None) -> NotProved:
+        """What a search up to `level` ended with, at a deviation."""
         where = "" if point is None else f" at x = {np.array2string(point, precision=6)}"
-        super().__init__(
+        return cls(
             f"The level V <= {level:.8g} is not proved.",
             f"{outcome.reason}{where}, where V = {outcome.value:.8g} and r/|z|^2 = {outcome.residual:.3g}, "
             f"after {outcome.cells} cells",
             "a smaller level, a larger gamma, or a smaller penalty",
+            point=point,
+            reason=outcome.reason,
         )
 
 
@@ -79,7 +94,7 @@ def certify(
     if level is not None:
         proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
         if not outcome.proved:
-            raise NotProved(level, outcome, _in_state(statement, outcome))
+            raise NotProved.at(level, outcome, _in_state(statement, outcome))
         return proved if observer is None else observed(solution, proved, observer)
     check = sample_region(solution, gamma, penalty)
     if check is None or not 0 < check.level < np.inf:
@@ -98,7 +113,7 @@ def certify(
             return found if observer is None else observed(solution, found, observer)
         if outcome.value == outcome.value:
             tried = min(tried, outcome.value)
-    raise NotProved(tried, outcome, _in_state(statement, outcome))
+    raise NotProved.at(tried, outcome, _in_state(statement, outcome))
 
 
 def check_states(count: int) -> None:

@@ -8,7 +8,7 @@ from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Observer, Polynomial, Signal
 
-__all__ = ["persistent_bound", "theorem_text", "verification_text"]
+__all__ = ["persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
 
 
 def persistent_bound(claim: Claim) -> float:
@@ -65,6 +65,21 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         lines.append(_with_estimates(claim, claim.observer))
     lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim, found))]
     return "\n".join(lines)
+
+
+def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
+    """The same in parts, each with its heading and its sentences, without indents."""
+    parts: list[tuple[str, list[str]]] = []
+    for line in theorem_text(claim, found).splitlines():
+        text = line.strip()
+        if line.startswith(" "):
+            parts[-1][1].append(text.removeprefix("- "))
+        elif text.startswith(("About:", "Region S:")):
+            heading, _, rest = text.partition(":")
+            parts.append((heading, [rest.strip()]))
+        elif text:
+            parts.append((text, []))
+    return parts
 
 
 def _not_proved(claim: Claim, found: Verification) -> list[str]:

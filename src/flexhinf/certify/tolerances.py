@@ -130,7 +130,7 @@ def certify_tolerances(
     found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
-        raise NotProved(level, outcome, point)
+        raise NotProved.at(level, outcome, point)
     provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)

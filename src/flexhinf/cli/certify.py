@@ -7,9 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from flexhinf.cli.arguments import Elastic, GoalXyz, Payload, Tool, request_of, with_specification
+from flexhinf.cli.arguments import (
+    Elastic,
+    GoalXyz,
+    Payload,
+    Tool,
+    reproduce_command,
+    request_of,
+    with_specification,
+)
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.errors import InvalidInput
+from flexhinf.files import write_file
 
 __all__ = ["certify"]
 
@@ -32,6 +41,9 @@ def certify(
         Path | None,
         typer.Option(help="Prove this certificate again, by the independent checker.", show_default=False),
     ] = None,
+    page: Annotated[
+        Path, typer.Option(help="The page that is written, with the theorem and its pictures.")
+    ] = Path("certificate.html"),
     degree: Annotated[
         int | None,
         typer.Option(
@@ -55,7 +67,7 @@ def certify(
     tool: Tool = "",
     **options: Any,
 ) -> None:
-    """Prove how far the law of a design can be trusted: certificate.json.
+    """Prove how far the law of a design can be trusted: certificate.json, and a page.
 
     The largest level of V that can be proved about the goal, by arithmetic that
     cannot round the wrong way: the gain from disturbances, and the largest steps
@@ -83,7 +95,7 @@ def certify(
     from flexhinf.certify import Verification
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
-    from flexhinf.design.certification import certify_design, proved
+    from flexhinf.design.certification import certify_design, evidence, proved
 
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
     with ProofProgress() as bar:
@@ -96,15 +108,20 @@ def certify(
             observer=observer,
             threads=threads,
         )
+        one = proved(found, degree)
+        bar.step("pictures, and the worst disturbance")
+        shown = evidence(request.robot, request.specification, one)
+        html = report.certificate_page(
+            found, one, shown, request.specification, reproduce_command(context)
+        ).html()
     for table in report.certification_tables(found):
         Console().print(table)
     for text in report.certification_notes(found):
         note(text)
-    certificate = proved(found, degree).certificate
-    assert certificate is not None
-    certificate.save(out)
-    typer.echo(theorem_text(certificate, Verification(True, gradient_law=True)))
-    typer.echo(f"certificate: {out}\ncheck:       flexhinf certify --check {out}")
+    shown.certificate.save(out)
+    write_file(page, "page", lambda name: Path(name).write_text(html, encoding="utf-8"))
+    typer.echo(theorem_text(shown.certificate, Verification(True, gradient_law=True)))
+    typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
 
 
 def _check(path: Path, robot: str, threads: int) -> None:
