@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.certification import DesignProof, prove_design
+from flexhinf.design.certification import DesignProof, certify_design, prove_design
 from flexhinf.design.specification import Specification
 
 ARM = fh.paper_arm()
@@ -86,3 +86,15 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert reason in found.reason
     assert not found.inside
     assert not found.lasts
+
+
+@pytest.mark.slow
+def test_a_degree_whose_observer_is_not_proved_does_not_stop_the_others() -> None:
+    found = certify_design(
+        ARM, Specification(pose=(np.pi,), preset="robust"), lambda step: None, lambda *_: None, observer=10.0
+    )
+    quadratic, quintic = found[0], found[-1]
+    assert quadratic.certificate is not None
+    assert quadratic.certificate.feedback == "output injection observer"
+    assert quintic.certificate is None
+    assert "not negative definite" in quintic.reason

@@ -15,14 +15,14 @@ import numpy as np
 from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.pictures import StartSurface, WorstStep, start_surface, worst_step
-from flexhinf.certify.proof import NotProved, certify, check_states
+from flexhinf.certify.proof import certify, check_states
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.plant import Penalty as WeightPenalty
 from flexhinf.robot import Robot
@@ -120,7 +120,7 @@ def certify_design(
                 asked = {"decay": decay, "about": about, "observer": observer}
                 certificate = certify(solution, gamma, penalty, **asked, threads=threads, progress=share)
                 steps = proved_steps(solution, certificate)
-            except NotProved as error:
+            except NumericalFailure as error:  # of this degree; another may be proved
                 reason = error.found
         else:
             reason = margin.reason()
