@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.design import certification
 from flexhinf.design.certification import DesignProof, certify_design, prove_design
 from flexhinf.design.specification import Specification
+from flexhinf.errors import NumericalFailure
 
 ARM = fh.paper_arm()
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
@@ -88,13 +90,22 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert not found.lasts
 
 
-@pytest.mark.slow
-def test_a_degree_whose_observer_is_not_proved_does_not_stop_the_others() -> None:
-    found = certify_design(
-        ARM, Specification(pose=(np.pi,), preset="robust"), lambda step: None, lambda *_: None, observer=10.0
-    )
-    quadratic, quintic = found[0], found[-1]
-    assert quadratic.certificate is not None
-    assert quadratic.certificate.feedback == "output injection observer"
-    assert quintic.certificate is None
-    assert "not negative definite" in quintic.reason
+def test_a_degree_that_is_not_proved_does_not_stop_the_others(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choices = [SimpleNamespace(degree=degree, solution=made.solution, law=made.solution) for degree in (2, 4)]
+    laws = SimpleNamespace(**vars(made) | {"choices": choices, "chosen": choices[0]})
+    monkeypatch.setattr(certification, "synthesise", lambda *_: laws)
+    proof = certification.certify
+
+    def only_the_first(*arguments: Any, about: str, **settings: Any) -> Any:
+        if "degree 4" in about:
+            raise NumericalFailure("No energy of the errors was found.", "it is not negative definite", "10")
+        return proof(*arguments, about=about, **settings)
+
+    monkeypatch.setattr(certification, "certify", only_the_first)
+    asked = replace(ASKED, checked_gamma_ratio=1.6)
+    first, other = certify_design(ARM, asked, lambda step: None, lambda *_: None, observer=1.0)
+    assert first.certificate is not None
+    assert first.certificate.feedback == "output injection observer"
+    assert (other.certificate, other.reason) == (None, "it is not negative definite")
