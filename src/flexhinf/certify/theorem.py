@@ -182,9 +182,10 @@ def _degree(polynomial: Polynomial) -> int:
 
 def _row(polynomial: Polynomial, states: tuple[Signal, ...]) -> str:
     """A row of h as text; beyond three terms, how many there are."""
-    terms = []
+    text = ""
     for powers, value in polynomial[:3]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]
-        terms.append(" ".join([f"{value:.6g}", *factors]))
-    more = f" + {len(polynomial) - 3} more terms" if len(polynomial) > 3 else ""
-    return " + ".join(terms) + more if terms else "0"
+        sign = (" - " if value < 0 else " + ") if text else "-" if value < 0 else ""
+        text += sign + " ".join([f"{abs(value):.6g}", *factors])
+    more = len(polynomial) - 3
+    return text + (f" + {more} more {'terms' if more > 1 else 'term'}" if more > 0 else "") if text else "0"

@@ -145,11 +145,14 @@ def _theorem(given: Certificate) -> list[Section]:
     parts = dict(theorem_parts(given, Verification(True, gradient_law=True)))
     region = [f"S is {text}" for text in parts.pop("Region S")]
     parts["Proved"] = region + parts["Proved"]
-    return [
-        Section(title, (Bullets(tuple(map(_set, lines))),), title.lower().replace(" ", "-"))
-        for title, lines in parts.items()
-        if title != "About"
-    ]
+    sections = []
+    for title, lines in parts.items():
+        texts = tuple(map(_set, lines))
+        # what is proved has numbers of its own, by which the rest names it
+        blocks = tuple(map(Paragraph, texts)) if title == "Proved" else (Bullets(texts),)
+        if title != "About":
+            sections.append(Section(title, blocks, title.lower().replace(" ", "-")))
+    return sections
 
 
 def _set(text: str) -> str:
