@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainSerializer, Strict
@@ -35,12 +34,7 @@ def _double(value: Any) -> Any:
     if isinstance(value, str) and _HEXADECIMAL.fullmatch(value):
         exponent = int(value.partition("p")[2])
         value = float.fromhex(value) if exponent < 1000 else float("inf")
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not isfinite(value)
-        or abs(value) > HUGE
-    ):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= HUGE:
         raise ValueError(
             f"a finite number within ±{HUGE:g}, in a file as hexadecimal text such as '0x1.8p+1'"
         )
@@ -179,6 +173,12 @@ class Start:
             f"a table of {len(self.path)} rows with {len(grid)} or no values",
             f"rows of {lengths}",
         )
+        from_zero = not any(row[0] for row in self.table if row) and not any(
+            term.coefficient and not any(term.powers) and term.function is None
+            for row in self.path
+            for term in row
+        )
+        require(from_zero, "a path of starts from x(0) = 0", "another first state")
 
 
 @dataclass(frozen=True)

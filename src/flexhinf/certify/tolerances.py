@@ -211,6 +211,22 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
         for i, power in enumerate(term.powers)
         if power
     }
+    bent |= {
+        i
+        for entry in (*statement.g1, *statement.g2)
+        for terms in entry
+        for term in terms
+        for i, power in enumerate(term.powers)
+        if power
+    }
+    bent |= {
+        i
+        for row in statement.penalty
+        for powers, _ in row
+        if sum(powers) > 1
+        for i, power in enumerate(powers)
+        if power
+    }
     held = {
         row[0].powers.index(1)
         for row, inputs in zip(statement.drift, statement.g2)

@@ -22,7 +22,8 @@ each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a 
 paths of starts in balls (`starts`), and an observer in rationals (`observer`). docs/certificate.md has the proof, of
 every inequality that is relied on here.
 
-Nothing here imports the search, and the search imports nothing from here.
+What both share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no arithmetic
+from here: it calls the finished checker for its starts and its observer, so that what it states will be proved.
 """
 
 from __future__ import annotations
@@ -47,6 +48,12 @@ __all__ = ["Verification", "verify"]
 
 _BITS = 128
 _MOST_KINDS = 64
+_MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
+_LEAST_LEVEL, _LEAST_REACH = (
+    1e-100,
+    1e-50,
+)  # from here on no product of the march falls below the normal doubles
+_FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
 @dataclass(frozen=True)
@@ -111,6 +118,9 @@ def verify(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         resampled = _second(inequality, marched, seed)
+    except OverflowError:
+        reason = "numbers beyond the doubles appear: another unit, or another T."
+        return Verification(False, reason, cpu_s=time.process_time() - began)
     except Refusal as refusal:
         return Verification(False, _reason(claim, refusal), cpu_s=time.process_time() - began)
     return Verification(
@@ -128,13 +138,25 @@ def verify(
 
 
 def _check_sizes(claim: Claim) -> None:
-    """Few enough different products of parameters and functions for exact algebra to end."""
+    """Few enough products of parameters and functions, corners and nodes for exact algebra to end; and numbers whose
+    products are far from the smallest and the largest doubles."""
     rows = (claim.drift, *claim.g1, *claim.g2)
     kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
     if len(kinds) > _MOST_KINDS:
         raise Refusal(
             f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}"
         )
+    uncertain = sum(p.low < p.high for p in claim.parameters)
+    if uncertain > _MOST_UNCERTAIN:
+        raise Refusal(f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}")
+    if not (claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= 1 / _LEAST_REACH):
+        raise Refusal(
+            f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit"
+        )
+    widest = [claim.reach * sum(abs(v) for v in row) for row in claim.coordinates]
+    for function in claim.functions:
+        if sum(abs(s) * w for s, w in zip(function.slope, widest)) > _FARTHEST:
+            raise Refusal(f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
 
 
 def _check_matrices(claim: Claim) -> None:
