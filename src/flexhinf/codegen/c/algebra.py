@@ -37,9 +37,9 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: boo
         )
         return "\n".join(" " * indent + line for line in lines)
 
-    first, blocks = "begin", ""
+    first, blocks = "block", ""
     if wide:
-        first = f"(columns - begin < {TOGETHER}) ? columns - {TOGETHER} : begin"
+        first = f"(columns - block < {TOGETHER}) ? columns - {TOGETHER} : block"
         eight = "\n                }\n                {\n".join(
             term(ahead, str(ahead), str(TOGETHER), 20) for ahead in range(PARTS)
         )
@@ -57,7 +57,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: boo
     }"""
     return f"""static void {name}({", ".join(arguments)}, {{R}} *target, {sizes})
 {{
-    for (int begin = 0; begin < columns; begin += {TOGETHER}) {{
+    for (int block = 0; block < columns; block += {TOGETHER}) {{
         const int j = {first};
         const int width = (columns - j < {TOGETHER}) ? columns - j : {TOGETHER};
         for (int i = {"j" if symmetric else "0"}; i < rows; ++i) {{
