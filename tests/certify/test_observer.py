@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -167,6 +168,12 @@ def test_the_file_and_the_theorem_say_it(tmp_path: Any) -> None:
                  "y = (1 link_position) without noise", "link_position_integral itself",
                  "7. Output feedback", "motor_position 0.3", "noise of the measurement, sampling"):  # fmt: skip
         assert part in text, part
+    assert certificate.observer is not None
+    said = re.findall(r"(?:_position|_velocity) ([\d.]+) rad", text.partition("one state alone")[2])
+    shares = np.array(said, float) / error_axes(certificate.observer)
+    assert len(shares) == 4
+    assert (shares <= 1).all()  # rounded towards what holds
+    assert (shares > 1 - 1e-5).all()
     state = theorem_text(replace(certificate, observer=None, feedback="state"), found)
     assert "7." not in state
     assert (

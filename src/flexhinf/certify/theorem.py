@@ -127,7 +127,10 @@ def _observer(claim: Claim) -> list[str]:
     measured = ", ".join(_row(row, claim.states) for row in sensors)
     gains = "; ".join(" ".join(f"{v:.6g}" for v in row) for row in claim.observer.gain)
     computed = (
-        f" The controller computes {', '.join(claim.observer.known)} itself, from the same." if known else ""
+        f" The controller computes {', '.join(claim.observer.known)} itself, from the same: what disturbs a rate of "
+        "these (a command) is in what it computes, and moves no error."
+        if known
+        else ""
     )
     return [
         f"  Observer (output injection) of {estimated}, from y = ({measured}) without noise: it takes all that is "
@@ -139,8 +142,9 @@ def _with_estimates(claim: Claim, observer: Observer) -> str:
     """What is proved of output feedback."""
     names = [s for s in claim.states if s.name not in observer.known]
     axes = ", ".join(
-        f"{s.name} {sqrt(2 * observer.energy / row[i]):.4g} {s.unit}".rstrip() if row[i] > 0 else s.name
+        f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
         for i, (s, row) in enumerate(zip(names, observer.storage, strict=True))
+        if row[i] > 0  # where it is not, nothing is proved
     )
     gain = sqrt(claim.gamma**2 + observer.gain_error**2)
     return (
