@@ -233,12 +233,8 @@ def _limit(shown: Evidence) -> list[Any]:
         "Sampling looks for points at which the inequality fails, and so says how large a level can be at most; the "
         f"proof covers all points of V ≤ c = {number(given.level, 5)}"
     )
-    share = None if given.sampled_level is None else 100.0 * given.level / given.sampled_level
-    text += (
-        "."
-        if share is None
-        else f", {number(share, 4)} % of the sampled level {number(given.sampled_level, 5)}."
-    )
+    sampled = given.sampled_level
+    text += "." if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled one."
     return [Paragraph(text), limit_figure(given, shown.limit)]
 
 
