@@ -245,6 +245,9 @@ def _unit(synthesis: Synthesis) -> str:
 #: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
 ROBUST_STAGES = 3
 
+#: What the preset `proved` adds: its candidates and their proofs.
+PROVED_STAGES = 7
+
 
 def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
@@ -252,7 +255,7 @@ def stages(robot: Robot, specification: Specification) -> int:
     solved = synthesis_stages(states, s)
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     more = (preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)) + s.mujoco
-    more += ROBUST_STAGES * (preset == "robust")
+    more += ROBUST_STAGES * (preset == "robust") + PROVED_STAGES * (preset == "proved")
     return 8 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
 
 

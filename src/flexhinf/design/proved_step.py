@@ -21,7 +21,7 @@ from flexhinf.certify.robot_starts import largest_values, path_start, robot_star
 from flexhinf.certify.sampled_gain import sampled_gain
 from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.design.specification import Specification
-from flexhinf.design.weights.choose import choose
+from flexhinf.design.weights.choose import DesignProblem, choose
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
@@ -63,6 +63,8 @@ class ProvedLaw:
     damping : float
     ratio : float
         γ/γ* of the law's own design.
+    design_problem : DesignProblem
+        Whose solution the law is; its γ is the law's.
     certificate : Certificate or None
         None before the proof.
     candidates : int
@@ -77,6 +79,7 @@ class ProvedLaw:
     bandwidth: np.ndarray
     damping: float
     ratio: float
+    design_problem: DesignProblem
     certificate: Certificate | None = None
     candidates: int = 1
 
@@ -93,6 +96,7 @@ def search_proved_step(
     dampings: Sequence[float | None] = DAMPINGS,
     ratios: Sequence[float] = RATIOS,
     most_cells: int = 5_000_000,
+    specification: Specification | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
@@ -114,6 +118,8 @@ def search_proved_step(
         equilibrium that stays, or `tolerances` 0.
     most_cells : int
         Of one proof.
+    specification : Specification, optional
+        Its bandwidth is what the factors are of; its limits, period and other fields are those of the candidates.
     progress : callable
         Called with what comes next.
 
@@ -122,6 +128,13 @@ def search_proved_step(
     InvalidInput
         No candidate is within the limit, or none can be proved.
     """
+    if len(robot.joint_names) != 1:
+        raise InvalidInput(
+            "A step is proved for robots of one joint.",
+            f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
+            "preset='robust'",
+        )
+    base = specification or Specification()
     measured = robot.problem(pose=goal)
     ranges = parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
     found: list[ProvedLaw] = []
@@ -130,7 +143,7 @@ def search_proved_step(
         progress(
             f"candidates: {preset}, {factor:g} times its bandwidth, damping {damping or 'of the preset'}"
         )
-        for candidate in _laws(robot, goal, step, factor, damping, ratios, degrees, preset):
+        for candidate in _laws(robot, goal, step, factor, damping, ratios, degrees, preset, base):
             judged = _judged(candidate, measured, ranges, step, effort_limit)
             found += [] if judged is None else [judged]
     found.sort(key=lambda c: (-round(c.step, 3), c.gamma) if step is None else (0.0, c.gamma))
@@ -161,11 +174,12 @@ def _laws(
     ratios: Any,
     degrees: Any,
     preset: Any,
+    base: Specification,
 ) -> list[ProvedLaw]:
     """The laws of one bandwidth and damping; none where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
     start = pose - (np.pi / 2 if step is None else step)
-    s = Specification(pose=tuple(pose), start=tuple(start), preset=preset, damping=damping)
+    s = replace(base, pose=tuple(pose), start=tuple(start), preset=preset, damping=damping)
     try:
         first = choose(robot, pose, start, s)
         assert first.target is not None
@@ -178,7 +192,7 @@ def _laws(
         return [
             ProvedLaw(
                 solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), chosen.nominal, 0.0, np.inf, 1.0, np.inf,
-                bandwidth, first.target.damping, ratio,
+                bandwidth, first.target.damping, ratio, replace(chosen, gamma=ratio * chosen.gamma_star),
             )
             for ratio in ratios
             for degree in degrees

@@ -53,7 +53,7 @@ __all__ = [
     "SpecificationError", "json_schema",
 ]  # fmt: skip
 
-Preset = Literal["paper", "damped", "robust"]
+Preset = Literal["paper", "damped", "robust", "proved"]
 Estimator = Literal["ukf", "ekf", "observer", "none"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 ESTIMATORS: tuple[str, ...] = get_args(Estimator)
@@ -151,7 +151,8 @@ class Specification:
     preset: Annotated[Annotated[Preset, BeforeValidator(choice), Allowed(", ".join(PRESETS))] | None,
         About(BEHAVIOUR,
         "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
-        "robust (searched on the running loop for its tolerances).", "damped",
+        "robust (searched on the running loop for its tolerances), proved (the step's smallest gain that is proved for "
+        "all tolerances; one joint).", "damped",
         default="the robot's own weights, or damped where a bandwidth or a damping is required")] = None
     bandwidth: Annotated[Frequencies | None, About(BEHAVIOUR,
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "

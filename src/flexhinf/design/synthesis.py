@@ -19,6 +19,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import start_and_goal
+from flexhinf.design.proved_step import ProvedLaw, search_proved_step
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
@@ -68,6 +69,8 @@ class Synthesis:
         Margins of the running loop along the stated move; None without one.
     robust : WholeLoopSearch or None
         How weights and noise levels were found for the tolerances; of the preset robust.
+    proved : ProvedLaw or None
+        The law with its certificate for all tolerances; of the preset proved.
     """
 
     goal: np.ndarray
@@ -80,6 +83,7 @@ class Synthesis:
     law: Law
     along: AlongMove | None = None
     robust: WholeLoopSearch | None = None
+    proved: ProvedLaw | None = None
 
     @property
     def solution(self) -> HJISolution:
@@ -139,6 +143,8 @@ class _Steps:
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
         found = None
+        if preset_of(self.robot, self.s) == "proved":
+            return self.proved_law()
         if preset_of(self.robot, self.s) == "robust":
             problem, noise, found = self.robust_problem()
         else:
@@ -146,6 +152,40 @@ class _Steps:
         chosen, choices, rays = self.degrees(problem, noise)
         law = self.law_of(problem, chosen.solution, found)
         return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
+
+    def proved_law(self) -> Synthesis:
+        """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
+
+        The search is about the law with the true state fed back; noise levels are found for it as for other laws.
+        """
+        s = self.s
+        for name in ("via", "disturbances"):
+            if getattr(s, name):
+                raise InvalidInput(
+                    f"preset='proved' and `{name}` contradict each other.",
+                    "expected one law at the goal, whose gain from the command is proved",
+                    f"leave out `{name}`, or preset='robust'",
+                )
+        stated = {}
+        if s.bandwidth is not None:
+            stated["bandwidths"] = (1.0,)
+        if s.damping is not None:
+            stated["dampings"] = (s.damping,)
+        if s.degrees is not None:
+            stated["degrees"] = s.degrees
+        found = search_proved_step(
+            self.robot, tuple(self.goal), float(np.abs(self.goal - self.start)[0]),
+            effort_limit=float(joint_limits(self.robot, s).effort[0]),
+            tolerances=1.0 if self.robot.uncertain else 0.0,
+            specification=s, progress=self.progress, **stated,
+        )  # fmt: skip
+        problem = replace(found.design_problem, preset="proved")
+        noise = self.noise_search(problem)
+        alone = replace(self, s=replace(s, degrees=(found.solution.degree,)))
+        chosen, _, rays = alone.degrees(problem, noise)
+        chosen = replace(chosen, solution=found.solution)
+        law = found.solution
+        return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=found)
 
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None
@@ -186,7 +226,9 @@ class _Steps:
         def another(pose: np.ndarray) -> Law:
             return self.law_at(made.design_problem, solution.degree, pose, made.robust)
 
-        law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
+        law, along = scheduled(
+            made.setup(self.robot, self.s), move, least, None if self.s.via or made.proved else another
+        )
         return replace(made, law=law, along=along)
 
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:

@@ -68,7 +68,7 @@ def preset_of(robot: Robot, s: Specification) -> str:
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
     if behaviour and weights:
         raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
-    if s.preset in ("damped", "robust") and weights:
+    if s.preset in ("damped", "robust", "proved") and weights:
         raise _contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
     if s.preset == "paper" and (behaviour or s.penalty is not None):
         other = (behaviour or ["`penalty`"])[0]
@@ -118,7 +118,7 @@ def choose(
         As the synthesis.
     """
     preset = preset_of(robot, s)
-    if preset in ("damped", "robust"):
+    if preset in ("damped", "robust", "proved"):
         families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
         begun, tried = None if near is None else near.search, s
         for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
