@@ -26,6 +26,12 @@ def test_example_stirred_tank(repository: Path, capsys: pytest.CaptureFixture[st
     assert "γ*" in capsys.readouterr().out
 
 
+def test_example_certified_reactor(repository: Path) -> None:
+    figures = runpy.run_path(str(repository / "examples" / "certified_reactor.py"))["main"]()
+    assert figures["proved"] == 1.0
+    assert figures["hotter_K"] > 10.0
+
+
 def test_example_two_link_arm(repository: Path) -> None:
     errors = runpy.run_path(str(repository / "examples" / "two_link_arm.py"))["main"]()
     assert errors["final_error_rad"] < 0.002 < errors["largest_error_rad"] < 0.4

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import numpy as np
 import pytest
 
@@ -28,6 +31,19 @@ class Feedback(Law):
 
     def evaluate_law(self, x, data):
         return np.array([-(data[0] * x[0] + data[1] * x[1] + data[2] * x[2])])
+
+
+class Deadly:
+    """A metric of which the first call kills its process: SIGKILL, once."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __call__(self, run):
+        if not self.mark.exists():
+            self.mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return float(abs(run.signals["input"]).max())
 
 
 def flow(x, u, d, p):

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop, tolerances
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, Metrics, Sample, run_batch, run_campaign
+from flexhinf.campaign import STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
+from flexhinf.campaign.samples import run_samples
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
+
+
+def torn(rng):
+    """Some springs push instead of pulling."""
+    return {"mass": 1.0, "stiffness": float(rng.choice([20.0, -1e7]))}
 
 
 def same(a, b):
@@ -31,6 +40,37 @@ def test_a_sample_has_the_same_bits_alone_in_any_batch_and_in_another_process(lo
     assert run.metrics()["peak_input"] == found.peak_input.values[41]
 
 
+@pytest.mark.parametrize("draw", [tolerances(), torn], ids=["tolerances", "diverging"])
+def test_lanes_say_what_the_signals_of_each_run_say(draw):
+    """Means of squares and rise times to their rounding, the rest bit by bit."""
+    lanes = run_batch(made_campaign(draw=draw), 1)
+    signals = run_batch(made_campaign(draw=draw, metrics=replace(STANDARD, reduced=None)), 1)
+    for name, values in lanes.columns.items():
+        if name in ("tracking_rmse", "estimation_rmse", "rise_time_s"):
+            np.testing.assert_allclose(values, signals.columns[name], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(values, signals.columns[name], name)
+
+
+def test_a_sample_has_the_same_bits_beside_samples_that_cannot_run_in_lanes(loop):
+    def draw(rng):
+        force = float(rng.uniform(-1.0, 1.0))
+        kind = [{}, {"initial_input": [force]}, {"disturbance": {"push": fh.Step(force)}}][rng.integers(3)]
+        return Sample({"mass": 1.0 + 0.1 * force}, kind, {"force": force, "kind": float(len(kind))})
+
+    campaign = made_campaign(20, 20, draw=draw)
+    again = pickle.loads(pickle.dumps(made_campaign(20, 20, draw=tolerances())))
+    whole = run_batch(campaign, 0)
+    laned = [campaign.laned(campaign.drawn(k)) for k in range(20)]
+    assert 0 < sum(laned) < 20
+    for k in (0, 3, 8, 19):
+        one = run_samples(campaign, range(k, k + 1))
+        for name, values in one.columns.items():
+            np.testing.assert_array_equal(values[0], whole.columns[name][k], name)
+    assert again.ensemble is not None
+    assert pickle.loads(pickle.dumps(again)).digest == again.digest
+
+
 def test_the_dataset_says_what_it_holds(loop):
     found = run_campaign(loop, tolerances(), 20, seed=1, **OPTIONS)
     assert found.sizes["sample"] == 20
@@ -43,10 +83,7 @@ def test_the_dataset_says_what_it_holds(loop):
 
 
 def test_a_plant_that_diverges_is_a_status():
-    def draw(rng):
-        return {"mass": 1.0, "stiffness": float(rng.choice([20.0, -1e7]))}
-
-    found = run_campaign(made_loop(), draw, 24, seed=2, **OPTIONS)
+    found = run_campaign(made_loop(), torn, 24, seed=2, **OPTIONS)
     gone = found.status.values == "diverged"
     assert 0 < gone.sum() < 24
     assert np.isfinite(found.diverged_at_s.values[gone]).all()

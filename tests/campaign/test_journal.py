@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.campaign.conftest import OPTIONS, made_campaign, tolerances
+from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
 from flexhinf.campaign import Journal, Shard, drive, run_batch, run_campaign
 from flexhinf.campaign import storage as campaign_storage
-from flexhinf.campaign.driver import in_this_process
+from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 
@@ -209,14 +209,31 @@ def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, 
     until = time.monotonic() + 60.0
     while len(shards_of(folder)) < 2 and driver.poll() is None and time.monotonic() < until:
         time.sleep(0.01)
+    campaign, told = made_campaign(), []
+    with pytest.raises(InvalidInput, match="Another driver"):
+        drive(campaign, Journal.opened(folder, campaign))
     driver.send_signal(signal.SIGKILL)
     assert driver.wait() == -signal.SIGKILL
-    campaign, told = made_campaign(), []
     kept = len(shards_of(folder))
     drive(campaign, Journal.opened(folder, campaign), progress=told.append)
     assert 2 <= kept < 4
     assert told[-1].fresh == 50 - 16 * kept
     assert table_of(folder) == table_of(whole)
+
+
+@pytest.mark.slow
+def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
+    mark, notes = tmp_path / "killed", []
+    campaign = made_campaign(metrics={"effort": Deadly(mark)})
+    table = drive(
+        campaign, Journal.opened(tmp_path / "one", campaign), executor=in_processes(2, notes.append)
+    )
+    assert mark.exists()
+    assert notes == ["a worker died; its batches are run again"]
+    assert table is not None
+    assert table.columns["sample"].tolist() == list(range(50))
+    drive(campaign, Journal.opened(tmp_path / "two", campaign))
+    assert table_of(tmp_path / "one") == table_of(tmp_path / "two")
 
 
 @pytest.mark.slow

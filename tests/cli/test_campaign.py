@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf import report
+from flexhinf.campaign import run_batch
 from flexhinf.cli import main
+from flexhinf.design.campaign_folder import stored_campaign
+from flexhinf.design.report.campaign_text import percent_text
 
 pytest.importorskip("pyarrow")
 
@@ -64,6 +69,26 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
     assert "sample 23: completed; the same bits" in said(capsys)
     assert (judged / "run.nc").stat().st_size > 10_000
+
+
+def test_fractions_are_told_from_none_and_all() -> None:
+    assert [percent_text(f) for f in (0.0, 3.7e-4, 0.3, 0.99963, 1.0)] == [
+        "0 %", "0.037 %", "30.0 %", "99.9630 %", "100 %",
+    ]  # fmt: skip
+
+
+def test_lanes_say_what_the_signals_of_each_run_say(judged: Path) -> None:
+    assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
+    campaign, _ = stored_campaign(judged / "runs")
+    assert campaign.laned(campaign.drawn(0))
+    slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
+    travelled = pickle.loads(pickle.dumps(campaign))
+    lanes, signals = (run_batch(one, 1).columns for one in (travelled, slow))
+    for name, values in lanes.items():
+        if name == "rise_time_s":
+            np.testing.assert_allclose(values, signals[name], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(values, signals[name], name)
 
 
 def test_shards_of_jobs_are_merged_to_the_same_table(
@@ -128,6 +153,8 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
         (["--shard", "4/3"], "no such shard"),
         (["--shard", "third"], "shard cannot be read"),
         (["--workers", "-1"], "workers"),
+        (["--cluster", "localhost"], "address of the cluster"),
+        (["--cluster", "tcp://a:1", "--workers", "2"], "on a cluster"),
         (["--initial-error", "-1"], "initial error"),
         (["--duration", "-1"], "duration"),
         (["--out", "design"], "not a campaign"),

@@ -107,7 +107,11 @@ def test_a_design_is_certified_and_its_certificate_checked(
         "Parameters, nominal",
     ):
         assert text in shown, text
-    assert sorted(path.name for path in folder.iterdir()) == ["certificate.json", "design.toml"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "certificate.html",
+        "certificate.json",
+        "design.toml",
+    ]
     certificate = load_certificate(folder / "certificate.json")
     assert certificate.about.startswith("paper, goal 3.14159, degree 2")
     replace(certificate, level=1.002 * certificate.level, starts=()).save(folder / "more.json")

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.certification import DesignProof, prove_design
+from flexhinf.design import certification
+from flexhinf.design.certification import DesignProof, certify_design, prove_design
 from flexhinf.design.specification import Specification
+from flexhinf.errors import NumericalFailure
 
 ARM = fh.paper_arm()
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
@@ -86,3 +88,24 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert reason in found.reason
     assert not found.inside
     assert not found.lasts
+
+
+def test_a_degree_that_is_not_proved_does_not_stop_the_others(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choices = [SimpleNamespace(degree=degree, solution=made.solution, law=made.solution) for degree in (2, 4)]
+    laws = SimpleNamespace(**vars(made) | {"choices": choices, "chosen": choices[0]})
+    monkeypatch.setattr(certification, "synthesise", lambda *_: laws)
+    proof = certification.certify
+
+    def only_the_first(*arguments: Any, about: str, **settings: Any) -> Any:
+        if "degree 4" in about:
+            raise NumericalFailure("No energy of the errors was found.", "it is not negative definite", "10")
+        return proof(*arguments, about=about, **settings)
+
+    monkeypatch.setattr(certification, "certify", only_the_first)
+    asked = replace(ASKED, checked_gamma_ratio=1.6)
+    first, other = certify_design(ARM, asked, lambda step: None, lambda *_: None, observer=1.0)
+    assert first.certificate is not None
+    assert first.certificate.feedback == "output injection observer"
+    assert (other.certificate, other.reason) == (None, "it is not negative definite")

@@ -61,6 +61,7 @@ OTHERS: dict[str, Any] = {
     "duration": 5.0,
     "seed": 2**40,
     "compare_rigid": False,
+    "proof_seconds": 2.5,
     "mujoco": True,
 }
 

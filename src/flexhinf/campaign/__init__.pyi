@@ -1,9 +1,8 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .batches import Campaign as Campaign
-from .batches import Rows as Rows
 from .batches import check_counts as check_counts
-from .batches import run_batch as run_batch
+from .cluster import in_cluster as in_cluster
 from .draws import DISTRIBUTIONS as DISTRIBUTIONS
 from .draws import METHODS as METHODS
 from .draws import Draw as Draw
@@ -26,6 +25,8 @@ from .results import MergedTable as MergedTable
 from .results import Replayed as Replayed
 from .results import merged as merged
 from .results import replayed as replayed
+from .samples import Rows as Rows
+from .samples import run_batch as run_batch
 from .statistics import Interval as Interval
 from .statistics import Sensitivity as Sensitivity
 from .statistics import sensitivity as sensitivity

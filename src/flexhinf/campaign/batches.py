@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,15 +14,14 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
 from flexhinf.campaign.metrics import chosen_metrics
-from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.loop import Loop, Trajectory, run_many
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Ensemble, Loop, Trajectory, run_many
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "Rows", "check_counts", "run_batch",
-    "run_samples",
+    "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "check_counts", "checked_integer",
 ]  # fmt: skip
 
 #: Values of a row's status.
@@ -41,6 +39,9 @@ INSTANTS, TRACED = 200, 10_000
 #: How the columns of kept signals begin; columns that every campaign has.
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
+
+#: What a sample may have of its own in the lanes of an ensemble, besides parameters and noise.
+_LANED = frozenset({"initial_state", "initial_input"})
 
 #: Samples of the run that tells loops apart, and digits that count.
 PROBE, DIGITS = 100, 6
@@ -60,22 +61,6 @@ class Column:
     name: str
     kind: str
     unit: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of some samples.
-
-    Attributes
-    ----------
-    columns : mapping of str to ndarray
-        By name, (N,); a kept signal (N, T) of 32 bits, NaN where it is not kept and after a run diverged.
-    """
-
-    columns: Mapping[str, np.ndarray]
-
-    def __len__(self) -> int:
-        return len(self.columns["sample"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,6 +232,25 @@ class Campaign:
             return
         yield from run_many(self.prepared(index, one) for index, one in zip(indices, drawn))
 
+    def laned(self, drawn: Sample) -> bool:
+        """Whether a sample runs in the lanes of an ensemble: it has no plant, command or disturbance of its own."""
+        return self.ensemble is not None and drawn.plant is None and set(drawn.options) <= _LANED
+
+    @cached_property
+    def ensemble(self) -> Ensemble | None:
+        """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
+        if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
+            return None
+        loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
+        loop.channel = self.loop.channel
+        reductions = [reduction for one in self.metrics for reduction in one.reductions]
+        kept, instants = self.signals or (), self.instants
+        return loop.ensemble(**self.options, reductions=reductions, kept=kept, instants=instants)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For other processes: without compiled code."""
+        return {name: value for name, value in vars(self).items() if name != "ensemble"}
+
     # What it is -------------------------------------------------------------------------------------------
     @cached_property
     def settings(self) -> dict[str, str]:
@@ -277,83 +281,6 @@ class Campaign:
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         found["short run"] = " ".join(f"{value:.{DIGITS}g}" for value in last)
         return found
-
-
-def run_batch(campaign: Campaign, batch: int) -> Rows:
-    """The rows of one batch: the same on every machine of one kind, whatever was run before or beside it.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no such batch, or a sample's run or metric is refused; the message names the sample.
-    """
-    checked_integer("batch", batch, 0, campaign.batches - 1, "0")
-    return run_samples(campaign, campaign.indices(batch))
-
-
-def run_samples(campaign: Campaign, indices: range) -> Rows:
-    """The rows of some samples, as `run_batch`."""
-    drawn = campaign.draw.samples(indices, campaign.samples, campaign.seed)
-    table = _Table(campaign, indices)
-    for place, (index, one) in enumerate(zip(indices, drawn)):
-        table.describe(place, index, one)
-    run = [place for place, one in enumerate(drawn) if not one.failure]
-    runs = campaign.trajectories([indices[k] for k in run], [drawn[k] for k in run])
-    place = 0
-    try:
-        for place in run:
-            table.judge(place, next(runs))
-    except FlexhinfError as error:
-        raise InvalidInput(
-            f"Sample {indices[place]} of the campaign, or one up to {indices[-1]}, is refused.",
-            " ".join(str(error).split()),
-            "a draw and metrics that fit every sample",
-        ) from error
-    return Rows(table.columns)
-
-
-class _Table:
-    """The columns of a batch while they are filled."""
-
-    def __init__(self, campaign: Campaign, indices: range) -> None:
-        self.campaign, count = campaign, len(indices)
-        self.columns: dict[str, np.ndarray] = {}
-        for column in campaign.columns:
-            trace = column.kind == "trace"
-            shape = (count, len(campaign.instants)) if trace else count
-            self.columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
-        self.columns["sample"] = np.array(indices, dtype=np.int64)
-        self.columns["seed"] = np.array([sample_seed(campaign.seed, k) for k in indices], dtype=np.uint64)
-        self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
-
-    def describe(self, place: int, index: int, drawn: Sample) -> None:
-        """Its numbers, and why it cannot be run."""
-        row, names = drawn.row(), self.campaign.named("parameter")
-        if set(row) != set(names):
-            raise InvalidInput(
-                f"Sample {index} has other numbers than the first one.",
-                f"expected {list(names)}, got {list(row)}",
-                "a draw that names the same parameters every time",
-            )
-        for name, value in row.items():
-            self.columns[name][place] = value
-        if drawn.failure:
-            self.columns["status"][place], self.columns["failure"][place] = NOT_RUN, drawn.failure
-
-    def judge(self, place: int, run: Trajectory) -> None:
-        """Status and metrics, and the signals that are kept."""
-        if run.diverged_at is None:
-            self.columns["status"][place] = COMPLETED
-            for metrics in self.campaign.metrics:
-                for name, value in metrics(run).items():
-                    self.columns[name][place] = value
-        else:
-            self.columns["status"][place], self.columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
-        if self.columns["sample"][place] < TRACED:
-            at = self.campaign.instants[: np.searchsorted(self.campaign.instants, len(run.time))]
-            with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
-                for name in self.campaign.signals or ():
-                    self.columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, run_batch
+from flexhinf.campaign.batches import BATCH, TRACED, Campaign
 from flexhinf.campaign.journal import Journal
 from flexhinf.campaign.results import MergedTable, merged
+from flexhinf.campaign.samples import Rows, run_batch
 from flexhinf.campaign.storage import labelled
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import Campaign, Column, Rows
+from flexhinf.campaign.batches import Campaign, Column
+from flexhinf.campaign.samples import Rows
 from flexhinf.campaign.storage import (
     FORMAT,
     check_installed,

@@ -6,13 +6,13 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Trajectory
+from flexhinf.loop import EnsembleResult, Reduction, Trajectory
 from flexhinf.untrusted import value_text
 
 __all__ = ["STANDARD", "Metrics", "Requirement", "chosen_metrics", "known_metric"]
@@ -29,10 +29,17 @@ class Metrics:
     function : callable
         Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
         their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
+    reduced : callable, optional
+        The same numbers, (N,) by name, of N runs in lanes, of which nothing else is kept. Without it signals of every
+        run are stored, and runs are made one by one or a few at a time.
+    reductions : sequence of Reduction, optional
+        That `reduced` needs beside those of `Loop.ensemble`.
     """
 
     units: Mapping[str, str]
     function: Callable[[Trajectory], Any]
+    reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
+    reductions: Sequence[Reduction] = ()
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
         """The numbers of one run, NaN where it has none.
@@ -71,13 +78,22 @@ def _tracking(run: Trajectory) -> dict[str, float | None]:
     return found
 
 
+def _tracking_in_lanes(found: EnsembleResult) -> dict[str, np.ndarray]:
+    """As `_tracking`, of N runs."""
+    rows = list(found.by_state.values())
+    worst = {name: np.fmax.reduce([row[name] for row in rows]) for name in rows[0]}
+    errors = found.common["estimation_rmse"]
+    largest = np.fmax.reduce(errors, axis=1) if errors.size else np.full(len(found.codes), math.nan)
+    return {**worst, "peak_input": found.common["peak_input"], "estimation_rmse": largest}
+
+
 STANDARD_UNITS = {
     "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": "", "peak_input": "",
     "tracking_rmse": "", "estimation_rmse": "",
 }  # fmt: skip
 
 #: The metrics of `Trajectory.metrics`, each the worst of all tracked states; of the estimates the largest error.
-STANDARD = Metrics(STANDARD_UNITS, _tracking)
+STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 
 def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
@@ -103,7 +119,7 @@ def chosen_metrics(given: Any, tracked: bool) -> tuple[Metrics, ...]:
         known_metric(name, list(STANDARD_UNITS) if tracked else [])
     found = [part for part in parts if isinstance(part, Metrics)]
     if names:
-        found.insert(0, Metrics({name: STANDARD_UNITS[name] for name in names}, STANDARD.function))
+        found.insert(0, replace(STANDARD, units={name: STANDARD_UNITS[name] for name in names}))
     for part in parts:
         if isinstance(part, Mapping):
             found += [_own(name, function) for name, function in part.items()]

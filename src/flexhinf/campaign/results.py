@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign, run_samples
+from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign
 from flexhinf.campaign.journal import TABLE, Journal
 from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.samples import run_samples
 from flexhinf.campaign.statistics import Interval, Sensitivity, sensitivity, success_interval
 from flexhinf.campaign.storage import labelled, numpy_column, read_columns
 from flexhinf.loop import Trajectory

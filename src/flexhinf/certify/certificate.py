@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
 from flexhinf.certify.checker.march import Refusal
+from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Start
@@ -53,6 +54,15 @@ class Certificate(Summarised, Claim):
     def with_proved_starts(self) -> Certificate:
         """The same with those starts alone that ball arithmetic shows to lie in {V ≤ level}."""
         return replace(self, starts=tuple(start for start in self.starts if _inside(self, start)))
+
+    def why_no_observer(self) -> str:
+        """Why the stated observer does not pay for its errors; empty where it does, or none is stated."""
+        try:
+            if self.observer is not None:
+                check_observer(self, self.observer, True)
+        except Refusal as refusal:
+            return str(refusal)
+        return ""
 
     def summary(self) -> dict[str, str]:
         """For ``repr``: what it claims. `check` proves it again."""

@@ -26,6 +26,7 @@ from flexhinf.certify.terms import (
     Function,
     Matrix,
     Name,
+    Observer,
     Parameter,
     Polynomial,
     Signal,
@@ -76,7 +77,9 @@ class Claim:
         δ, by which the plant's equilibrium differs from the point about which the law works: u = k(x + δ) − k(δ).
     starts : tuple of Start
     feedback : str
-        "state": the law is fed the true state.
+        "state": the law is fed the true state; "output injection observer": also what `observer` estimates.
+    observer : Observer or None
+        With it, starts are claimed to lie in {V ≤ level − its energy}.
     sampled_level, attained_gain : float or None
         The level that sampling found, and a gain that some disturbance attained: no part of the theorem.
     provenance : dict of str to str
@@ -104,6 +107,7 @@ class Claim:
     shift: Annotated[tuple[tuple[Double, Double], ...], Field(max_length=MOST_STATES)] = ()
     starts: Annotated[tuple[Start, ...], Field(max_length=8)] = ()
     feedback: Name = "state"
+    observer: Observer | None = None
     sampled_level: Double | None = None
     attained_gain: Double | None = None
     provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict)
@@ -119,10 +123,21 @@ class Claim:
         checked_text("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             checked_text("the certificate's provenance", text)
-        require(self.feedback == "state", "feedback 'state'", value_text(self.feedback, 60))
+        self._check_feedback()
         self._check_numbers()
         self._check_shapes(n, m, w)
         self._check_terms(n)
+
+    def _check_feedback(self) -> None:
+        expected = "state" if self.observer is None else "output injection observer"
+        require(self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60))
+        if self.observer is not None:
+            self.observer.check_shapes([s.name for s in self.states])
+            require(
+                self.observer.energy < self.level,
+                f"errors of an energy below the level {self.level!r}",
+                repr(self.observer.energy),
+            )
 
     def _check_numbers(self) -> None:
         for name in ("gamma", "level", "reach"):
@@ -175,6 +190,11 @@ class Claim:
     def degree(self) -> int:
         """Of V."""
         return max(sum(powers) for powers, _ in self.value)
+
+    @property
+    def start_level(self) -> float:
+        """Level of V that starts may have: what the errors of the estimates may take is kept."""
+        return self.level if self.observer is None else self.level - self.observer.energy
 
     @property
     def step_amplitude(self) -> float:

@@ -11,6 +11,7 @@ from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.inequality import Inequality, inequality_of
+from flexhinf.certify.observer import check_bandwidth, observed
 from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.search import Outcome, Progress, search
 from flexhinf.certify.starts import starts_of
@@ -39,14 +40,29 @@ class NotProved(NumericalFailure):
     reason : str
     """
 
-    def __init__(self, level: float, outcome: Outcome, point: np.ndarray | None) -> None:
-        self.point, self.reason = point, outcome.reason
+    def __init__(
+        self,
+        what: str,
+        found: str = "",
+        advice: str = "",
+        *,
+        point: np.ndarray | None = None,
+        reason: str = "",
+    ) -> None:
+        super().__init__(what, found, advice)
+        self.point, self.reason = point, reason
+
+    @classmethod
+    def at(cls, level: float, outcome: Outcome, point: np.ndarray | None) -> NotProved:
+        """What a search up to `level` ended with, at a deviation."""
         where = "" if point is None else f" at x = {np.array2string(point, precision=6)}"
-        super().__init__(
+        return cls(
             f"The level V <= {level:.8g} is not proved.",
             f"{outcome.reason}{where}, where V = {outcome.value:.8g} and r/|z|^2 = {outcome.residual:.3g}, "
             f"after {outcome.cells} cells",
             "a smaller level, a larger gamma, or a smaller penalty",
+            point=point,
+            reason=outcome.reason,
         )
 
 
@@ -66,17 +82,20 @@ def certify(
     *,
     decay: float = 0.0,
     about: str = "",
+    observer: float | None = None,
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Certificate:
     """What `HJISolution.certify` does."""
     check_states(len(solution.P))
+    if observer is not None:
+        check_bandwidth(solution, observer)
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
     if level is not None:
         proved, outcome = _proved(solution, replace(statement, level=float(level)), threads, progress)
         if not outcome.proved:
-            raise NotProved(level, outcome, _in_state(statement, outcome))
-        return proved
+            raise NotProved.at(level, outcome, _in_state(statement, outcome))
+        return proved if observer is None else observed(solution, proved, observer)
     check = sample_region(solution, gamma, penalty)
     if check is None or not 0 < check.level < np.inf:
         raise InvalidInput(
@@ -90,10 +109,11 @@ def certify(
         tried *= share
         proved, outcome = _proved(solution, replace(statement, level=tried), threads, progress)
         if outcome.proved:
-            return replace(proved, sampled_level=check.level)
+            found = replace(proved, sampled_level=check.level)
+            return found if observer is None else observed(solution, found, observer)
         if outcome.value == outcome.value:
             tried = min(tried, outcome.value)
-    raise NotProved(tried, outcome, _in_state(statement, outcome))
+    raise NotProved.at(tried, outcome, _in_state(statement, outcome))
 
 
 def check_states(count: int) -> None:

@@ -86,7 +86,7 @@ class QuotientTable:
 
 def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """The bound out to `reach` on one side; the first piece for a reach of the other sign."""
-    place = np.ceil(np.maximum(reach, 0.0) / _PIECE).astype(np.int64)
+    place = np.maximum(np.ceil(reach / _PIECE).astype(np.int64) - 1, 0)
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
 
 

@@ -51,7 +51,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         return path_states(path, functions, numbers, np.array([a]))[0]
 
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
-        rows = list(_followed(solution, statement.level, equilibrium, free, place))
+        rows = list(_followed(solution, statement.start_level, equilibrium, free, place))
         if len(rows) > 1:
             amplitudes = tuple(a for a, _ in rows)
             table = tuple(tuple(float(x[i]) for _, x in rows) if free[i] else () for i in range(len(free)))

@@ -13,7 +13,7 @@ from flexhinf.certify.terms import Start
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["ProvedStep", "proved_steps"]
+__all__ = ["ProvedStep", "longest_run", "proved_steps", "start_at"]
 
 _SETTLED = 1e-6  # the run ends where V is below this share of its first value
 _STEPS = 20_000  # of a run at least, if it took all that time
@@ -54,16 +54,16 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
     NumericalFailure
         A run that does not settle.
     """
-    longest = _LONGEST / _slowest(solution)
+    longest = longest_run(solution)
     return tuple(_step(solution, certificate, start, longest) for start in certificate.starts)
 
 
-def _slowest(solution: ValueFunction) -> float:
-    """Real part of the slowest mode of the linear loop, 1/s."""
+def longest_run(solution: ValueFunction) -> float:
+    """s: so many time constants of the slowest mode of the linear loop that a run has settled long before."""
     plant = solution.expansion
     b = plant.g2_parts[0][:, :, 0]
     closed = plant.f_parts[1] - b @ np.linalg.solve(plant.r2, b.T @ solution.P)
-    return float(-np.linalg.eigvals(closed).real.max())
+    return _LONGEST / float(-np.linalg.eigvals(closed).real.max())
 
 
 def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: float) -> ProvedStep:
@@ -77,7 +77,7 @@ def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: fl
         return float(solution.value(x)) - end
 
     settled.terminal = True  # type: ignore[attr-defined]
-    first = _last_start(certificate, start)
+    first = start_at(certificate, start, start.amplitude)
     end = _SETTLED * float(solution.value(first))
     fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _STEPS}
     run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=settled, **fine)
@@ -102,8 +102,10 @@ def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: fl
     )
 
 
-def _last_start(claim: Claim, start: Start) -> np.ndarray:
-    """The start of the largest amplitude at the middle of the parameters, deviation from the goal (n,)."""
-    middle = {parameter.name: (parameter.low + parameter.high) / 2 for parameter in claim.parameters}
-    table = [row[-1] if row else 0.0 for row in start.table] or [0.0] * len(claim.states)
-    return path_states(start.path, start.functions, middle, np.array([start.amplitude]))[0] + table
+def start_at(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
+    """The start of one amplitude on a path at the middle of the parameters, deviation from the goal (n,)."""
+    middle = {parameter.name: parameter.middle for parameter in claim.parameters}
+    x = path_states(start.path, start.functions, middle, np.array([amplitude]))[0]
+    for i, row in enumerate(start.table):
+        x[i] += np.interp(amplitude, start.amplitudes, row) if row else 0.0
+    return x

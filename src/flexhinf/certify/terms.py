@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainSerializer, Strict
@@ -15,7 +14,7 @@ from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value
 
 __all__ = [
     "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "Double",
-    "Entries", "Function", "Matrix", "Name", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
+    "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
     "check_names", "check_parameters", "check_powers", "check_slopes", "require",
 ]  # fmt: skip
 
@@ -35,12 +34,7 @@ def _double(value: Any) -> Any:
     if isinstance(value, str) and _HEXADECIMAL.fullmatch(value):
         exponent = int(value.partition("p")[2])
         value = float.fromhex(value) if exponent < 1000 else float("inf")
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not isfinite(value)
-        or abs(value) > HUGE
-    ):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= HUGE:
         raise ValueError(
             f"a finite number within ±{HUGE:g}, in a file as hexadecimal text such as '0x1.8p+1'"
         )
@@ -179,6 +173,58 @@ class Start:
             f"a table of {len(self.path)} rows with {len(grid)} or no values",
             f"rows of {lengths}",
         )
+        from_zero = not any(row[0] for row in self.table if row) and not any(
+            term.coefficient and not any(term.powers) and term.function is None
+            for row in self.path
+            for term in row
+        )
+        require(from_zero, "a path of starts from x(0) = 0", "another first state")
+
+
+@dataclass(frozen=True)
+class Observer:
+    """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`.
+
+    Attributes
+    ----------
+    measured : matrix, (p, n)
+        C: y = C x, in deviations.
+    known : tuple of str
+        States that the controller computes itself (its integrators): their estimates have no errors.
+    gain : matrix, (n_e, p)
+        L.
+    weight, storage : matrices, (n_e, n_e)
+        M and X: ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x).
+    gain_error : float
+        γ_e: ½ γ_e² |d|² pays for what disturbances do to e; 0 where they do nothing.
+    energy : float
+        ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε.
+    """
+
+    measured: Matrix
+    known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]
+    gain: Matrix
+    weight: Matrix
+    storage: Matrix
+    gain_error: Double
+    energy: Double
+
+    def __post_init__(self) -> None:
+        distinct("A state that is known to the controller", list(self.known))
+        require(self.gain_error >= 0, "a γ_e that is not negative", repr(self.gain_error))
+        require(self.energy > 0, "a positive energy of the observer's errors", repr(self.energy))
+
+    def check_shapes(self, states: list[str]) -> None:
+        """Refuse matrices that do not fit these states."""
+        unknown = [name for name in self.known if name not in states]
+        require(not unknown, "known states among the states", value_text(unknown, 80))
+        n, e, p = len(states), len(states) - len(self.known), len(self.measured)
+        require(e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}")
+        shapes = {"measured": (p, n), "gain": (e, p), "weight": (e, e), "storage": (e, e)}
+        for name, (rows, columns) in shapes.items():
+            matrix = getattr(self, name)
+            fits = len(matrix) == rows and all(len(row) == columns for row in matrix)
+            require(fits, f"{rows} rows of {columns} in the observer's {name}", f"{len(matrix)} rows")
 
 
 def require(holds: bool, expected: str, got: str) -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import sqrt
 
 from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Polynomial, Signal
+from flexhinf.certify.terms import Function, Observer, Polynomial, Signal, Start, Terms
 
-__all__ = ["persistent_bound", "theorem_text", "verification_text"]
+__all__ = ["persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
+
+
+_MOST_SHOWN = 12  # terms of a sum
+_DIGITS = 6
 
 
 def persistent_bound(claim: Claim) -> float:
@@ -25,47 +30,76 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         f"About: {claim.about}",
         "",
         "Hypotheses",
-        f"  Plant: {len(claim.states)} states ({', '.join(map(_named, claim.states))}), deviations from the goal, with "
+        f"  Plant: {len(claim.states)} states ({', '.join(map(_named, claim.states))}), deviations "
+        f"from {_origin(claim)}, with "
         f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
-        f"{' exactly as it is, not expanded' if claim.functions else ''}.",
+        f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:",
+        *_equations(claim),
         *_parameters(claim),
         f"  Disturbance channels: {disturbances}.",
         f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for {inputs}, is fed the true "
-        "state, in continuous time.",
+        f"state{' (1. to 6.) or estimates (7.)' if claim.observer else ''}, in continuous time.",
+        *_observer(claim),
         *(
-            f"  Start: {start.rule}; steps from rest to rest of up to {start.amplitude:.6g}."
+            f"  Start: {start.rule}; steps from rest to rest of up to {_down(start.amplitude)}: x = "
+            f"({', '.join(_path(claim, start))}) for 0 <= a <= {_down(start.amplitude)}."
             for start in claim.starts
         ),
         "",
-        f"Region S: the part of {{V <= {claim.level:.8g}}} that is connected to the goal; V has degree {claim.degree}.",
+        f"Region S: the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}.",
         "",
         "Proved" if found.proved else "Claimed, and NOT proved: see the end",
         f"  1. S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
         f"{f'-{claim.decay:.6g} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
-        f"{claim.gamma:.8g} and z = ({z}).",
-        f"  2. From x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {claim.level:.6g}, the state stays "
+        f"{claim.gamma!r} and z = ({z}).",
+        f"  2. From x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {_down(claim.level)}, the state stays "
         "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0)).",
         "  3. Without disturbances every trajectory from S stays in S and converges to the goal, exponentially fast.",
     ]
     if found.gradient_law:
         lines.append(
-            f"  4. Anything that makes the input differ by v from the law is covered by 2. while V(x(0)) + 1/2 gamma^2 "
-            f"(energy of d) + 1/2 (integral of v'R2 v) <= {claim.level:.6g}."
+            "  4. Anything that makes the input differ by v from -R2^-1 g2'V_x' (the law, but for its rounding) is "
+            "covered by 2. while V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= "
+            f"{_down(claim.level)}."
         )
     if claim.decay:
         bound = persistent_bound(claim)
         lines.append(
-            f"  5. S is invariant for disturbances with |d(t)| <= {bound:.6g} at all times, of any duration."
+            f"  5. S is invariant for disturbances with |d(t)| <= {_down(bound)} at all times, of any duration."
         )
     if claim.starts:
-        lines.append("  6. All starts named above lie in S.")
+        kept = f", with V <= {claim.start_level:.6g}" if claim.observer else ""
+        lines.append(f"  6. All starts named above lie in S{kept}.")
+    if claim.observer:
+        lines.append(_with_estimates(claim, claim.observer))
     lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim, found))]
     return "\n".join(lines)
 
 
+def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
+    """The same in parts, each with its heading and its sentences, without indents."""
+    parts: list[tuple[str, list[str]]] = []
+    for line in theorem_text(claim, found).splitlines():
+        text = line.strip()
+        if line.startswith(" "):
+            parts[-1][1].append(text.removeprefix("- "))
+        elif text.startswith(("About:", "Region S:")):
+            heading, _, rest = text.partition(":")
+            parts.append((heading, [rest.strip()]))
+        elif text:
+            parts.append((text, []))
+    return parts
+
+
 def _not_proved(claim: Claim, found: Verification) -> list[str]:
     texts = [
-        "An estimator instead of the true state, sampling and hold, delay, saturation, quantisation and noise"
+        (
+            "Other estimators than the stated one, noise of the measurement,"
+            if claim.observer
+            else "An estimator instead of the true state,"
+        )
+        + " sampling and hold, delay, saturation, quantisation"
+        + ("" if claim.observer else " and noise")
         + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
         "Starts outside S, and starts of the integrators by another rule than the stated ones."
         if claim.starts
@@ -80,6 +114,48 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
     if not claim.decay:
         texts.append("Disturbances that last for ever: no decay rate is claimed.")
     return texts
+
+
+def _observer(claim: Claim) -> list[str]:
+    """The observer as a hypothesis."""
+    if claim.observer is None:
+        return []
+    known = set(claim.observer.known)
+    estimated = ", ".join(s.name for s in claim.states if s.name not in known)
+    sensors = (tuple((tuple(int(i == j) for j in range(len(row))), v) for i, v in enumerate(row) if v)
+               for row in claim.observer.measured)  # fmt: skip
+    measured = ", ".join(_row(row, claim.states) for row in sensors)
+    gains = "; ".join(" ".join(f"{v:.6g}" for v in row) for row in claim.observer.gain)
+    computed = (
+        f" The controller computes {', '.join(claim.observer.known)} itself, from the same: what disturbs a rate of "
+        "these (a command) is in what it computes, and moves no error."
+        if known
+        else ""
+    )
+    return [
+        f"  Observer (output injection) of {estimated}, from y = ({measured}) without noise: it takes all that is "
+        f"nonlinear from y, so the errors obey e' = (A - LC) e + g1 d exactly; L = [{gains}].{computed}"
+    ]
+
+
+def _with_estimates(claim: Claim, observer: Observer) -> str:
+    """What is proved of output feedback."""
+    names = [s for s in claim.states if s.name not in observer.known]
+    axes = ", ".join(
+        f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
+        for i, (s, row) in enumerate(zip(names, observer.storage, strict=True))
+        if row[i] > 0  # where it is not, nothing is proved
+    )
+    gain = sqrt(claim.gamma**2 + observer.gain_error**2)
+    return (
+        "  7. Output feedback, the law fed with the observer's estimates whose errors begin at e0: while 1/2 e0'X e0 + "
+        f"1/2 gamma_e^2 (energy of d) <= {_down(observer.energy)} with gamma_e = {_up(observer.gain_error)}, and "
+        f"V(x(0)) + 1/2 e0'X e0 + 1/2 ({_up(gain)})^2 (energy of d) <= {_down(claim.level)}, the state stays in S, and "
+        f"(energy of z) <= ({_up(gain)})^2 (energy of d) + 2 V(x(0)) + e0'X e0. Without disturbances state and errors "
+        "converge exponentially fast. So all starts named above, the integrators started as for the true state, are "
+        "covered together with every e0 in the ellipsoid "
+        f"1/2 e0'X e0 <= {_down(observer.energy)}: an error in one state alone of up to {axes}."
+    )
 
 
 def _parameters(claim: Claim) -> list[str]:
@@ -109,6 +185,83 @@ def verification_text(found: Verification) -> str:
     )
 
 
+def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
+    """Six digits, rounded down, so that what is said holds; or the shortest text of the very same double."""
+    exact = Decimal(repr(value))
+    if len(exact.as_tuple().digits) <= _DIGITS:
+        return f"{value:.{_DIGITS}g}"
+    return f"{Context(prec=_DIGITS, rounding=rounding).create_decimal(Decimal(value)):g}"
+
+
+def _up(value: float) -> str:
+    return _down(value, ROUND_CEILING)
+
+
+def _origin(claim: Claim) -> str:
+    if any(p.low < p.high for p in claim.parameters):
+        return "the equilibrium at the goal (of each robot its own, where it moves with the parameters)"
+    return "the goal"
+
+
+def _equations(claim: Claim) -> list[str]:
+    """f, and the columns of g1 and g2, a line for each state."""
+    names = [s.name for s in claim.states]
+    lines = []
+    for i, name in enumerate(names):
+        rate = _sum(claim.drift[i], names, claim.functions)
+        for signals, columns in ((claim.disturbances, claim.g1), (claim.inputs, claim.g2)):
+            entries = zip(signals, columns[i], strict=True) if columns else ()
+            for signal, terms in entries:
+                if terms:
+                    rate += f" + ({_sum(terms, names, claim.functions)}) {signal.name}"
+        lines.append(f"    d/dt {name} = {rate}")
+    return lines
+
+
+def _path(claim: Claim, start: Start) -> list[str]:
+    """Each state of a start, as a function of a."""
+    rows = []
+    for i, terms in enumerate(start.path):
+        table = "a table of a" if start.table and start.table[i] else ""
+        rows.append(
+            " + ".join(filter(None, [_sum(terms, ["a"], start.functions) if terms else "", table])) or "0"
+        )
+    return rows
+
+
+def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...]) -> str:
+    """Terms in full, up to a dozen of them."""
+    texts = []
+    for term in terms[:_MOST_SHOWN]:
+        factors = [name + (f"^{e}" if e != 1 else "") for name, e in term.parameters if e]
+        factors += [
+            name + (f"^{e}" if e > 1 else "") for name, e in zip(names, term.powers, strict=True) if e
+        ]
+        if term.function is not None:
+            factors.append(_bracket(functions[term.function], names))
+        number = f"{term.coefficient:.10g}"
+        if factors and abs(term.coefficient) == 1.0:
+            number = number.removesuffix("1")
+        texts.append(
+            " ".join([number, *factors] if number not in ("", "-") else [number + factors[0], *factors[1:]])
+        )
+    more = len(terms) - _MOST_SHOWN
+    return " + ".join([*texts, *([f"{more} more"] if more > 0 else [])]).replace("+ -", "- ") or "0"
+
+
+def _bracket(function: Function, names: list[str]) -> str:
+    """φ(o + ℓᵀx) − φ(o)."""
+    inner = " + ".join(
+        f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g} '}{name}"
+        for value, name in zip(function.slope, names, strict=True)
+        if value
+    ).replace("+ -", "- ")
+    angle = f"{function.pi_halves} pi/2" if function.pi_halves else ""
+    offset = " + ".join(filter(None, [angle, f"{function.offset:.10g}" if function.offset else ""])) or "0"
+    before = "" if offset == "0" else f"{offset} + "
+    return f"[{function.name}({before}{inner}) - {function.name}({offset})]"
+
+
 def _named(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
@@ -119,9 +272,10 @@ def _degree(polynomial: Polynomial) -> int:
 
 def _row(polynomial: Polynomial, states: tuple[Signal, ...]) -> str:
     """A row of h as text; beyond three terms, how many there are."""
-    terms = []
+    text = ""
     for powers, value in polynomial[:3]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]
-        terms.append(" ".join([f"{value:.6g}", *factors]))
-    more = f" + {len(polynomial) - 3} more terms" if len(polynomial) > 3 else ""
-    return " + ".join(terms) + more if terms else "0"
+        sign = (" - " if value < 0 else " + ") if text else "-" if value < 0 else ""
+        text += sign + " ".join([f"{abs(value):.6g}", *factors])
+    more = len(polynomial) - 3
+    return text + (f" + {more} more {'terms' if more > 1 else 'term'}" if more > 0 else "") if text else "0"

@@ -130,7 +130,7 @@ def certify_tolerances(
     found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
-        raise NotProved(level, outcome, point)
+        raise NotProved.at(level, outcome, point)
     provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)
@@ -209,6 +209,22 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
         for term in row
         if sum(term.powers) + (term.function is not None) > 1
         for i, power in enumerate(term.powers)
+        if power
+    }
+    bent |= {
+        i
+        for entry in (*statement.g1, *statement.g2)
+        for terms in entry
+        for term in terms
+        for i, power in enumerate(term.powers)
+        if power
+    }
+    bent |= {
+        i
+        for row in statement.penalty
+        for powers, _ in row
+        if sum(powers) > 1
+        for i, power in enumerate(powers)
         if power
     }
     held = {

@@ -18,7 +18,7 @@ from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.campaign import Journal, MergedTable
-    from flexhinf.campaign.driver import Report
+    from flexhinf.campaign.driver import Executor, Report
 
 __all__ = ["app"]
 
@@ -109,6 +109,14 @@ def run(
     workers: Annotated[
         int, typer.Option(help="Processes beside this one; 0: this one alone, with two threads.")
     ] = 0,
+    cluster: Annotated[
+        str,
+        typer.Option(
+            metavar="<tcp://…>",
+            help="Address of a scheduler of Dask's, whose workers run the batches.",
+            show_default=False,
+        ),
+    ] = "",
     shard: Annotated[
         str,
         typer.Option(
@@ -132,7 +140,7 @@ def run(
     Exit code: 0 if every sample is a success; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
-    from flexhinf.campaign import Requirement, Shard, drive, in_processes
+    from flexhinf.campaign import Requirement, Shard, drive
     from flexhinf.design import CampaignOptions, DesignCampaign, open_campaign
 
     part = Shard.read(shard) if shard else Shard()
@@ -142,7 +150,7 @@ def run(
     )  # fmt: skip
     request = read_source(design, elastic, {}).request
     asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
-    executor = in_processes(workers, note) if workers else None
+    executor = _executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
     with _stages() as stage:
         campaign, journal = open_campaign(asked, out, _words(context), stage)
@@ -161,6 +169,19 @@ def run(
         typer.echo(f"then:  flexhinf campaign merge {out}")
         return
     _finish(table, checked)
+
+
+def _executor(workers: int, cluster: str) -> Executor | None:
+    """What runs the batches; None: this process."""
+    from flexhinf.campaign import in_cluster, in_processes
+
+    if workers and cluster:
+        raise InvalidInput(
+            "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
+        )
+    if cluster:
+        return in_cluster(cluster)
+    return in_processes(workers, note) if workers else None
 
 
 @app.command("merge")

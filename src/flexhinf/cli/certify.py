@@ -7,9 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from flexhinf.cli.arguments import Elastic, GoalXyz, Payload, Tool, request_of, with_specification
+from flexhinf.cli.arguments import (
+    Elastic,
+    GoalXyz,
+    Payload,
+    Tool,
+    reproduce_command,
+    request_of,
+    with_specification,
+)
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.errors import InvalidInput
+from flexhinf.files import write_file
 
 __all__ = ["certify"]
 
@@ -32,6 +41,9 @@ def certify(
         Path | None,
         typer.Option(help="Prove this certificate again, by the independent checker.", show_default=False),
     ] = None,
+    page: Annotated[
+        Path, typer.Option(help="The page that is written, with the theorem and its pictures.")
+    ] = Path("certificate.html"),
     degree: Annotated[
         int | None,
         typer.Option(
@@ -41,6 +53,13 @@ def certify(
     decay: Annotated[
         float, typer.Option(help="Rate of decay that is proved too: for disturbances that persist, 1/s.")
     ] = 0.0,
+    observer: Annotated[
+        float | None,
+        typer.Option(
+            help="Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.",
+            show_default=False,
+        ),
+    ] = None,
     threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
     elastic: Elastic = "",
     payload: Payload = "",
@@ -48,12 +67,13 @@ def certify(
     tool: Tool = "",
     **options: Any,
 ) -> None:
-    """Prove how far the law of a design can be trusted: certificate.json.
+    """Prove how far the law of a design can be trusted: certificate.json, and a page.
 
     The largest level of V that can be proved about the goal, by arithmetic that
     cannot round the wrong way: the gain from disturbances, and the largest steps
     from rest inside. What is proved is stated by --checked-gamma-ratio and
-    --checked-penalty. For robots of one link; the true state is fed back.
+    --checked-penalty. For robots of one link; the true state is fed back, and
+    with --observer also the estimates of an output-injection observer.
 
     With --check, another program proves a certificate again and reads nothing but
     the file; the theorem is printed with its hypotheses and what is not proved.
@@ -75,22 +95,33 @@ def certify(
     from flexhinf.certify import Verification
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
-    from flexhinf.design.certification import certify_design, proved
+    from flexhinf.design.certification import certify_design, evidence, proved
 
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
     with ProofProgress() as bar:
         found = certify_design(
-            request.robot, request.specification, bar.step, bar.share, decay=decay, threads=threads
+            request.robot,
+            request.specification,
+            bar.step,
+            bar.share,
+            decay=decay,
+            observer=observer,
+            threads=threads,
         )
+        one = proved(found, degree)
+        bar.step("pictures, and the worst disturbance")
+        shown = evidence(request.robot, request.specification, one)
+        html = report.certificate_page(
+            found, one, shown, request.specification, reproduce_command(context)
+        ).html()
     for table in report.certification_tables(found):
         Console().print(table)
     for text in report.certification_notes(found):
         note(text)
-    certificate = proved(found, degree).certificate
-    assert certificate is not None
-    certificate.save(out)
-    typer.echo(theorem_text(certificate, Verification(True, gradient_law=True)))
-    typer.echo(f"certificate: {out}\ncheck:       flexhinf certify --check {out}")
+    shown.certificate.save(out)
+    write_file(page, "page", lambda name: Path(name).write_text(html, encoding="utf-8"))
+    typer.echo(theorem_text(shown.certificate, Verification(True, gradient_law=True)))
+    typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
 
 
 def _check(path: Path, robot: str, threads: int) -> None:

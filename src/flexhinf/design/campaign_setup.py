@@ -15,29 +15,28 @@ from flexhinf.campaign import (
     DISTRIBUTIONS,
     METHODS,
     Campaign,
-    Metrics,
     Sample,
     Tolerances,
     Variable,
     check_counts,
     one_of,
 )
+from flexhinf.design.campaign_metrics import StepMetrics
 from flexhinf.design.design_file import DesignRequest, plain
-from flexhinf.design.joint_limits import JointLimits, joint_limits
+from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.plans import has_integrals, step_command
-from flexhinf.design.responses import Response
 from flexhinf.design.scenario import LOAD_START, default_start
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, Loop, Step, Trajectory
+from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.extras import inactive_parameters
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.untrusted import value_text
 
-__all__ = ["CampaignOptions", "DesignCampaign", "StepMetrics", "fields_text"]
+__all__ = ["CampaignOptions", "DesignCampaign", "fields_text"]
 
 _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
@@ -128,52 +127,6 @@ class RobotDraw:
 
 
 ERROR, TORQUE = "initial_error", "link_torque"
-
-
-@dataclass(frozen=True, eq=False)
-class StepMetrics:
-    """Figures of the step of all joints, each the worst of them: what `Response` and `JointLimits` say."""
-
-    start: np.ndarray
-    goal: np.ndarray
-    limits: JointLimits
-
-    @property
-    def units(self) -> dict[str, str]:
-        """By name; a fraction of a limit only where there is one."""
-        position, speed, effort = (
-            units[0] if len(set(units)) == 1 else ""
-            for units in (self.limits.position_units, self.limits.speed_units, self.limits.effort_units)
-        )
-        found = {
-            "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": position,
-            "peak_input": effort, "peak_speed": speed, "estimation_error": position,
-        }  # fmt: skip
-        found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
-        return found | ({"speed_limit_use": ""} if self.limits.limits_speed else {})
-
-    def __call__(self, run: Trajectory) -> dict[str, float]:
-        """Of one run."""
-        response = Response(run, self.goal, self.start, self.limits.joints)
-        moved = [row for row in response.metrics if "overshoot_percent" in row] or response.metrics
-        found = {
-            name: max(np.inf if row[name] is None else row[name] for row in rows if name in row)
-            for name, rows in (
-                *((name, moved) for name in ("overshoot_percent", "settling_time_s", "rise_time_s")),
-                *((name, response.metrics) for name in ("steady_state_error", "peak_input", "peak_speed")),
-            )
-            if any(name in row for row in rows)
-        }
-        estimates = [
-            k for k in signal_names("link_position", self.limits.joints) if k in run.names["estimate"]
-        ]
-        found["estimation_error"] = max(
-            (float(np.abs(run.signal("estimate", k) - run.signal("state", k)).max()) for k in estimates),
-            default=np.nan,
-        )
-        found["input_limit_use"] = self.limits.input_use(response).share
-        found["speed_limit_use"] = self.limits.speed_use(response).share
-        return {name: found.get(name, np.nan) for name in self.units}
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +257,8 @@ class DesignCampaign:
             self.variables, self.options.method, RobotDraw(robot, start, s.extras, LOAD_START * duration)
         )
         return Campaign(
-            loop, draw, self.options.samples, self.options.seed, options, Metrics(self.metrics.units, self.metrics),
+            loop, draw, self.options.samples, self.options.seed, options,
+            self.metrics.metrics(plant.states, controller.states),
             signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
         )  # fmt: skip
 

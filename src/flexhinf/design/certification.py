@@ -12,19 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexhinf.analysis import BudgetTerm
+from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.proof import NotProved, certify, check_states
-from flexhinf.certify.steps import ProvedStep, proved_steps
+from flexhinf.certify.pictures import StartSurface, WorstStep, start_surface, worst_step
+from flexhinf.certify.proof import certify, check_states
+from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.plant import GeneralisedPlant
+from flexhinf.plant import Penalty as WeightPenalty
 from flexhinf.robot import Robot
 
-__all__ = ["CertifiedDegree", "DesignProof", "certify_design", "prove_design", "proved"]
+__all__ = [
+    "CertifiedDegree",
+    "DesignProof",
+    "Evidence",
+    "certify_design",
+    "evidence",
+    "prove_design",
+    "proved",
+]
 
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
@@ -32,6 +43,9 @@ Share = Callable[[int, float], None]
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
 #: wanted step alone has this room above V where it starts.
 SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
+
+#: Longest disturbance that is searched for beside a certificate, s.
+LONGEST_SEARCH = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +81,7 @@ def certify_design(
     share: Share,
     *,
     decay: float = 0.0,
+    observer: float | None = None,
     threads: int = 1,
 ) -> tuple[CertifiedDegree, ...]:
     """The laws of a design at its goal, and what is proved of each, nominal and with the true state fed back.
@@ -80,7 +95,7 @@ def certify_design(
         Called with the name of each step before it begins.
     share : callable
         Called with the cells done and the estimated share of a proof, many times.
-    decay : float
+    decay, observer
         As `HJISolution.certify`.
     threads : int
 
@@ -102,11 +117,10 @@ def certify_design(
         margin = solution.checked_margin(gamma, penalty)
         if margin.definite:
             try:
-                certificate = certify(
-                    solution, gamma, penalty, decay=decay, about=about, threads=threads, progress=share
-                )
+                asked = {"decay": decay, "about": about, "observer": observer}
+                certificate = certify(solution, gamma, penalty, **asked, threads=threads, progress=share)
                 steps = proved_steps(solution, certificate)
-            except NotProved as error:
+            except NumericalFailure as error:  # of this degree; another may be proved
                 reason = error.found
         else:
             reason = margin.reason()
@@ -135,6 +149,51 @@ def proved(found: tuple[CertifiedDegree, ...], degree: int | None) -> CertifiedD
             else "weights on all states, and a smaller `checked_penalty`, so that r < 0 has a margin near the goal",
         )  # fmt: skip
     return wanted[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is shown beside the theorem.
+
+    Attributes
+    ----------
+    certificate : Certificate
+        With the attained gain, where a disturbance was found.
+    surface : StartSurface or None
+        V and r where steps start.
+    worst : tuple of WorstStep
+        A smaller step with the worst disturbance, for each rule of the integrators' start.
+    attained : Attained or None
+        The worst disturbance found by search, from rest at the goal, with which V stays below the proved level.
+    """
+
+    certificate: Certificate
+    surface: StartSurface | None
+    worst: tuple[WorstStep, ...]
+    attained: Attained | None
+
+
+def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
+    """The pictures and the lower bound of the gain of one certificate."""
+    solution, given = one.choice.solution, one.certificate
+    assert given is not None
+    problem = solution.problem
+    try:
+        assert isinstance(problem, GeneralisedPlant)
+        length = min(LONGEST_SEARCH, longest_run(solution))
+        attained = worst_disturbance(
+            problem, solution, None, s.period, level=given.level, horizon=length, seed=s.seed
+        )
+    except FlexhinfError:
+        attained = None
+    if attained is not None:
+        given = replace(given, attained_gain=attained.gain)
+    weights = None
+    if s.checked_penalty is not None and not callable(s.checked_penalty):
+        groups = robot.problem().plant.groups
+        weights = WeightPenalty.of(s.checked_penalty).expanded(groups).states
+    worst = tuple(worst_step(solution, given, start) for start in given.starts)
+    return Evidence(given, start_surface(solution, given, weights), worst, attained)
 
 
 # A design's own proof -----------------------------------------------------------------------------------

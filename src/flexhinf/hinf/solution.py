@@ -113,6 +113,7 @@ class HJISolution(ValueFunction, Law):
         *,
         decay: float = 0.0,
         about: str = "",
+        observer: float | None = None,
         threads: int = 1,
         progress: Callable[[int, float], None] | None = None,
     ) -> Certificate:
@@ -129,6 +130,9 @@ class HJISolution(ValueFunction, Law):
             α in V̇ ≤ −αV + ½γ²|d|² − ½|z|²: with α > 0 the region is invariant for all |d| ≤ √(2αc)/γ.
         about : str
             What is certified, for readers of the certificate.
+        observer : float, optional
+            Bandwidth of an output-injection observer, 1/s: the certificate covers output feedback too, for initial
+            errors that take up to a tenth of the level (`flexhinf.certify.observer.observed`).
         threads : int
             The certificate does not depend on it.
         progress : callable, optional
@@ -137,7 +141,8 @@ class HJISolution(ValueFunction, Law):
         Returns
         -------
         Certificate
-            Of the state feedback, nominal parameters: see docs/certificate.md for what it claims.
+            Of the state feedback, with `observer` also of the output feedback, nominal parameters: see
+            docs/certificate.md for what it claims.
 
         Raises
         ------
@@ -148,9 +153,8 @@ class HJISolution(ValueFunction, Law):
         """
         from flexhinf.certify.proof import certify
 
-        return certify(
-            self, gamma, penalty, level, decay=decay, about=about, threads=threads, progress=progress
-        )
+        asked = {"decay": decay, "about": about, "observer": observer}
+        return certify(self, gamma, penalty, level, **asked, threads=threads, progress=progress)
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.

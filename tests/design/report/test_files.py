@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import flexhinf as fh
+from flexhinf.certify import load_certificate
 from flexhinf.design import Design
 
 Make = Callable[[str], Design]
@@ -21,7 +22,10 @@ def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_pa
     folder = design.save(tmp_path / "report")
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     runs = {f"runs/{name}.nc" for name in ("step", "load", "move", "ring-down-1")}
-    assert names == {"index.html", "design.json", "controller", "flexhinf-report.json", *runs}
+    assert names == {
+        "index.html", "design.json", "controller", "certificate.json", "flexhinf-report.json", *runs,
+    }  # fmt: skip
+    assert load_certificate(folder / "certificate.json").check().proved
     page = (folder / "index.html").read_text(encoding="utf-8")
     listed = {"design.json", "controller", "runs/load.nc", "move.nc", "step.nc"}  # a folder is named once
     assert all(f"<code>{name}</code>" in page for name in listed)

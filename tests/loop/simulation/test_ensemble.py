@@ -99,6 +99,19 @@ def test_neither_lanes_nor_threads_nor_other_runs_matter(made):
     assert whole.kept[0, -1, 0] == run.signals["state"][-1, 0]
 
 
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_each_run_begins_from_its_own_input(made, delay):
+    loop, arguments = prepared(made, delay=delay)
+    inputs = np.linspace(-1.0, 1.0, COUNT)[:, None]
+    ensemble = loop.ensemble(**arguments, kept=["link_position"], instants=[1, 50])
+    found = ensemble.run(rows(), np.arange(COUNT), initial_inputs=inputs)
+    for k in (0, COUNT - 1):
+        run = alone(loop, arguments, k, seed=k, initial_input=inputs[k])
+        np.testing.assert_array_equal(found.kept[k, :, 0], run.signals["state"][[1, 50], 0])
+    with pytest.raises(InvalidInput, match="initial inputs"):
+        ensemble.run(rows(), np.arange(COUNT), initial_inputs=inputs[:2])
+
+
 def test_each_plant_has_its_own_sub_steps_and_its_own_loop_agrees(made):
     loop, arguments = prepared(made, sub_steps=None)
     ensemble = loop.ensemble(**arguments, kept=["motor_position"], instants=[300])

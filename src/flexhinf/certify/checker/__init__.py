@@ -11,15 +11,19 @@ state feedback u = k(x) in continuous time without limits,
 4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
    estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
 5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
-6. every start of every stated path lies in S.
+6. every start of every stated path lies in S;
+7. with an observer of energy ε: the starts of 6. have V ≤ c − ε, and for u = k̂(x̂) with the stated observer, 2. holds
+   with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and 3. with e too.
 
 **How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
 functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
 each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a centred form and an a-priori bound of all rounding
-(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`), and
-paths of starts in balls (`starts`). docs/certificate.md has the proof, of every inequality that is relied on here.
+(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`),
+paths of starts in balls (`starts`), and an observer in rationals (`observer`). docs/certificate.md has the proof, of
+every inequality that is relied on here.
 
-Nothing here imports the search, and the search imports nothing from here.
+What both share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no arithmetic
+from here: it calls the finished checker for its starts and its observer, so that what it states will be proved.
 """
 
 from __future__ import annotations
@@ -35,6 +39,7 @@ from flint import ctx, fmpq_mat
 from flexhinf.certify.checker.algebra import as_rational
 from flexhinf.certify.checker.inequality import FaceInequality, Inequality
 from flexhinf.certify.checker.march import Marched, Refusal, march_face
+from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.second_route import cell_holds
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.claim import Claim
@@ -43,6 +48,12 @@ __all__ = ["Verification", "verify"]
 
 _BITS = 128
 _MOST_KINDS = 64
+_MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
+_LEAST_LEVEL, _LEAST_REACH = (
+    1e-100,
+    1e-50,
+)  # from here on no product of the march falls below the normal doubles
+_FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
 @dataclass(frozen=True)
@@ -97,6 +108,8 @@ def verify(
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
         inequality = Inequality(claim)
+        if claim.observer is not None:
+            check_observer(claim, claim.observer, inequality.exact.gradient_law)
         with ThreadPoolExecutor(threads) as pool:
             jobs = [pool.submit(_face, inequality, face, sample, seed, tick) for face in inequality.faces]
             try:
@@ -105,6 +118,9 @@ def verify(
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         resampled = _second(inequality, marched, seed)
+    except OverflowError:
+        reason = "numbers beyond the doubles appear: another unit, or another T."
+        return Verification(False, reason, cpu_s=time.process_time() - began)
     except Refusal as refusal:
         return Verification(False, _reason(claim, refusal), cpu_s=time.process_time() - began)
     return Verification(
@@ -122,13 +138,25 @@ def verify(
 
 
 def _check_sizes(claim: Claim) -> None:
-    """Few enough different products of parameters and functions for exact algebra to end."""
+    """Few enough products of parameters and functions, corners and nodes for exact algebra to end; and numbers whose
+    products are far from the smallest and the largest doubles."""
     rows = (claim.drift, *claim.g1, *claim.g2)
     kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
     if len(kinds) > _MOST_KINDS:
         raise Refusal(
             f"the plant has {len(kinds)} different products of parameters and functions, more than {_MOST_KINDS}"
         )
+    uncertain = sum(p.low < p.high for p in claim.parameters)
+    if uncertain > _MOST_UNCERTAIN:
+        raise Refusal(f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}")
+    if not (claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= 1 / _LEAST_REACH):
+        raise Refusal(
+            f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit"
+        )
+    widest = [claim.reach * sum(abs(v) for v in row) for row in claim.coordinates]
+    for function in claim.functions:
+        if sum(abs(s) * w for s, w in zip(function.slope, widest)) > _FARTHEST:
+            raise Refusal(f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
 
 
 def _check_matrices(claim: Claim) -> None:

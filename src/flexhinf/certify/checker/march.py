@@ -97,11 +97,11 @@ def march_face(
         if cells > most:
             raise Refusal(f"undecided after {cells:,} cells")
         good = bounds.proved & ~edge & ~bounds.finished
-        accepted += int(good.sum())
         by_level = good & ~(bounds.largest < 0)
         with_level += int(by_level.sum())
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         for i in np.flatnonzero(good):  # each accepted cell is in the sample with the same probability
+            accepted += 1
             place = len(kept) if len(kept) < sample else int(rng.integers(accepted))
             if place < sample:
                 multiplier = float(bounds.multiplier[i]) if by_level[i] else 0.0

@@ -30,7 +30,7 @@ _FIRST = 16  # pieces
 def check_start(claim: Claim, start: Start) -> int:
     """Number of intervals of a on which V ≤ c was shown; a `Refusal` where that fails."""
     with ctx.workprec(_BITS):
-        level = arb(claim.level)
+        level = arb(claim.level) - (arb(claim.observer.energy) if claim.observer else 0)
         knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
         todo = [
             (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)

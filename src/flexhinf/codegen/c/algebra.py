@@ -18,33 +18,37 @@ PARTS, TOGETHER = 8, 8
 def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: bool) -> str:
     """Σ_k w_k l_kᵀ r_k + plus of (count, rows) and (count, columns), see `flexhinf.codegen.steps.OuterSum`.
 
-    With `wide` there are at least `TOGETHER` columns, and a loop of that many for compilers to make vectors of.
+    With `wide` there are at least `TOGETHER` columns: compilers make vectors of loops of that many. The last of them
+    are then computed again with those before, so that none is left over; `plus` must not be the target.
     """
     arguments = ["const {R} *left", "const {R} *right"]
     arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
     sizes = "int count, int rows, int columns"
-    factor = "left[k * rows + i] * weights[k]" if weighted else "left[k * rows + i]"
     plus = " + plus[i * columns + j + e]" if added else ""
 
-    def terms(width: str) -> str:
-        return f"""            for (int k = 0; k < count; ++k) {{
-                const {{R}} factor = {factor};
-                for (int e = 0; e < {width}; ++e) {{
-                    part[k % {PARTS}][e] = FMA(factor, right[k * columns + j + e], part[k % {PARTS}][e]);
+    def term(ahead: int, part: str, width: str, indent: int) -> str:
+        k = f"(k + {ahead})" if ahead else "k"
+        weight = f" * weights[{k.strip('()')}]" if weighted else ""
+        lines = (
+            f"const {{R}} factor = left[{k} * rows + i]{weight};",
+            f"for (int e = 0; e < {width}; ++e) {{",
+            f"    part[{part}][e] = FMA(factor, right[{k} * columns + j + e], part[{part}][e]);",
+            "}",
+        )
+        return "\n".join(" " * indent + line for line in lines)
+
+    first, blocks = "block", ""
+    if wide:
+        first = f"(columns - block < {TOGETHER}) ? columns - {TOGETHER} : block"
+        eight = "\n                }\n                {\n".join(
+            term(ahead, str(ahead), str(TOGETHER), 20) for ahead in range(PARTS)
+        )
+        blocks = f"""
+            for (; k + {PARTS} <= count; k += {PARTS}) {{
+                {{
+{eight}
                 }}
             }}"""
-
-    body = terms("width")
-    if wide:
-        body = "\n".join(
-            [
-                f"            if (width == {TOGETHER}) {{",
-                terms(str(TOGETHER)),
-                "            } else {",
-                body,
-                "            }",
-            ]
-        )
     mirror = """
     for (int i = 0; i < rows; ++i) {
         for (int j = 0; j < i; ++j) {
@@ -53,11 +57,15 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: boo
     }"""
     return f"""static void {name}({", ".join(arguments)}, {{R}} *target, {sizes})
 {{
-    for (int j = 0; j < columns; j += {TOGETHER}) {{
+    for (int block = 0; block < columns; block += {TOGETHER}) {{
+        const int j = {first};
         const int width = (columns - j < {TOGETHER}) ? columns - j : {TOGETHER};
         for (int i = {"j" if symmetric else "0"}; i < rows; ++i) {{
             {{R}} part[{PARTS}][{TOGETHER}] = {{{{{{0}}}}}};
-{body}
+            int k = 0;{blocks}
+            for (; k < count; ++k) {{
+{term(0, f"k % {PARTS}", "width", 16)}
+            }}
             for (int e = 0; e < width; ++e) {{
                 target[i * columns + j + e] = (((part[0][e] + part[1][e]) + (part[2][e] + part[3][e]))
                     + ((part[4][e] + part[5][e]) + (part[6][e] + part[7][e]))){plus};

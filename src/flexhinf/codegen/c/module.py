@@ -128,7 +128,8 @@ class Translator:
         yield "}"
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
-        wide = step.shape[1] >= algebra.TOGETHER
+        apart = step.plus is None or not overlap(step.plus, step.target)
+        wide = step.shape[1] >= algebra.TOGETHER and apart
         flags = step.weights is not None, step.plus is not None, step.symmetric, wide
         short = "sum" + "".join(letter for letter, flag in zip("wpsv", flags) if flag)
         name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags))
@@ -175,7 +176,10 @@ class Translator:
         yield "}"
 
     def _sweep(self, step: Sweep, loops: list[str]) -> Iterator[str]:
-        """Blocks of columns side by side; a column or two that are left over go alone."""
+        """Blocks of columns side by side; a column or two that are left over go alone.
+
+        What all columns share is copied to every lane once: a compiler does so in every call, and keeps it in memory.
+        """
         first = 0
         while first < step.count:
             left = step.count - first
@@ -184,10 +188,21 @@ class Translator:
             number = str(min(left, lanes))
             lines = [f"{self.real.name} column[{step.size * lanes}];"]
             lines += [self._move(pair, loops, lanes, number, True) for pair in step.inputs]
-            lines += self._inside(step.body, loops, lanes)
+            spread = _shared(step.body) if lanes > 1 else {}
+            lines += self._inside(step.body, loops, lanes, spread)
             lines += [self._move(pair, loops, lanes, number, False) for pair in step.outputs]
-            yield f"for (int c = {first}; c < {end}; c += {lanes}) {{"
-            yield from (INDENT + line for line in lines)
+            yield "{"
+            for piece, name in spread.items():
+                yield f"{INDENT}{self.real.name} {name}[{piece.size * lanes}];"
+            for piece, name in spread.items():
+                yield f"{INDENT}for (int i = 0; i < {piece.size}; ++i) {{"
+                yield f"{INDENT * 2}for (int l = 0; l < {lanes}; ++l) {{"
+                yield f"{INDENT * 3}{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
+                yield f"{INDENT * 2}}}"
+                yield f"{INDENT}}}"
+            yield f"{INDENT}for (int c = {first}; c < {end}; c += {lanes}) {{"
+            yield from (INDENT * 2 + line for line in lines)
+            yield f"{INDENT}}}"
             yield "}"
             first = end
 
@@ -203,23 +218,29 @@ class Translator:
             return f"{self._mover(read)}({ends});"
         return f"{self._packer(read, lanes)}({ends}, {across}, {number});"
 
-    def _inside(self, body: Sequence[Step], loops: list[str], lanes: int) -> Iterator[str]:
+    def _inside(
+        self, body: Sequence[Step], loops: list[str], lanes: int, spread: dict[Slice, str]
+    ) -> Iterator[str]:
         """The steps of a sweep for as many columns side by side."""
 
         def at(piece: Slice) -> str:
             inside = piece.buffer == COLUMN
-            return f"column + {piece.offset * lanes}" if inside else self._at(piece, loops)
+            return (
+                f"column + {piece.offset * lanes}" if inside else spread.get(piece) or self._at(piece, loops)
+            )
 
         for step in body:
             if isinstance(step, Repeat):
                 counter = f"k{len(loops)}"
                 yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
-                yield from (INDENT + line for line in self._inside(step.body, [*loops, counter], lanes))
+                yield from (
+                    INDENT + line for line in self._inside(step.body, [*loops, counter], lanes, spread)
+                )
                 yield "}"
             elif isinstance(step, Call):
                 if lanes > 1 and any(overlap(one, other) for one in step.inputs for other in step.outputs):
                     raise _unsupported("a sweep in which a result takes the place of an argument")
-                moving = tuple(piece.buffer == COLUMN for piece in step.inputs)
+                moving = tuple(piece.buffer == COLUMN or piece in spread for piece in step.inputs)
                 name = self._function(step.function, lanes, moving if lanes > 1 else ())
                 yield f"{name}({', '.join(map(at, (*step.inputs, *step.outputs)))});"
             elif isinstance(step, Copy) and step.source.buffer == COLUMN:
@@ -284,6 +305,21 @@ class Translator:
                 text = text.replace(mark, meant)
             self.functions[name] = text
         return name
+
+
+def _shared(body: Sequence[Step]) -> dict[Slice, str]:
+    """What functions read that is the same for all columns of a sweep and in every turn of its loops, with names."""
+    found: dict[Slice, str] = {}
+    for step in body:
+        if isinstance(step, Repeat):
+            inner = [piece for piece in _shared(step.body) if not any(piece.strides)]
+        elif isinstance(step, Call):
+            inner = [piece for piece in step.inputs if piece.buffer != COLUMN and not any(piece.strides)]
+        else:
+            inner = []
+        for piece in inner:
+            found.setdefault(piece, f"spread{len(found)}")
+    return found
 
 
 def _elementwise(step: Map) -> bool:

@@ -2,6 +2,7 @@
 
 from flexhinf.design.report.campaign_page import campaign_page, write_campaign
 from flexhinf.design.report.campaign_text import campaign_verdict, replay_table
+from flexhinf.design.report.certificate_page import certificate_page
 from flexhinf.design.report.certification import certification_notes, certification_tables
 from flexhinf.design.report.comparison import comparison_notes, comparison_page
 from flexhinf.design.report.deployed_run import run_met, run_notes, run_tables, run_verdict
@@ -12,8 +13,8 @@ from flexhinf.design.report.text import comparison_tables, design_tables, requir
 from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
-    "campaign_page", "campaign_verdict", "certification_notes", "certification_tables", "check_film",
-    "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
+    "campaign_page", "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",
+    "check_film", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
     "design_files", "design_page", "design_tables", "notes", "replay_table", "requirement_table", "robots_table",
     "run_met", "run_notes", "run_tables", "run_verdict", "verdict", "write_campaign", "write_comparison",
     "write_design", "write_film",

@@ -273,6 +273,9 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Any:
             grain = period if unit == "s" and period > 0.0 and np.ptp(values) > 10.0 * period else 0.0
             axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
             axis.grid(axis="x", visible=False)
+            axis.locator_params(axis="x", nbins=3 if np.abs(values).max() > 5e-3 else 2)
+            axis.xaxis.set_major_formatter(lambda value, _: number(value, 3))
+            axis.tick_params(axis="x", labelsize=8)
             for limit in limits:
                 if np.abs(values).max() > 0.5 * abs(limit):
                     axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
@@ -308,7 +311,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     columns = min(2, len(found))
     rows = -(-len(found) // columns)
     bars = min(BARS, max(len(one.names) for one in found.values()))
-    figure, grid = panels(rows, columns, rows * (0.8 + 0.2 * bars))
+    figure, grid = panels(rows, columns, 0.3 + rows * (0.9 + 0.2 * bars), sharex=True)
     for axis, (name, one) in zip([axis for row in grid for axis in row], found.items()):
         places = np.arange(min(bars, len(one.names)))[::-1]
         with house_style():
@@ -321,9 +324,8 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     axes = [axis for row in grid for axis in row]
     for axis in axes[len(found) :]:
         axis.set_visible(False)
-    legend_axis = axes[0]
     with house_style():
-        legend_axis.legend(loc="lower right", fontsize=7.5)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False)
     first = next(iter(found.values()))
     low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
     notes = [Note(
@@ -350,7 +352,7 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
             Listing(f"{replay} {worst}"),
         ]
     rows = [
-        (int(k), reasons_text(judged, int(k)), changes(judged, int(k)), f"`{replay} {int(k)}`")
+        (int(k), reasons_text(judged, int(k)), _unbroken(changes(judged, int(k))), f"`{replay} {int(k)}`")
         for k in judged.failed[:FAILURES]
     ]
     more = (
@@ -362,6 +364,11 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         ),
         Table(("sample", "why", "its numbers", "replay"), rows, "Failures", "table-failures", stacks=True),
     ]
+
+
+def _unbroken(text: str) -> str:
+    """Per cent on the line of its number."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def _settings(settings: dict[str, str]) -> dict[str, list[Setting]]:

@@ -78,9 +78,11 @@ def changes(judged: CampaignJudgement, sample: int) -> str:
 
 
 def percent_text(fraction: float) -> str:
-    """A fraction close to one, with the digits that tell it from one."""
+    """A fraction with the digits that tell it from zero and from one."""
     if fraction in (0.0, 1.0):
         return f"{100 * fraction:.0f} %"
+    if fraction < 0.01:
+        return f"{number(100 * fraction, 2)} %"
     digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if fraction > 0.5 else 1
     return f"{100 * fraction:.{digits}f} %"
 

@@ -142,6 +142,7 @@ class Ensemble:
         initial_states: Any = None,
         loads: Any = None,
         *,
+        initial_inputs: Any = None,
         threads: int = THREADS,
         lanes: int = LANES,
     ) -> EnsembleResult:
@@ -159,6 +160,8 @@ class Ensemble:
             Of each true plant, in the order of its states.
         loads : (N, d) array, optional
             Factors of the disturbance, by channel.
+        initial_inputs : (N, m) array, optional
+            Of each run, as `initial_input` for `Loop.run`.
         threads, lanes : int
             Results do not depend on them.
 
@@ -168,6 +171,7 @@ class Ensemble:
             For arrays that do not fit, and for a plant that is too fast for this period.
         """
         own = self._own(parameters, seeds, initial_states, loads)
+        own |= self._begun(initial_inputs, len(own["truth"]))
         parts = self._parts(own["truth"])
         own["truth"] = np.column_stack([self.command.period / parts, own["truth"]])
         found = Recorded.of(len(parts), self.remembered, len(self.instants), len(self.kept))
@@ -223,6 +227,15 @@ class Ensemble:
                 "a disturbance in Loop.ensemble",
             )
         return own
+
+    def _begun(self, inputs: Any, count: int) -> dict[str, np.ndarray]:
+        """The inputs before the first sample and the controller's memory of them, where each run has its own."""
+        if inputs is None:
+            return {}
+        rows = self._rows("initial inputs", inputs, count, self.start["held"])
+        before = np.array([self.controller.input_before(row) for row in rows]).reshape(rows.shape)
+        memory = [self.controller.initial_memory(input=row) for row in rows]
+        return {"held": before, "memory": np.array(memory).reshape(count, -1)}
 
     def _parameters(self, parameters: Any) -> np.ndarray:
         table = self.plant.parameters

@@ -80,10 +80,13 @@ class Task:
         start = {name: column for name, column in self.start.items() if name not in self.own}
         sizes = {name: len(column) for name, column in start.items()}
         sizes |= {name: rows.shape[1] for name, rows in self.own.items()}
-        inputs, counts = len(start["held"]), {"steps": self.samples, "parts": self.parts}
+        inputs, counts, own = sizes["held"], {"steps": self.samples, "parts": self.parts}, dict(self.own)
         if self.delay:
             sizes["inputs"], counts["late"] = (self.samples + self.delay) * inputs, self.delay * inputs
-            start["inputs"] = np.tile(start["held"], self.delay)
+            if "held" in own:
+                own["inputs"] = np.tile(own["held"], (1, self.delay))
+            else:
+                start["inputs"] = np.tile(start["held"], self.delay)
         sizes["kept"] = self.samples * found.kept.shape[2]
         arrays = {name: np.zeros((size, self.kernel.lanes)) for name, size in sizes.items() if size}
         run = self.kernel.bind({**self.shared, **arrays}, counts)
@@ -93,8 +96,8 @@ class Task:
             )  # idle lanes repeat one
             for name in arrays.keys() & start.keys():
                 arrays[name][: len(start[name])] = start[name][:, None]
-            for name in arrays.keys() & self.own.keys():
-                arrays[name][:] = self.own[name][filled].T
+            for name in arrays.keys() & own.keys():
+                arrays[name][: own[name].shape[1]] = own[name][filled].T
             run()
             status = run.status
             ends = np.array([status.code, status.step]).reshape(2, -1)

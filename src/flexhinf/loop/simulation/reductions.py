@@ -22,6 +22,7 @@ __all__ = [
     "Place",
     "Reduction",
     "common_reductions",
+    "step_reduction",
     "tracking_reductions",
     "update_all",
 ]
@@ -171,7 +172,7 @@ def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Redu
         Columns of each estimated state whose true value is known: in the estimate and in the true state.
     """
     pairs = tuple(known)
-    peak = Reduction((0.0,), _peak, lambda kept, command: {"peak_input": kept[0]})
+    peak = Reduction((0.0,), _peak, _peak_metric)
     return peak, Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs))
 
 
@@ -183,28 +184,40 @@ _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
 def _step(place: Place, kept: Any, now: Instant) -> Any:
     """As `flexhinf.loop.step_metrics`, of a sample after the other."""
     position, channel = place.position(now), place.command
-    initial, high, low, outside, before, *crossings = kept
-    initial = where(now.step > 0.5, initial, where(now.change[channel] > 0.5, now.first[channel], position))
-    height = now.last[channel] - initial
-    beyond = position - now.last[channel]
-    after = now.step >= now.change[channel]
+    begun = where(now.change[channel] > 0.5, now.first[channel], position)
+    initial = where(now.step > 0.5, kept[0], begun)
+    return _stepped(kept, now.step, position, (initial, now.last[channel], now.change[channel]))
+
+
+def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -> Any:
+    """One more sample of a step of this shape: where it begins, where it ends, and its first sample."""
+    (_, high, low, outside, before, *crossings), (initial, final, change) = kept, shape
+    height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
     band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
-    outside = where(after, where(abs(beyond) > band, now.step, outside), outside)
+    outside = where(after, where(abs(beyond) > band, step, outside), outside)
     way = 1.0 + beyond / height
     found = []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
         new = where(after, where(sample < -0.5, where(way >= level, 1.0, 0.0), 0.0), 0.0)
-        found += [where(new, now.step, sample), where(new, way, at), where(new, before, last)]
+        found += [where(new, step, sample), where(new, way, at), where(new, before, last)]
     return np.array([initial, high, low, outside, way, *found])
 
 
 def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
     """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
-    initial, high, low, outside, _, *crossings = kept
-    period, start = command.period, command.change[place.command]
-    height = command.last[place.command] - initial
+    height = command.last[place.command] - kept[0]
+    found = _stepped_metrics(kept, height, command.change[place.command], command)
+    step = (height != 0.0) & command.steps[place.command]
+    return {name: np.where(step, values, np.nan) for name, values in found.items()}
+
+
+def _stepped_metrics(
+    kept: np.ndarray, height: np.ndarray, start: float, command: Command
+) -> dict[str, np.ndarray]:
+    _, high, low, outside, _, *crossings = kept
+    period = command.period
     with np.errstate(divide="ignore", invalid="ignore"):
         overshoot = 100.0 * np.maximum(0.0, np.where(height > 0.0, high, low) / height)
         settling = np.where(outside < start, 0.0, outside * period - start * period)
@@ -215,9 +228,30 @@ def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str,
             back = np.where(sample > start, (at - level) / (at - last), 0.0)
             times.append(np.where(sample < 0, np.inf, sample * period - back * period))
         rise = np.where(np.isinf(times[1]), np.inf, times[1] - times[0])
-    found = {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
-    step = (height != 0.0) & command.steps[place.command]
-    return {name: np.where(step, values, np.nan) for name, values in found.items()}
+    return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
+
+
+def step_reduction(state: int, begin: float, end: float) -> Reduction:
+    """`flexhinf.loop.step_metrics` of a true state that steps from `begin` to `end` at once, whatever the command.
+
+    Parameters
+    ----------
+    state : int
+        Its column.
+    begin, end : float
+        Not equal; data, not code.
+    """
+    start = (begin, *_STEP_START[1:], end)
+    return Reduction(start, partial(_fixed_step, state), _fixed_step_metrics, ("fixed step", state))
+
+
+def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
+    *step, end = kept
+    return np.array([*_stepped(step, now.step, now.state[state], (step[0], end, 0.0)), end])
+
+
+def _fixed_step_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
 
 
 def _error(place: Place, kept: Any, now: Instant) -> Any:
@@ -235,6 +269,10 @@ def _peak(kept: Any, now: Instant) -> Any:
     for u in now.input:
         largest = maximum(largest, abs(u))
     return np.array([largest])
+
+
+def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"peak_input": kept[0]}
 
 
 def _estimation(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:

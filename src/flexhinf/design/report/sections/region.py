@@ -21,7 +21,6 @@ from flexhinf.report import (
     Column,
     Figure,
     Listing,
-    Note,
     Paragraph,
     Table,
     house_style,
@@ -97,7 +96,7 @@ def _proof(design: Design) -> list[Any]:
             "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
         ),
         Listing("flexhinf certify --check certificate.json"),
-        Note(
+        Paragraph(
             "Not covered by the proof: other values of the parameters; estimator, sampling, hold, delay, limits and "
             "noise beyond the budget below. A planned move and payloads are judged by runs."
         ),

@@ -1,0 +1,158 @@
+"""The rows of a batch: a pure function of the campaign and the number of the batch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.campaign.batches import (
+    COMPLETED,
+    DIVERGED,
+    NOT_RUN,
+    TRACE,
+    TRACED,
+    Campaign,
+    checked_integer,
+)
+from flexhinf.campaign.draws import Sample, sample_seed
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.loop import EnsembleResult, Trajectory
+from flexhinf.loop.simulation.run_arguments import starting_state
+
+__all__ = ["Rows", "run_batch", "run_samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of some samples.
+
+    Attributes
+    ----------
+    columns : mapping of str to ndarray
+        By name, (N,); a kept signal (N, T) of 32 bits, NaN where it is not kept and after a run diverged.
+    """
+
+    columns: Mapping[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.columns["sample"])
+
+
+def run_batch(campaign: Campaign, batch: int) -> Rows:
+    """The rows of one batch: the same on every machine of one kind, whatever was run before or beside it.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such batch, or a sample's run or metric is refused; the message names the sample.
+    """
+    checked_integer("batch", batch, 0, campaign.batches - 1, "0")
+    return run_samples(campaign, campaign.indices(batch))
+
+
+def run_samples(campaign: Campaign, indices: range) -> Rows:
+    """The rows of some samples, as `run_batch`."""
+    drawn = campaign.draw.samples(indices, campaign.samples, campaign.seed)
+    table = _Table(campaign, indices)
+    for place, (index, one) in enumerate(zip(indices, drawn)):
+        table.describe(place, index, one)
+    run = [place for place, one in enumerate(drawn) if not one.failure]
+    laned = [place for place in run if campaign.laned(drawn[place])]
+    begun = [place for place in laned if "initial_input" in drawn[place].options]
+    alone = [place for place in run if not campaign.laned(drawn[place])]
+    place = 0
+    try:
+        for some in (begun, [place for place in laned if place not in set(begun)]):
+            if some:
+                found = _in_lanes(campaign, [indices[k] for k in some], [drawn[k] for k in some])
+                table.fill(np.array(some), found)
+        runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
+        for place in alone:
+            table.judge(place, next(runs))
+    except FlexhinfError as error:
+        raise InvalidInput(
+            f"Sample {indices[place]} of the campaign, or one up to {indices[-1]}, is refused.",
+            " ".join(str(error).split()),
+            "a draw and metrics that fit every sample",
+        ) from error
+    return Rows(table.columns)
+
+
+def _in_lanes(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> EnsembleResult:
+    """Numbers of samples that run side by side; a run does not depend on the others, nor on how many there are.
+
+    Either all of them have an initial input of their own, or none has.
+    """
+    ensemble = campaign.ensemble
+    assert ensemble is not None
+    states, controller = ensemble.plant.states, campaign.loop.controller
+    options = [{**campaign.options, **one.options} for one in drawn]
+    starts = [starting_state(each.get("initial_state"), states, controller) for each in options]
+    inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
+    return ensemble.run(
+        [one.parameters for one in drawn],
+        [sample_seed(campaign.seed, index) for index in indices],
+        np.array(starts),
+        initial_inputs=np.array(inputs) if inputs else None,
+    )
+
+
+class _Table:
+    """The columns of a batch while they are filled."""
+
+    def __init__(self, campaign: Campaign, indices: range) -> None:
+        self.campaign, count = campaign, len(indices)
+        self.columns: dict[str, np.ndarray] = {}
+        for column in campaign.columns:
+            trace = column.kind == "trace"
+            shape = (count, len(campaign.instants)) if trace else count
+            self.columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
+        self.columns["sample"] = np.array(indices, dtype=np.int64)
+        self.columns["seed"] = np.array([sample_seed(campaign.seed, k) for k in indices], dtype=np.uint64)
+        self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
+
+    def describe(self, place: int, index: int, drawn: Sample) -> None:
+        """Its numbers, and why it cannot be run."""
+        row, names = drawn.row(), self.campaign.named("parameter")
+        if set(row) != set(names):
+            raise InvalidInput(
+                f"Sample {index} has other numbers than the first one.",
+                f"expected {list(names)}, got {list(row)}",
+                "a draw that names the same parameters every time",
+            )
+        for name, value in row.items():
+            self.columns[name][place] = value
+        if drawn.failure:
+            self.columns["status"][place], self.columns["failure"][place] = NOT_RUN, drawn.failure
+
+    def fill(self, places: np.ndarray, found: EnsembleResult) -> None:
+        """Status, metrics and kept signals of runs in lanes."""
+        status = np.where(found.completed, COMPLETED, DIVERGED)
+        self.columns["status"][places], self.columns["diverged_at_s"][places] = status, found.diverged_at
+        for metrics in self.campaign.metrics:
+            assert metrics.reduced is not None
+            values = metrics.reduced(found)
+            for name in metrics.units:
+                self.columns[name][places] = np.where(found.completed, values[name], math.nan)
+        kept = self.columns["sample"][places] < TRACED
+        with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
+            for k, name in enumerate(self.campaign.signals or ()):
+                self.columns[TRACE + name][places[kept]] = found.kept[kept, :, k]
+
+    def judge(self, place: int, run: Trajectory) -> None:
+        """Status and metrics, and the signals that are kept."""
+        if run.diverged_at is None:
+            self.columns["status"][place] = COMPLETED
+            for metrics in self.campaign.metrics:
+                for name, value in metrics(run).items():
+                    self.columns[name][place] = value
+        else:
+            self.columns["status"][place], self.columns["diverged_at_s"][place] = DIVERGED, run.diverged_at
+        if self.columns["sample"][place] < TRACED:
+            at = self.campaign.instants[: np.searchsorted(self.campaign.instants, len(run.time))]
+            with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
+                for name in self.campaign.signals or ():
+                    self.columns[TRACE + name][place, : len(at)] = run.tracked(name)[at]

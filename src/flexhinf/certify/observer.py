@@ -1,0 +1,224 @@
+"""Output feedback for a certificate: gain L, and M, X, γ_e that pay for the errors of an output-injection observer.
+
+Found in doubles with a margin, so that the strict inequalities hold in rationals; the checker decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.starts import starts_of
+from flexhinf.certify.terms import Observer, Terms
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.plant.plant import GeneralisedPlant
+
+__all__ = ["check_bandwidth", "error_axes", "observed"]
+
+_MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
+_OVER = 1.5  # γ_e over the smallest one
+_PASSES = 20  # of hull, M and X, which follow from each other
+_HALVINGS = 60
+
+
+def error_axes(observer: Observer) -> np.ndarray:
+    """(n_e,): the largest initial error in one state alone without disturbances, ½ X_ii e_i² = ε."""
+    return np.sqrt(2.0 * observer.energy / np.diag(np.array(observer.storage)))
+
+
+def observed(
+    solution: ValueFunction, certificate: Certificate, bandwidth: float, *, share: float = 0.1
+) -> Certificate:
+    """The certificate with an observer of the plant's states, and the starts that are left inside.
+
+    Parameters
+    ----------
+    solution : ValueFunction
+        Of a generalised plant, whose sensors are those of its plant; its integrals are the controller's own.
+    certificate : Certificate
+        Of the state feedback.
+    bandwidth : float
+        Every error decays faster than exp(−bandwidth · t), 1/s: L is the stationary Kalman gain for A + bandwidth.
+    share : float
+        ε over the level, between 0 and 1, both left out.
+
+    Raises
+    ------
+    InvalidInput
+        As `check_bandwidth`.
+    NumericalFailure
+        No M and X for this law and these errors.
+    """
+    from scipy.linalg import solve_continuous_are
+
+    problem = check_bandwidth(solution, bandwidth)
+    size = problem.plant.n
+    names = solution.state_names
+    sensors = np.zeros((len(problem.plant.outputs), len(names)))
+    sensors[:, :size] = problem.plant.linearise(problem.operating_point[:size])[3]
+    numbers = {p.name: p.middle for p in certificate.parameters}
+    linear = np.zeros((size, size))
+    for i, terms in enumerate(certificate.drift[:size]):
+        for term in terms:
+            if term.function is None and sum(term.powers) == 1 and term.powers.index(1) < size:
+                linear[i, term.powers.index(1)] += _value((term,), numbers)
+    noise = np.array([[_value(entry, numbers) for entry in row] for row in certificate.g1[:size]])
+    transform = np.array(certificate.coordinates)
+    spread = (transform @ transform.T)[:size, :size]
+    shown = sensors[:, :size]
+    price = np.diag(np.diag(shown @ spread @ shown.T)) / bandwidth
+    covariance = solve_continuous_are(
+        (linear + bandwidth * np.eye(size)).T, shown.T, bandwidth * spread, price
+    )
+    gain = covariance @ shown.T @ np.linalg.inv(price)
+    closed = linear - gain @ shown
+    energy = share * certificate.level
+    weight, storage, gain_error = _paid(solution, certificate, closed, noise, energy)
+    observer = Observer(
+        _rows(sensors), names[size:], _rows(gain), _rows(weight), _rows(storage), gain_error, energy
+    )
+    claimed = replace(certificate, feedback="output injection observer", observer=observer)
+    if reason := claimed.why_no_observer():
+        raise _not_found(reason)
+    return replace(claimed, starts=starts_of(solution, claimed)).with_proved_starts()
+
+
+def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPlant:
+    """The problem, whose plant's sensors the observer has.
+
+    Raises
+    ------
+    InvalidInput
+        A problem without sensors, a bandwidth that is not positive.
+    """
+    problem = solution.problem
+    if isinstance(problem, GeneralisedPlant) and 0 < bandwidth < np.inf:
+        return problem
+    raise InvalidInput(
+        "There is no such observer.",
+        f"expected the problem of a plant with sensors and a bandwidth > 0, got {type(problem).__name__}, "
+        f"{bandwidth!r}",
+        "a robot's problem, and 10.0, in 1/s",
+    )
+
+
+def _paid(
+    solution: ValueFunction, certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """M, X and γ_e; the hull, M and X are repeated until the hull stays, and then hold with a margin."""
+    size = len(closed)
+    backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
+    widths = np.zeros(len(backwards))
+    scale = 1 / np.linalg.norm(backwards, axis=0)
+    squares = np.outer(scale, scale)
+    for _ in range(_PASSES):
+        weight = _weight(solution, certificate, certificate.reach + 1.05 * widths, size)
+        found = _storage(
+            closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
+        )
+        if found is None:
+            break
+        storage, gain_error = found[0] / squares, found[1]
+        before, widths = (
+            widths,
+            np.sqrt(2 * energy * np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))),
+        )
+        if np.all(widths <= 1.04 * before):
+            return weight, storage, gain_error
+    raise _not_found(f"the law's slopes where the estimates are did not settle in {_PASSES} passes")
+
+
+def _not_found(reason: str) -> NumericalFailure:
+    return NumericalFailure(
+        "No energy of the errors was found for this observer.", reason, "another bandwidth, or degree 2"
+    )
+
+
+def _weight(solution: ValueFunction, certificate: Certificate, widest: np.ndarray, size: int) -> np.ndarray:
+    """M ≻ JᵀR2J for all J within their bounds on |z_i| ≤ `widest_i`."""
+    transform, r2 = np.array(certificate.coordinates), np.array(certificate.r2)
+    at_origin, radius = _slopes(certificate, np.abs(transform) @ widest, size)
+    scale = np.sqrt(np.diag(transform @ transform.T)[:size])
+    base = at_origin.T @ r2 @ at_origin
+    most = float(scale @ np.abs(base) @ scale)
+    reached = radius @ scale
+    extra = np.zeros((size, size))
+    spread = np.sqrt(np.outer(reached, reached) * np.abs(r2)).sum() ** 2
+    if spread:
+        total = (np.abs(r2) @ reached) @ (radius / scale)
+        extra = np.diag(total)
+    ratio = np.sqrt(spread / most) if most else 1.0
+    weight = (1 + ratio) * base + ((1 + 1 / ratio) * extra if spread else 0.0)
+    weight = weight * (1 + _MARGIN) + _MARGIN * np.diag(most / scale**2) / size
+    return (weight + weight.T) / 2
+
+
+def _slopes(certificate: Certificate, widest: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """J at 0, and a bound of how far it goes from there for |x_i| ≤ widest_i, both (m, n_e)."""
+    m = len(certificate.law)
+    at_origin, radius = np.zeros((m, size)), np.zeros((m, size))
+    for row, polynomial in enumerate(certificate.law):
+        for powers, value in polynomial:
+            for j in range(size):
+                if powers[j]:
+                    left = np.array(powers) - np.eye(len(powers), dtype=int)[j]
+                    if left.any():
+                        radius[row, j] += abs(value) * powers[j] * np.prod(widest**left)
+                    else:
+                        at_origin[row, j] += value
+    return at_origin, radius
+
+
+def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """X of AᵀX + XA + M + XGGᵀX/γ_e² = 0 with γ_e a little over the smallest; without G, γ_e = 0."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    plain = solve_continuous_lyapunov(closed.T, -weight)
+    plain = (plain + plain.T) / 2
+    if not noise.any():
+        return plain, 0.0
+    low, high = 0.0, np.sqrt(np.abs(np.linalg.eigvals(plain @ noise @ noise.T)).max())
+    high = high if high > 0 else 1.0
+    while _riccati(closed, noise, weight, high) is None:
+        low, high = high, 2 * high
+        if high > 1e12:
+            return None
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _riccati(closed, noise, weight, middle) is None else (low, middle)
+        if high < low * 1.01:
+            break
+    gain_error = _OVER * high
+    found = _riccati(closed, noise, weight, gain_error)
+    return None if found is None else (found, float(gain_error))
+
+
+def _riccati(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray, gamma: float) -> np.ndarray | None:
+    """The stabilising X ≻ 0, or None."""
+    from scipy.linalg import schur
+
+    n = len(closed)
+    pushed = noise @ noise.T / gamma**2
+    hamiltonian = np.block([[closed, pushed], [-weight, -closed.T]])
+    found: Any = schur(hamiltonian, sort="lhp")
+    _, basis, stable = found
+    if stable != n or np.abs(np.linalg.eigvals(hamiltonian).real).min() < 1e-9:
+        return None
+    x = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T)
+    x = (x + x.T) / 2
+    return x if np.linalg.eigvalsh(x).min() > 0 else None
+
+
+def _value(terms: Terms, numbers: dict[str, float]) -> float:
+    """Of constant terms, at these parameters."""
+    return float(
+        sum(t.coefficient * np.prod([numbers[name] ** float(e) for name, e in t.parameters]) for t in terms)
+    )
+
+
+def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, np.asarray(matrix, dtype=float).tolist()))

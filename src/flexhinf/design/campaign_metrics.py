@@ -1,0 +1,141 @@
+"""Figures of the step of a design's campaign: of a run's signals, or of runs in lanes, with the same numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexhinf.campaign import Metrics
+from flexhinf.design.joint_limits import JointLimits
+from flexhinf.design.responses import Response
+from flexhinf.loop import EnsembleResult, Instant, Reduction, Trajectory
+from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.robot.signals import signal_names
+from flexhinf.scalars import maximum, where
+
+__all__ = ["StepMetrics"]
+
+
+@dataclass(frozen=True, eq=False)
+class StepMetrics:
+    """Figures of the step of all joints, each the worst of them: what `Response` and `JointLimits` say."""
+
+    start: np.ndarray
+    goal: np.ndarray
+    limits: JointLimits
+
+    @property
+    def units(self) -> dict[str, str]:
+        """By name; a fraction of a limit only where there is one."""
+        position, speed, effort = (
+            units[0] if len(set(units)) == 1 else ""
+            for units in (self.limits.position_units, self.limits.speed_units, self.limits.effort_units)
+        )
+        found = {
+            "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": position,
+            "peak_input": effort, "peak_speed": speed, "estimation_error": position,
+        }  # fmt: skip
+        found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
+        return found | ({"speed_limit_use": ""} if self.limits.limits_speed else {})
+
+    def __call__(self, run: Trajectory) -> dict[str, float]:
+        """Of one run."""
+        response = Response(run, self.goal, self.start, self.limits.joints)
+        moved = [row for row in response.metrics if "overshoot_percent" in row] or response.metrics
+        found = {
+            name: max(np.inf if row[name] is None else row[name] for row in rows if name in row)
+            for name, rows in (
+                *((name, moved) for name in ("overshoot_percent", "settling_time_s", "rise_time_s")),
+                *((name, response.metrics) for name in ("steady_state_error", "peak_input", "peak_speed")),
+            )
+            if any(name in row for row in rows)
+        }
+        estimates = [
+            k for k in signal_names("link_position", self.limits.joints) if k in run.names["estimate"]
+        ]
+        found["estimation_error"] = max(
+            (float(np.abs(run.signal("estimate", k) - run.signal("state", k)).max()) for k in estimates),
+            default=np.nan,
+        )
+        found["input_limit_use"] = self.limits.input_use(response).share
+        found["speed_limit_use"] = self.limits.speed_use(response).share
+        return {name: found.get(name, np.nan) for name in self.units}
+
+    # In lanes -----------------------------------------------------------------------------------------
+    def metrics(self, states: Sequence[str], estimated: Sequence[str]) -> Metrics:
+        """For a campaign, of runs in lanes too.
+
+        Parameters
+        ----------
+        states, estimated : sequence of str
+            Of the true plant and of the estimate.
+        """
+        n = len(self.goal)
+        moving = [k for k in range(n) if self.start[k] != self.goal[k]]
+        steps = [step_reduction(k, float(self.start[k]), float(self.goal[k])) for k in moving]
+        names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
+        pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
+        return Metrics(
+            self.units,
+            self,
+            partial(self._reduced, bool(pairs)),
+            [
+                *(_named(step, f"{k} ") for k, step in zip(moving, steps)),
+                Reduction(
+                    (*self.goal.tolist(), *[0.0] * (3 * n + 1)), partial(_largest, n, pairs), partial(_sizes, n),
+                    ("largest of a step", n, pairs),
+                ),
+            ],
+        )  # fmt: skip
+
+    def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
+        """As of one run, of N runs."""
+        kept, moving = found.common, [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
+        values = {
+            name: np.max([kept[f"{k} {name}"] for k in moving], axis=0) if moving else np.full(len(found.codes), np.nan)
+            for name in ("overshoot_percent", "settling_time_s", "rise_time_s")
+        }  # fmt: skip
+        late, effort, speed = kept["late_error"], kept["effort"], kept["speed"]
+        values |= {"steady_state_error": late.max(axis=1), "peak_speed": speed.max(axis=1)}
+        values |= {"estimation_error": kept["estimate"] if estimated else np.full(len(found.codes), np.nan)}
+        values |= {
+            "peak_input": effort.max(axis=1),
+            "input_limit_use": (effort / self.limits.peak).max(axis=1),
+        }
+        return values | {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
+
+
+def _named(one: Reduction, before: str) -> Reduction:
+    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
+    return replace(one, result=partial(_renamed, one.result, before))
+
+
+def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {before + name: values for name, values in result(kept, command).items()}
+
+
+def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+    """Goals (n), then the largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
+    goal, late, effort, speed, estimate = (
+        kept[:n],
+        kept[n : 2 * n],
+        kept[2 * n : 3 * n],
+        kept[3 * n : -1],
+        kept[-1],
+    )
+    errors = [abs(now.state[k] - goal[k]) for k in range(n)]
+    late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
+    effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
+    speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
+    for one, other in pairs:
+        estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
+    return np.array([*goal, *late, *effort, *speed, estimate])
+
+
+def _sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
+    return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}

@@ -1,0 +1,82 @@
+"""The theorem says what was proved, rounded so that it holds; claims beyond the arithmetic are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
+from flexhinf.certify.checker import Verification
+from flexhinf.certify.theorem import theorem_text
+
+DECAYS = Term(-1.0, (1,))
+
+
+def line(**changes: Any) -> Certificate:
+    """ẋ = −x with V = x²(10 − x)²/100: {V ≤ 1} has a component about 0 and another about 10."""
+    fields: dict[str, Any] = {
+        "about": "a line", "states": (Signal("x", "m"),), "inputs": (Signal("u", "N"),),
+        "disturbances": (Signal("d", "N"),),
+        "drift": ((DECAYS,),), "g1": (((),),), "g2": (((),),), "penalty": (), "r2": ((1.0,),),
+        "value": (((2,), 1.0), ((3,), -0.2), ((4,), 0.01)), "law": ((),), "gamma": 1.0, "level": 1.0,
+        "coordinates": ((1.0,),), "reach": 2.0,
+    }  # fmt: skip
+    return Certificate(**{**fields, **changes})
+
+
+def test_the_component_about_the_goal_is_proved() -> None:
+    found = line().check(threads=1)
+    assert found.proved, found.reason
+
+
+def test_a_path_in_another_component_is_no_path_of_starts() -> None:
+    with pytest.raises(fh.InvalidInput, match=r"from x\(0\) = 0"):
+        Start("elsewhere", 1.0, ((),), (), (0.0, 1.0), ((10.0, 10.0),))
+    with pytest.raises(fh.InvalidInput, match=r"from x\(0\) = 0"):
+        Start("elsewhere", 1.0, ((Term(10.0, (0,)),),))
+    Start("a step", 1.0, ((Term(-1.0, (1,)),),))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"level": 1e-300}, "ends of the doubles"),
+        ({"reach": 3e-162}, "ends of the doubles"),
+        ({"parameters": tuple(Parameter(f"p{i}", 1.0, 2.0) for i in range(13))}, "13 parameters"),
+        (
+            {
+                "functions": (Function("sin", (1.0,)),),
+                "drift": ((DECAYS, Term(1.0, (0,), (), 0)),),
+                "reach": 1e9,
+            },
+            "farther than 1000",
+        ),
+        ({"coordinates": ((1e30,),), "value": (((2,), 1.0), ((10,), 1e30))}, "beyond the doubles"),
+    ],
+)
+def test_claims_beyond_the_arithmetic_are_refused_with_a_reason(changes: dict[str, Any], reason: str) -> None:
+    found = line(**changes).check(threads=1)
+    assert not found.proved
+    assert reason in found.reason
+
+
+def test_the_text_has_the_equations_and_rounds_towards_what_holds() -> None:
+    sine = Function("sin", (1.0,), pi_halves=2)
+    pendulum = ((DECAYS, Term(-9.8, (0,), (("mass", 1),), 0)),)
+    start = Start("it starts anywhere", 0.33333333, ((Term(-1.0, (1,)),),))
+    claim = line(
+        functions=(sine,), drift=pendulum, parameters=(Parameter("mass", 1.0, 1.0),), starts=(start,),
+        level=2 / 3, gamma=1 / 3,
+    )  # fmt: skip
+    text = theorem_text(claim, Verification(True, gradient_law=True))
+    assert "d/dt x = -x - 9.8 mass [sin(2 pi/2 + x) - sin(2 pi/2)]" in text
+    assert "up to 0.333333: x = (-a) for 0 <= a <= 0.333333." in text
+    assert "<= 0.666666" in text
+    assert "0.666667" not in text
+    assert f"gamma = {1 / 3!r}" in text
+    assert "of each robot its own" in theorem_text(
+        replace(claim, parameters=(Parameter("mass", 1.0, 2.0),)), Verification(True)
+    )
