@@ -17,9 +17,9 @@ from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_vari
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
+from flexhinf.design.proved_step import ProvedLaw, proved_law
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import start_and_goal
-from flexhinf.design.proved_step import ProvedLaw, search_proved_step
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.weights.choose import choose, preset_of, required_damping, tolerance_channels
@@ -91,6 +91,11 @@ class Synthesis:
         return self.chosen.solution
 
     @property
+    def sampled(self) -> bool:
+        """Whether there is a sampled region of the chosen solution."""
+        return self.chosen.looked and not np.isnan(self.chosen.level)
+
+    @property
     def problem(self) -> GeneralisedPlant:
         """The nominal problem about the goal."""
         return self.design_problem.nominal
@@ -144,7 +149,7 @@ class _Steps:
         """The law about the goal, or a schedule with the poses that are stated."""
         found = None
         if preset_of(self.robot, self.s) == "proved":
-            return self.proved_law()
+            return self.proved_synthesis()
         if preset_of(self.robot, self.s) == "robust":
             problem, noise, found = self.robust_problem()
         else:
@@ -153,37 +158,17 @@ class _Steps:
         law = self.law_of(problem, chosen.solution, found)
         return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
 
-    def proved_law(self) -> Synthesis:
+    def proved_synthesis(self) -> Synthesis:
         """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
 
         The search is about the law with the true state fed back; noise levels are found for it as for other laws.
         """
-        s = self.s
-        for name in ("via", "disturbances"):
-            if getattr(s, name):
-                raise InvalidInput(
-                    f"preset='proved' and `{name}` contradict each other.",
-                    "expected one law at the goal, whose gain from the command is proved",
-                    f"leave out `{name}`, or preset='robust'",
-                )
-        stated = {}
-        if s.bandwidth is not None:
-            stated["bandwidths"] = (1.0,)
-        if s.damping is not None:
-            stated["dampings"] = (s.damping,)
-        if s.degrees is not None:
-            stated["degrees"] = s.degrees
-        found = search_proved_step(
-            self.robot, tuple(self.goal), float(np.abs(self.goal - self.start)[0]),
-            effort_limit=float(joint_limits(self.robot, s).effort[0]),
-            tolerances=1.0 if self.robot.uncertain else 0.0,
-            specification=s, progress=self.progress, **stated,
-        )  # fmt: skip
+        found = proved_law(self.robot, self.s, self.goal, self.start, self.progress)
         problem = replace(found.design_problem, preset="proved")
         noise = self.noise_search(problem)
-        alone = replace(self, s=replace(s, degrees=(found.solution.degree,)))
-        chosen, _, rays = alone.degrees(problem, noise)
-        chosen = replace(chosen, solution=found.solution)
+        (solved,) = solve_degrees(problem.problem, (found.solution.degree,), problem.gamma)
+        chosen = replace(solved, solution=found.solution)
+        rays = rays_of(len(problem.problem.state_names), self.s)
         law = found.solution
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=found)
 

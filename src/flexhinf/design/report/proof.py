@@ -9,7 +9,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
 from flexhinf.report import number
 
-__all__ = ["RULES", "proof_numbers", "proof_text", "step_texts"]
+__all__ = ["RULES", "covers_tolerances", "proof_numbers", "proof_text", "step_texts"]
 
 #: Rules of the integrators' start, in short.
 RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
@@ -70,7 +70,8 @@ def proof_numbers(design: Design) -> dict[str, Any]:
             "cpu_s": proof.cpu_seconds,
         }
     return {
-        "strength": "Certificate", "proved": True, "parameters": "tolerances" if covers_tolerances(design) else "nominal", "feedback": given.feedback,
+        "strength": "Certificate", "proved": True, "feedback": given.feedback,
+        "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": given.gamma, "level": given.level, "sampled_level": given.sampled_level,
         "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in given.starts},
         "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
