@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from flexhinf.errors import InvalidInput
 STIFF = (90.0, 14.0, 100.0)
 
 
-def found(gain=(60.0, 12.0, 100.0), samples=40, **changes):
+def found(gain=(60.0, 12.0, 100.0), samples: Any = 40, **changes: Any):
     options = {"seed": 1, **OPTIONS, **changes}
     return run_campaign(made_loop(gain), options.pop("draw", tolerances()), samples, **options)
 
