@@ -218,7 +218,8 @@ def search_proved_step(
         except FlexhinfError as error:  # no weights for this bandwidth and damping
             reasons.append(_one_line(error))
     found.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
-    about = f"{robot.name}, goal {float(goal[0]):.6g}"
+    unit = "m" if robot.links.slides[0] else "rad"
+    about = f"{robot.name}, goal {float(goal[0]):.6g} {unit}"
     for candidate, margin in itertools.product(found, MARGINS):
         gamma, began = margin * candidate.gamma, time.thread_time()
         progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {gamma:.4g}")
