@@ -14,7 +14,14 @@ import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.pictures import StartSurface, WorstStep, start_surface, worst_step
+from flexhinf.certify.pictures import (
+    LimitSlice,
+    StartSurface,
+    WorstStep,
+    limit_slice,
+    start_surface,
+    worst_step,
+)
 from flexhinf.certify.proof import certify, check_states
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
@@ -108,7 +115,7 @@ def certify_design(
     made = synthesise(robot, s, progress)
     gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
     penalty = checked_penalty(s, made.design_problem)
-    goal = ", ".join(f"{value:.6g}" for value in made.goal)
+    goal = _goal(robot, made)
     found = []
     for choice in made.choices:
         progress(f"degree {choice.degree}: proof")
@@ -161,6 +168,8 @@ class Evidence:
         With the attained gain, where a disturbance was found.
     surface : StartSurface or None
         V and r where steps start.
+    limit : LimitSlice or None
+        V and r in a plane through the point that limits the sampled level.
     worst : tuple of WorstStep
         A smaller step with the worst disturbance, for each rule of the integrators' start.
     attained : Attained or None
@@ -169,6 +178,7 @@ class Evidence:
 
     certificate: Certificate
     surface: StartSurface | None
+    limit: LimitSlice | None
     worst: tuple[WorstStep, ...]
     attained: Attained | None
 
@@ -193,7 +203,8 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
         groups = robot.problem().plant.groups
         weights = WeightPenalty.of(s.checked_penalty).expanded(groups).states
     worst = tuple(worst_step(solution, given, start) for start in given.starts)
-    return Evidence(given, start_surface(solution, given, weights), worst, attained)
+    slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
+    return Evidence(given, *slices, worst, attained)
 
 
 # A design's own proof -----------------------------------------------------------------------------------
@@ -301,9 +312,14 @@ def _proved_within(
         if time.thread_time() > end:
             raise _OutOfTime
 
-    goal = ", ".join(f"{value:.6g}" for value in made.goal)
     gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
     return certify(
         made.solution, gamma, checked_penalty(s, made.design_problem), level,
-        about=f"{robot.name}, goal {goal}, degree {made.chosen.degree} of V", progress=watch,
+        about=f"{robot.name}, goal {_goal(robot, made)}, degree {made.chosen.degree} of V", progress=watch,
     )  # fmt: skip
+
+
+def _goal(robot: Robot, made: Synthesis) -> str:
+    """The goal pose with units."""
+    pairs = zip(made.goal, robot.links.slides, strict=True)
+    return ", ".join(f"{value:.6g} {'m' if slides else 'rad'}" for value, slides in pairs)
