@@ -21,6 +21,10 @@ from .metrics import STANDARD as STANDARD
 from .metrics import Metrics as Metrics
 from .metrics import Requirement as Requirement
 from .metrics import known_metric as known_metric
+from .paired import McNemar as McNemar
+from .paired import PairedCampaigns as PairedCampaigns
+from .paired import PairedMetric as PairedMetric
+from .paired import compare as compare
 from .results import CampaignJudgement as CampaignJudgement
 from .results import MergedTable as MergedTable
 from .results import Replayed as Replayed

@@ -275,7 +275,10 @@ class Campaign:
     def _probe(self) -> dict[str, str]:
         """What tells two loops apart that are described alike: controller, plant, and where a short run leads."""
         loop, controller = self.loop, self.loop.controller
-        found = {"controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps)}
+        found = {
+            "period": repr(controller.period), "measured": ", ".join(controller.measured),
+            "controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+        }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
             found["plant"] = _hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flexhinf.campaign import FoundPlant, Journal, MergedTable, WorstCase
     from flexhinf.campaign.driver import Executor, Report
 
-__all__ = ["app"]
+__all__ = ["app", "chosen_executor", "design_stages", "named_tolerance", "run", "sample_progress"]
 
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
@@ -162,18 +162,18 @@ def run(
 
     part = Shard.read(shard) if shard else Shard()
     options = CampaignOptions(
-        samples, seed, batch, distribution, method, tuple(map(_named, tolerance)), payload or None, initial_error,
-        disturbance, duration or None,
+        samples, seed, batch, distribution, method, tuple(map(named_tolerance, tolerance)), payload or None,
+        initial_error, disturbance, duration or None,
     )  # fmt: skip
     request = read_source(design, elastic, {}).request
     asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
-    executor = _executor(workers, cluster)
+    executor = chosen_executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
     wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked)
-    with _stages() as stage:
+    with design_stages() as stage:
         campaign, journal = open_campaign(asked, out, _words(context), stage)
     try:
-        with _progress(part.name) as progress:
+        with sample_progress(part.name) as progress:
             table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
     except KeyboardInterrupt:
         done = sum(map(journal.size, journal.shards()[0]))
@@ -189,11 +189,11 @@ def run(
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     if wanted is not None:
-        search(campaign, table, wanted, _stages)
+        search(campaign, table, wanted, design_stages)
     _finish(table, checked)
 
 
-def _executor(workers: int, cluster: str) -> Executor | None:
+def chosen_executor(workers: int, cluster: str) -> Executor | None:
     """What runs the batches; None: this process."""
     from flexhinf.campaign import in_cluster, in_processes
 
@@ -296,7 +296,8 @@ def _words(context: typer.Context) -> list[str]:
     return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
 
 
-def _named(text: str) -> tuple[str, str]:
+def named_tolerance(text: str) -> tuple[str, str]:
+    """Read ``stiffness=15%``: the parameter, and its spread as it stands; refused without a name."""
     name, equals, value = text.partition("=")
     if not equals:
         raise InvalidInput(
@@ -335,7 +336,7 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
 
 # Progress -----------------------------------------------------------------------------------------------------
 @contextmanager
-def _stages() -> Iterator[Callable[[str], None]]:
+def design_stages() -> Iterator[Callable[[str], None]]:
     """A line for what comes next while the controller is designed; silent where it is no terminal."""
     from rich.console import Console
 
@@ -348,7 +349,7 @@ def _stages() -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _progress(part: str) -> Iterator[Callable[[Report], None]]:
+def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
