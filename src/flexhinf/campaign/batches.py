@@ -226,6 +226,10 @@ class Campaign:
         drawn = self.drawn(index)
         if drawn.failure:
             raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
+        return self.run_of(index, drawn)
+
+    def run_of(self, index: int, drawn: Sample) -> Trajectory:
+        """The run of a plant in its circumstances, with the noise of sample `index`."""
         return next(self.trajectories([index], [drawn]))
 
     def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
@@ -329,7 +333,10 @@ class Campaign:
     def _probe(self) -> dict[str, str]:
         """What tells two loops apart that are described alike: controller, plant, and where a short run leads."""
         loop, controller = self.loop, self.loop.controller
-        found = {"controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps)}
+        found = {
+            "period": repr(controller.period), "measured": ", ".join(controller.measured),
+            "controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+        }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
             found["plant"] = _hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
