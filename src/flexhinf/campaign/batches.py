@@ -224,13 +224,16 @@ class Campaign:
         drawn = self.drawn(index)
         if drawn.failure:
             raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
+        return self.run_of(index, drawn)
+
+    def run_of(self, index: int, drawn: Sample) -> Trajectory:
+        """The run of a plant in its circumstances, with the noise of sample `index`."""
         return self.loop_of(drawn).run(**self._arguments(index, drawn))
 
     def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
         """The runs of samples, in their order."""
         if not isinstance(self.loop.true_plant, Plant):
-            for index, one in zip(indices, drawn):
-                yield self.loop_of(one).run(**self._arguments(index, one))
+            yield from map(self.run_of, indices, drawn)
             return
         yield from run_many(self.prepared(index, one) for index, one in zip(indices, drawn))
 

@@ -263,9 +263,10 @@ class Tolerances(Draw):
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
         columns = [variable.values(points[:, k]) for k, variable in enumerate(self.variables)]
         names = [variable.name for variable in self.variables]
-        return [self._built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
+        return [self.built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
 
-    def _built(self, numbers: dict[str, float]) -> Sample:
+    def built(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample of these numbers by name, which need not be drawn."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:
