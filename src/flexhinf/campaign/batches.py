@@ -337,5 +337,5 @@ def _option_text(value: Any) -> str:
         return ", ".join(repr(one) for one in value.ravel().tolist())
     if isinstance(value, FunctionType | MethodType | partial) and not is_ours(value):
         return fingerprint(value)
-    text = str(getattr(value, "name", None) or getattr(value, "__qualname__", None) or repr(value))
-    return type(value).__qualname__ if " at 0x" in text else text
+    text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
+    return str(type(value).__qualname__) if " at 0x" in text else text
