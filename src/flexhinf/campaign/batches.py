@@ -6,13 +6,15 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
+from flexhinf.campaign.fingerprint import fingerprint, is_ours
 from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, Loop, Trajectory
@@ -319,10 +321,22 @@ class Campaign:
         options = {name: _option_text(value) for name, value in sorted(self.options.items())}
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **dict(self.about), **dict(self.draw.settings), **options,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units),
+            **dict(self.about), **dict(self.draw.settings), **options, "first sample": self._first_numbers,
+            "metrics": ", ".join(name for one in self.metrics for name in one.units), **self._own_metrics,
             "signals": ", ".join(self.signals or ()), **self._probe,
         }  # fmt: skip
+
+    @property
+    def _first_numbers(self) -> str:
+        """Of the first sample: what tells draws apart whose code is the same, as those of two robots."""
+        (first,) = self.draw.samples([0], self.samples, self.seed)
+        return ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
+
+    @property
+    def _own_metrics(self) -> dict[str, str]:
+        """What tells the code of a user's metrics from another's."""
+        own = [one for one in self.metrics if not is_ours(one.function)]
+        return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property
     def digest(self) -> str:
@@ -379,5 +393,7 @@ def _option_text(value: Any) -> str:
         return ", ".join(f"{name}: {_option_text(part)}" for name, part in value.items())
     if isinstance(value, np.ndarray):
         return ", ".join(repr(one) for one in value.ravel().tolist())
-    text = str(getattr(value, "name", None) or getattr(value, "__qualname__", None) or repr(value))
-    return type(value).__qualname__ if " at 0x" in text else text
+    if isinstance(value, FunctionType | MethodType | partial) and not is_ours(value):
+        return fingerprint(value)
+    text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
+    return str(type(value).__qualname__) if " at 0x" in text else text

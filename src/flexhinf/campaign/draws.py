@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign.fingerprint import fingerprint, is_ours
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
@@ -210,9 +211,8 @@ class FunctionDraw(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The name of the function."""
-        name = getattr(self.function, "__qualname__", type(self.function).__name__)
-        return {"draw": f"{getattr(self.function, '__module__', '')}.{name}"}
+        """The name of the function, and what tells its code from another's."""
+        return {"draw": fingerprint(self.function)}
 
 
 def _drawn(value: Any) -> Sample:
@@ -284,8 +284,9 @@ class Tolerances(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The method, and every variable."""
-        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}}
+        """The method, every variable, and what tells the code of a user's `build` from another's."""
+        own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
+        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:
