@@ -13,6 +13,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.certify.statement import statement_of
 from flexhinf.certify.steps import proved_steps
 from flexhinf.certify.theorem import persistent_bound
+from flexhinf.errors import InvalidInput
 from flexhinf.hinf.step_amplitude import step_amplitude
 from flexhinf.polynomial import basis
 
@@ -38,14 +39,16 @@ def solution(
 
 LIGHT, HEAVY = (75.0, 27.0, 90.0, 27.0, 330.0), (80.0, 36.0, 120.0, 36.0, 340.0)
 QUICK = [(180, 4, LIGHT, False)]
+LIGHTEST, LIGHTER = (65.0, 9.0, 30.0, 9.0, 310.0), (70.0, 18.0, 60.0, 18.0, 320.0)
+AT_REST = [(0, degree, weights, False) for degree in (2, 4, 6) for weights in (LIGHTEST, LIGHTER)]
 ROWS = [
     (goal, degree, weights, torques)
     for goal in (90, 180)
     for degree in (2, 4, 6)
-    for weights in ((65.0, 9.0, 30.0, 9.0, 310.0), (70.0, 18.0, 60.0, 18.0, 320.0), LIGHT, HEAVY)
+    for weights in (LIGHTEST, LIGHTER, LIGHT, HEAVY)
     for torques in (False, True)
     if (goal, degree, weights, torques) not in QUICK and not (torques and weights != HEAVY)
-]
+] + AT_REST
 
 
 def check(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> fh.HJISolution:
@@ -80,6 +83,14 @@ def test_a_sampled_level_is_proved_just_below_it_and_refused_just_above(
 @pytest.mark.parametrize(("goal", "degree", "weights", "torques"), ROWS)
 def test_every_row_of_the_table(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> None:
     check(goal, degree, weights, torques)
+
+
+def test_the_paper_s_own_weights_have_no_margin_to_prove() -> None:
+    """What is checked is what the law was designed for: r is a remainder of either sign."""
+    found, gamma = solution(0, 2, PENALTY, False)
+    assert found.sampled_region(gamma=gamma, penalty=PENALTY) is None
+    with pytest.raises(InvalidInput, match="no level to prove"):
+        found.certify(gamma=gamma, penalty=PENALTY)
 
 
 @pytest.mark.slow

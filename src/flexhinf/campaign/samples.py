@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.campaign.batches import (
+    ALONE,
     COMPLETED,
     DIVERGED,
     NOT_RUN,
@@ -20,9 +21,8 @@ from flexhinf.campaign.batches import (
 from flexhinf.campaign.draws import Sample, sample_seed
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import EnsembleResult, Trajectory
-from flexhinf.loop.simulation.run_arguments import starting_state
 
-__all__ = ["Rows", "run_batch", "run_samples"]
+__all__ = ["Rows", "rows_of", "run_batch", "run_samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +55,34 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
 
 def run_samples(campaign: Campaign, indices: range) -> Rows:
     """The rows of some samples, as `run_batch`."""
-    drawn = campaign.draw.samples(indices, campaign.samples, campaign.seed)
+    return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
+
+
+def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
+    """The rows of plants in circumstances that need not be drawn, each with the noise of a sample.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    indices : sequence of int
+        Sample of the campaign whose noise each run has; one may stand there several times.
+    drawn : sequence of Sample
+
+    Raises
+    ------
+    InvalidInput
+        If a run or a metric is refused.
+    """
     table = _Table(campaign, indices)
     for place, (index, one) in enumerate(zip(indices, drawn)):
         table.describe(place, index, one)
-    run = [place for place, one in enumerate(drawn) if not one.failure]
-    laned = [place for place in run if campaign.laned(drawn[place])]
-    begun = [place for place in laned if "initial_input" in drawn[place].options]
-    alone = [place for place in run if not campaign.laned(drawn[place])]
-    place = 0
+    ways = campaign.ways(drawn)
+    alone, place = ways.pop(ALONE, []), 0
     try:
-        for some in (begun, [place for place in laned if place not in set(begun)]):
-            if some:
-                found = _in_lanes(campaign, [indices[k] for k in some], [drawn[k] for k in some])
-                table.fill(np.array(some), found)
+        for some in ways.values():
+            assert campaign.ensemble is not None
+            given = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
+            table.fill(np.array(some), campaign.ensemble.run(**given))
         runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
         for place in alone:
             table.judge(place, next(runs))
@@ -81,29 +95,10 @@ def run_samples(campaign: Campaign, indices: range) -> Rows:
     return Rows(table.columns)
 
 
-def _in_lanes(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> EnsembleResult:
-    """Numbers of samples that run side by side; a run does not depend on the others, nor on how many there are.
-
-    Either all of them have an initial input of their own, or none has.
-    """
-    ensemble = campaign.ensemble
-    assert ensemble is not None
-    states, controller = ensemble.plant.states, campaign.loop.controller
-    options = [{**campaign.options, **one.options} for one in drawn]
-    starts = [starting_state(each.get("initial_state"), states, controller) for each in options]
-    inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
-    return ensemble.run(
-        [one.parameters for one in drawn],
-        [sample_seed(campaign.seed, index) for index in indices],
-        np.array(starts),
-        initial_inputs=np.array(inputs) if inputs else None,
-    )
-
-
 class _Table:
     """The columns of a batch while they are filled."""
 
-    def __init__(self, campaign: Campaign, indices: range) -> None:
+    def __init__(self, campaign: Campaign, indices: Sequence[int]) -> None:
         self.campaign, count = campaign, len(indices)
         self.columns: dict[str, np.ndarray] = {}
         for column in campaign.columns:

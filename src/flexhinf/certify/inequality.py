@@ -19,7 +19,8 @@ from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.terms import Function, Polynomial, Term
 
 __all__ = [
-    "Inequality", "Quotient", "Rational", "by_parity", "inequality_of", "is_symmetric", "parity", "times_powers",
+    "Inequality", "Quotient", "Rational", "by_parity", "inequality_of", "is_symmetric", "law_slopes", "parity",
+    "times_powers",
 ]  # fmt: skip
 
 #: Largest share of the terms of the wrong parity for opposite faces to be treated together.
@@ -68,6 +69,15 @@ class Inequality:
 def inequality_of(certificate: Certificate) -> Inequality:
     """V and r of a certificate, every parameter in the middle of its range."""
     return _Algebra(certificate).inequality()
+
+
+def law_slopes(certificate: Certificate) -> list[list[Rational]]:
+    """∂k_i/∂x_j as polynomials in z, a row for each input and a column for each state."""
+    algebra = _Algebra(certificate)
+    laws = [
+        algebra.x.from_dict({powers: rational(value) for powers, value in law}) for law in certificate.law
+    ]
+    return [[terms_of(algebra._moved(terms_of(law.derivative(j)))) for j in range(algebra.n)] for law in laws]
 
 
 class _Algebra:

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.inequality import Rational, law_slopes
+from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.starts import starts_of
 from flexhinf.certify.terms import Observer, Terms
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -77,7 +79,7 @@ def observed(
     gain = covariance @ shown.T @ np.linalg.inv(price)
     closed = linear - gain @ shown
     energy = share * certificate.level
-    weight, storage, gain_error = _paid(solution, certificate, closed, noise, energy)
+    weight, storage, gain_error = _paid(certificate, closed, noise, energy)
     observer = Observer(
         _rows(sensors), names[size:], _rows(gain), _rows(weight), _rows(storage), gain_error, energy
     )
@@ -107,16 +109,17 @@ def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPla
 
 
 def _paid(
-    solution: ValueFunction, certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
+    certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """M, X and γ_e; the hull, M and X are repeated until the hull stays, and then hold with a margin."""
     size = len(closed)
+    slopes = [row[:size] for row in law_slopes(certificate)]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
     widths = np.zeros(len(backwards))
     scale = 1 / np.linalg.norm(backwards, axis=0)
     squares = np.outer(scale, scale)
     for _ in range(_PASSES):
-        weight = _weight(solution, certificate, certificate.reach + 1.05 * widths, size)
+        weight = _weight(certificate, slopes, certificate.reach + 1.05 * widths)
         found = _storage(
             closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
         )
@@ -138,10 +141,11 @@ def _not_found(reason: str) -> NumericalFailure:
     )
 
 
-def _weight(solution: ValueFunction, certificate: Certificate, widest: np.ndarray, size: int) -> np.ndarray:
-    """M ≻ JᵀR2J for all J within their bounds on |z_i| ≤ `widest_i`."""
+def _weight(certificate: Certificate, slopes: list[list[Rational]], widest: np.ndarray) -> np.ndarray:
+    """M ≻ JᵀR2 J for all J within their bounds on |z_i| ≤ `widest_i`."""
     transform, r2 = np.array(certificate.coordinates), np.array(certificate.r2)
-    at_origin, radius = _slopes(certificate, np.abs(transform) @ widest, size)
+    at_origin, radius = _slope_bounds(slopes, widest)
+    size = at_origin.shape[1]
     scale = np.sqrt(np.diag(transform @ transform.T)[:size])
     base = at_origin.T @ r2 @ at_origin
     most = float(scale @ np.abs(base) @ scale)
@@ -157,19 +161,16 @@ def _weight(solution: ValueFunction, certificate: Certificate, widest: np.ndarra
     return (weight + weight.T) / 2
 
 
-def _slopes(certificate: Certificate, widest: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """J at 0, and a bound of how far it goes from there for |x_i| ≤ widest_i, both (m, n_e)."""
-    m = len(certificate.law)
-    at_origin, radius = np.zeros((m, size)), np.zeros((m, size))
-    for row, polynomial in enumerate(certificate.law):
-        for powers, value in polynomial:
-            for j in range(size):
-                if powers[j]:
-                    left = np.array(powers) - np.eye(len(powers), dtype=int)[j]
-                    if left.any():
-                        radius[row, j] += abs(value) * powers[j] * np.prod(widest**left)
-                    else:
-                        at_origin[row, j] += value
+def _slope_bounds(slopes: list[list[Rational]], widest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J at 0, and a bound of how far it goes from there for |z_i| ≤ widest_i, both (m, n_e)."""
+    at_origin, radius = np.zeros((2, len(slopes), len(slopes[0])))
+    for row, entries in enumerate(slopes):
+        for column, terms in enumerate(entries):
+            for powers, value in terms.items():
+                if any(powers):
+                    radius[row, column] += abs(nearest_double(value)) * np.prod(widest ** np.array(powers))
+                else:
+                    at_origin[row, column] = nearest_double(value)
     return at_origin, radius
 
 

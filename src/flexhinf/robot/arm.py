@@ -107,7 +107,7 @@ class Arm:
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
-        """q̈1 by the articulated-body algorithm, (n,) of any element; `armature` as for `forward_dynamics`."""
+        """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
         bodies = bodies_of(self.tree, p.mass, p.centre_of_mass, p.inertia)
         return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p), armature))
 

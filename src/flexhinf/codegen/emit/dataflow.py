@@ -114,7 +114,7 @@ def _share_reciprocals(
     """The same values with one division for all quotients by one number.
 
     Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
-    have been replaced by zero, and by what divides `MANY` numbers (an articulated inertia): the reciprocal of a number
+    have been replaced by zero, and by what divides `MANY` numbers (an inertia): the reciprocal of a number
     that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
     inertia should be.
     """

@@ -8,20 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.robot.dynamics.bodies import Body
-from flexhinf.robot.dynamics.folded import (
-    IDENTITY,
-    add,
-    add_matrices,
-    apply,
-    cross,
-    dot,
-    minus,
-    plus,
-    rotated_symmetric,
-    scaled,
-    symmetric,
-)
-from flexhinf.robot.dynamics.motion import Frame, frames_of
+from flexhinf.robot.dynamics.folded import minus
+from flexhinf.robot.dynamics.motion import frames_of, joined, seen_by_parent
 from flexhinf.robot.dynamics.tree import Tree
 
 __all__ = ["mass_matrix"]
@@ -50,7 +38,7 @@ def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
             matrix[i, j] = matrix[j, i] = force[2] if tree.joints[j].slides else moment[2]
         parent = tree.parents[i]
         if parent >= 0:
-            composite[parent] = _joined(composite[parent], _seen_by_parent(composite[i], frames[i]))
+            composite[parent] = joined(composite[parent], seen_by_parent(composite[i], frames[i]))
     return matrix
 
 
@@ -60,22 +48,3 @@ def _column(slides: bool, body: Body) -> tuple[Any, Any]:
     if slides:
         return (0.0, 0.0, body.mass), (y, minus(0.0, x), 0.0)
     return (minus(0.0, y), x, 0.0), tuple(row[2] for row in body.inertia)
-
-
-def _joined(one: Body, other: Body) -> Body:
-    return Body(
-        plus(one.mass, other.mass), add(one.moment, other.moment), add_matrices(one.inertia, other.inertia)
-    )
-
-
-def _seen_by_parent(body: Body, frame: Frame) -> Body:
-    """The body about the parent's origin: h + m r, and I − [h][r] − [r][h + m r]."""
-    r, h = frame.translation, apply(frame.rotation, body.moment)
-    moment = add(h, scaled(body.mass, r))
-    inertia = rotated_symmetric(frame.rotation, body.inertia)
-
-    def entry(i: int, j: int) -> Any:
-        felt = add(cross(h, cross(r, IDENTITY[j])), cross(r, cross(moment, IDENTITY[j])))
-        return minus(inertia[i][j], dot(IDENTITY[i], felt))
-
-    return Body(body.mass, moment, symmetric(entry))

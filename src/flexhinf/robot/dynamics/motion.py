@@ -1,35 +1,33 @@
-"""How a joint moves its link: the frame's rotation, the velocities and what crosses the joint."""
+"""Where joints put their links, and bodies as they are seen from the parent."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.robot.dynamics.bodies import Body
 from flexhinf.robot.dynamics.folded import (
+    IDENTITY,
     ZERO,
     Matrix,
     Vector,
     add,
+    add_matrices,
     apply,
-    apply_transposed,
     cross,
+    dot,
     minus,
     plus,
     product,
+    rotated_symmetric,
     scaled,
+    symmetric,
 )
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["Frame", "Twist", "bias_force", "frames_of", "momentum", "opposite", "velocity_of"]
-
-
-class Twist(NamedTuple):
-    """A velocity or an acceleration of a frame: of its origin (m/s, m/s²) and its rotation (rad/s, rad/s²)."""
-
-    linear: Vector
-    angular: Vector
+__all__ = ["Frame", "frames_of", "joined", "regrouped", "seen_by_parent"]
 
 
 class Frame(NamedTuple):
@@ -45,11 +43,6 @@ class Frame(NamedTuple):
 
     rotation: Matrix
     translation: Vector
-
-    def to_child(self, parent: Twist) -> Twist:
-        """A parent's twist as the child's, the joint standing still."""
-        linear = add(parent.linear, cross(parent.angular, self.translation))
-        return Twist(apply_transposed(self.rotation, linear), apply_transposed(self.rotation, parent.angular))
 
     def to_parent(self, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
         """A force and a moment about the child's origin, as seen from the parent's."""
@@ -70,31 +63,42 @@ def frames_of(tree: Tree, q: Any) -> list[Frame]:
     return frames
 
 
-def velocity_of(slides: bool, carried: Twist, rate: Any) -> tuple[Twist, Twist]:
-    """A link's velocity from the one carried over from its parent, and the product v × S q̇ of its acceleration."""
-    if slides:
-        linear = (carried.linear[0], carried.linear[1], plus(carried.linear[2], rate))
-        velocity = Twist(linear, carried.angular)
-        return velocity, Twist(cross(velocity.angular, (0.0, 0.0, rate)), ZERO)
-    angular = (carried.angular[0], carried.angular[1], plus(carried.angular[2], rate))
-    velocity = Twist(carried.linear, angular)
-    along = (0.0, 0.0, rate)
-    return velocity, Twist(cross(velocity.linear, along), cross(velocity.angular, along))
+def joined(one: Body, other: Body) -> Body:
+    """Two bodies that move together, seen from one frame."""
+    return Body(
+        plus(one.mass, other.mass), add(one.moment, other.moment), add_matrices(one.inertia, other.inertia)
+    )
 
 
-def momentum(body: Body, motion: Twist) -> tuple[Vector, Vector]:
-    """Linear momentum, and angular momentum about the frame's origin (or force and moment, of an acceleration)."""
-    linear = add(scaled(body.mass, motion.linear), cross(motion.angular, body.moment))
-    return linear, add(apply(body.inertia, motion.angular), cross(body.moment, motion.linear))
+def seen_by_parent(body: Body, frame: Frame) -> Body:
+    """The body about the parent's origin: h + m r, and I − [h][r] − [r][h + m r]."""
+    r, h = frame.translation, apply(frame.rotation, body.moment)
+    moment = add(h, scaled(body.mass, r))
+    inertia = rotated_symmetric(frame.rotation, body.inertia)
+
+    def entry(i: int, j: int) -> Any:
+        felt = add(cross(h, cross(r, IDENTITY[j])), cross(r, cross(moment, IDENTITY[j])))
+        return minus(inertia[i][j], dot(IDENTITY[i], felt))
+
+    return Body(body.mass, moment, symmetric(entry))
 
 
-def bias_force(body: Body, velocity: Twist) -> tuple[Vector, Vector]:
-    """Force and moment that a body needs to keep its spatial velocity: v ×* I v."""
-    linear, angular = momentum(body, velocity)
-    force = cross(velocity.angular, linear)
-    return force, add(cross(velocity.angular, angular), cross(velocity.linear, linear))
+def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
+    """Other bodies that move in the same way, with zeros among their parameters [gautier1990].
 
-
-def opposite(a: Vector) -> Vector:
-    """−a."""
-    return tuple(minus(0.0, x) for x in a)
+    About the axis z of a revolute joint, a mass on the axis and equal moments of inertia about x and y, without one
+    about z, are the same whatever its angle: a link's mass, its first moment along z and its inertia about y are
+    given to its parent, by numbers that do not depend on the joints' positions. The base needs none. Equations of
+    motion and the torques of joints are those of the given bodies; forces between links are not.
+    """
+    moved = list(bodies)
+    for i in reversed(range(len(tree))):
+        if tree.joints[i].slides:
+            continue
+        mass, (hx, hy, hz), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = moved[i]
+        moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
+        if tree.parents[i] >= 0:
+            given = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
+            above = moved[tree.parents[i]]
+            moved[tree.parents[i]] = joined(above, seen_by_parent(given, Frame(*tree.aligned[i])))
+    return moved

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from flexhinf.robot.dynamics.bodies import Body
-from flexhinf.robot.dynamics.folded import ZERO, Vector, add
-from flexhinf.robot.dynamics.motion import (
-    Twist,
-    bias_force,
-    frames_of,
-    momentum,
+from flexhinf.robot.dynamics.folded import (
+    ZERO,
+    Matrix,
+    Vector,
+    add,
+    apply,
+    apply_transposed,
+    cross,
+    minus,
     opposite,
-    velocity_of,
+    plus,
+    scaled,
+    times,
 )
+from flexhinf.robot.dynamics.motion import Frame, frames_of
 from flexhinf.robot.dynamics.tree import Tree
 
 __all__ = ["inverse_dynamics"]
@@ -35,23 +41,14 @@ def inverse_dynamics(
     gravity : (3,)
         Acceleration of free fall in the world's frame, m/s².
     """
-    frames = frames_of(tree, q)
-    velocities: list[Twist] = []
-    accelerations: list[Twist] = []
+    frames, still = frames_of(tree, q), _Motion(ZERO, ZERO, opposite(gravity), _change(ZERO, ZERO))
+    motions: list[_Motion] = []
     wrenches: list[Any] = []
     for i, (joint, parent) in enumerate(zip(tree.joints, tree.parents)):
-        before = Twist(ZERO, ZERO) if parent < 0 else velocities[parent]
-        felt = Twist(opposite(gravity), ZERO) if parent < 0 else accelerations[parent]
-        velocity, product = velocity_of(joint.slides, frames[i].to_child(before), dq[i])
-        linear, angular = frames[i].to_child(felt)
-        linear, angular = add(linear, product.linear), add(angular, product.angular)
-        along = (0.0, 0.0, ddq[i])
-        linear, angular = (add(linear, along), angular) if joint.slides else (linear, add(angular, along))
-        velocities.append(velocity)
-        accelerations.append(Twist(linear, angular))
-        force, moment = momentum(bodies[i], accelerations[i])
-        keep = bias_force(bodies[i], velocity)
-        wrenches.append((add(force, keep[0]), add(moment, keep[1])))
+        before = still if parent < 0 else motions[parent]
+        motion = before.carried(frames[i]).moved(joint.slides, dq[i], ddq[i])
+        motions.append(motion)
+        wrenches.append(_wrench(bodies[i], motion))
     torques: list[Any] = [None] * len(tree)
     for i in reversed(range(len(tree))):
         force, moment = wrenches[i]
@@ -61,3 +58,64 @@ def inverse_dynamics(
             force, moment = frames[i].to_parent(force, moment)
             wrenches[parent] = add(wrenches[parent][0], force), add(wrenches[parent][1], moment)
     return torques
+
+
+class _Motion(NamedTuple):
+    """How a frame moves, in its own components.
+
+    Attributes
+    ----------
+    angular, change : (3,)
+        ω, rad/s, and its rate α, rad/s².
+    linear : (3,)
+        Acceleration of the origin less that of free fall, m/s².
+    spread : 3 × 3
+        U = [α] + [ω][ω]: a point r of the link is accelerated by U r more than the origin.
+    """
+
+    angular: Vector
+    change: Vector
+    linear: Vector
+    spread: Matrix
+
+    def carried(self, frame: Frame) -> _Motion:
+        """Of a child's frame, the joint standing still; U is still the parent's."""
+        linear = add(self.linear, apply(self.spread, frame.translation))
+        angular, change, linear = (
+            apply_transposed(frame.rotation, vector) for vector in (self.angular, self.change, linear)
+        )
+        return _Motion(angular, change, linear, self.spread)
+
+    def moved(self, slides: bool, rate: Any, acceleration: Any) -> _Motion:
+        """The same with the joint moving along or about z."""
+        angular, change, linear, _ = self
+        coriolis, along = cross(angular, (0.0, 0.0, rate)), (0.0, 0.0, acceleration)
+        if slides:
+            linear = add(linear, add(scaled(2.0, coriolis), along))
+        else:
+            change = add(change, add(coriolis, along))
+            angular = (angular[0], angular[1], plus(angular[2], rate))
+        return _Motion(angular, change, linear, _change(angular, change))
+
+
+def _change(angular: Vector, change: Vector) -> Matrix:
+    """U = [α] + [ω][ω]."""
+    (x, y, z), (a, b, c) = angular, change
+    xx, yy, zz, xy, xz, yz = (times(*pair) for pair in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
+
+    def both(p: Any, q: Any) -> Any:
+        return minus(minus(0.0, p), q)
+
+    return (
+        (both(yy, zz), minus(xy, c), plus(xz, b)),
+        (plus(xy, c), both(xx, zz), minus(yz, a)),
+        (minus(xz, b), plus(yz, a), both(xx, yy)),
+    )
+
+
+def _wrench(body: Body, motion: _Motion) -> tuple[Vector, Vector]:
+    """Force, and moment about the frame's origin, that the body needs for its motion."""
+    angular, change, linear, spread = motion
+    force = add(scaled(body.mass, linear), apply(spread, body.moment))
+    spin = add(apply(body.inertia, change), cross(angular, apply(body.inertia, angular)))
+    return force, add(spin, cross(body.moment, linear))
