@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,18 @@ from flint import fmpq_mpoly
 
 import flexhinf as fh
 from benchmarks.certificates.identities import Solver
-from benchmarks.certificates.model import Model, even, model_of, quotient_bounds, with_value
+from benchmarks.certificates.model import (
+    Model,
+    evaluated,
+    even,
+    model_of,
+    quotient_bounds,
+    with_value,
+)
 from benchmarks.certificates.slopes import global_gain
 from benchmarks.certificates.sums import FreeStorage, proved_inside
 from flexhinf.certify import Certificate
-from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.reading import terms_of
 from flexhinf.certify.statement import statement_of
 from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
 from flexhinf.design.specification import Specification
@@ -70,22 +78,17 @@ def reach_of(model: Model, room: float) -> float:
     """A radius |z| within which V passes one along rays, times some room; 1 for a V of degree two."""
     if model.value.total_degree() == 2:
         return 1.0001
-    rng = np.random.default_rng(0)
-    rays = rng.standard_normal((4000, len(model.z)))
+    rays = np.random.default_rng(0).standard_normal((2000, len(model.z)))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    grid = np.linspace(0.0, 3.0, 301)[1:]
-    inside = (
-        np.stack([evaluated(model, model.value, rays * r) <= 1.0 for r in grid]).cumprod(axis=0).sum(axis=0)
-    )
+    parts: dict[int, fmpq_mpoly] = {}
+    for key, number in terms_of(model.value).items():
+        term = model.value.context().from_dict({key: number})
+        parts[sum(key)] = parts.get(sum(key), model.number(0)) + term
+    along = {degree: evaluated(model, part)(rays) for degree, part in parts.items()}
+    grid = np.linspace(0.0, 2.0, 201)[1:]
+    values = np.stack([sum(part * r**degree for degree, part in along.items()) for r in grid])
+    inside = (values <= 1.0).cumprod(axis=0).sum(axis=0)
     return float(room * grid[inside.max() - 1])
-
-
-def evaluated(model: Model, value: fmpq_mpoly, z: np.ndarray) -> np.ndarray:
-    """A polynomial at points (N, n)."""
-    total = np.zeros(len(z))
-    for key, number in value.to_dict().items():
-        total += nearest_double(number) * np.prod(z ** np.array(list(map(int, key))[: len(model.z)]), axis=1)
-    return total
 
 
 # Rivals -----------------------------------------------------------------------------------------------------
@@ -117,8 +120,9 @@ def given_storage(
         if not reason:
             found = share
             break
-    return {"method": "sums of squares, V given", "law": LAWS[degree], "goal": 180, "degree": degree, "order": order, "gamma": gamma,
-            "share": found, "step": step_amplitude(solution, found * sampled_level(degree)) if found else 0.0,
+    step = step_amplitude(solution, found * sampled_level(degree)) if found else 0.0
+    return {"method": "sums of squares, V given", "law": LAWS[degree], "goal": 180, "degree": degree, "order": order,
+            "gamma": gamma, "share": found, "step": step,
             "exact": reason, "seconds": solver.seconds - last, "all_seconds": solver.seconds - before,
             "megabytes": solver.megabytes}  # fmt: skip
 
@@ -152,13 +156,14 @@ def free_storage(solver: Solver, degree: int, share: float, turns: int) -> dict[
         if step > best:
             best, reason = step, failed
     return {"method": "sums of squares, V free", "law": LAWS[degree], "goal": 180, "degree": degree, "gamma": gamma,
-            "step": best, "exact": reason, "seconds": solver.seconds - before, "megabytes": solver.megabytes}  # fmt: skip
+            "step": best, "exact": reason, "seconds": solver.seconds - before,
+            "megabytes": solver.megabytes}  # fmt: skip
 
 
 def _value(model: Model, polynomial: fmpq_mpoly) -> Callable[[np.ndarray], float]:
     """A polynomial in z as a function of x."""
-    inverse = np.linalg.inv(model.transform)
-    return lambda x: float(evaluated(model, polynomial, np.atleast_2d(x) @ inverse.T)[0])
+    inverse, value = np.linalg.inv(model.transform), evaluated(model, polynomial)
+    return lambda x: float(value(np.atleast_2d(x) @ inverse.T)[0])
 
 
 def rest(solution: fh.HJISolution, amplitude: float, value: Any) -> np.ndarray:
@@ -172,7 +177,7 @@ def rest(solution: fh.HJISolution, amplitude: float, value: Any) -> np.ndarray:
     def moved(integral: float) -> np.ndarray:
         return np.where(np.arange(len(x)) == place, integral, x)
 
-    best = minimize_scalar(lambda integral: float(value(moved(integral))), bracket=(-1.0, 1.0))
+    best: Any = minimize_scalar(lambda integral: float(value(moved(integral))), bracket=(-1.0, 1.0))
     return moved(float(best.x))
 
 
@@ -221,7 +226,7 @@ def ours(law: str, degree: int, goal: int) -> dict[str, Any]:
 
 def memory() -> float:
     """The largest so far of this process, MB."""
-    for line in open("/proc/self/status", encoding="ascii"):
+    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
         if line.startswith("VmHWM"):
             return int(line.split()[1]) / 1024.0
     raise SystemExit("no VmHWM in /proc/self/status")

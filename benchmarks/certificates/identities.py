@@ -3,7 +3,7 @@
 An identity states p₀ + Σ_i y_i p_i = Σ_k w_k m_kᵀQ_k m_k with given polynomials p and w (w_0 = 1), vectors of monomials
 m_k, free numbers y and Q_k ⪰ 0. All polynomials are exact; the solver sees doubles.
 
-The check (Peyrl and Parrilo, 2008): y and the Q_k, k > 0, are taken as the rationals that their doubles are; what is
+The check [peyrl2008]: y and the Q_k, k > 0, are taken as the rationals that their doubles are; what is
 left of the identity goes into the entries of Q_0 that can take it, so that it holds exactly; then Q_k ≻ 0 is shown by
 Cholesky's method in balls of 128 bits.
 """
@@ -165,11 +165,16 @@ class Solver:
             [np.array(matrix) for matrix in found["matrices"]] if good else None,
         )
 
-    def close(self) -> None:
-        """End it."""
+    def __enter__(self) -> Solver:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
         assert self.process.stdin is not None
+        assert self.process.stdout is not None
         self.process.stdin.close()
         self.process.wait()
+        self.process.stdout.close()
 
 
 def monomials(variables: int, lowest: int, highest: int) -> list[Exponents]:

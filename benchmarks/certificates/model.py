@@ -10,7 +10,7 @@ what is affine in S holds for all between if it holds for both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 
@@ -22,7 +22,7 @@ from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.statement import few_bits
 from flexhinf.certify.terms import Polynomial
 
-__all__ = ["Model", "even", "model_of", "quadratic_part", "quotient_bounds", "with_value"]
+__all__ = ["Model", "evaluated", "even", "model_of", "quadratic_part", "quotient_bounds", "with_value"]
 
 _SAMPLES = 20_001  # of the interval on which a polynomial is fitted to S
 
@@ -253,3 +253,11 @@ def with_value(claim: Certificate, model: Model, value: fmpq_mpoly, level: float
         level=level * claim.level,
         coordinates=tuple(map(tuple, few_bits(np.linalg.cholesky(np.linalg.inv(quadratic))).tolist())),
     )
+
+
+def evaluated(model: Model, value: fmpq_mpoly) -> Callable[[np.ndarray], np.ndarray]:
+    """A polynomial as a function of z, (N, n) to (N,)."""
+    terms = terms_of(value)
+    powers = np.array([key[: len(model.z)] for key in terms])
+    numbers = np.array([nearest_double(number) for number in terms.values()])
+    return lambda z: np.prod(z[:, None, :] ** powers, axis=2) @ numbers

@@ -12,8 +12,8 @@ import sys
 import time
 from typing import Any
 
-import clarabel
-import cvxpy as cp
+import clarabel  # pyright: ignore[reportMissingImports]
+import cvxpy as cp  # pyright: ignore[reportMissingImports]
 import numpy as np
 from scipy.sparse import csc_array
 

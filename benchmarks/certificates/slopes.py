@@ -1,8 +1,8 @@
 """The circle criterion as linear matrix inequalities: a linear law, V quadratic and free, for every state.
 
-Where S(x1) stays between its smallest and largest value over all x1, V̇ + cost − gain |δ|² is affine in S and, in each
-product of parameters, too: it is below zero for all of them if it is at all ends. The smallest gain is found over one V,
-and then a little more is proved exactly.
+V̇ + cost − gain |δ|² is affine in S and in each product of parameters. S(x1) lies between its smallest and its largest
+value over all x1: so the inequality holds for all states and parameters if it holds at all ends. The smallest gain is
+found over one V, and then a little more is proved exactly.
 """
 
 from __future__ import annotations

@@ -200,9 +200,10 @@ class FreeStorage:
             }
             squares = _around(model, quotient, self.reach, self.reach, self.degree, self.highest)
             identities.append(self._identity(*self._at(-nothing, slopes, -multiplier, level, squares)))
-        ball = [] if self.reach == _INFINITE else [
-            Square(model.number(self.reach**2) - model.radius, _padded(model, monomials(len(model.z), 1, self.highest // 2 - 1)))
-        ]  # fmt: skip
+        ball = []
+        if self.reach < _INFINITE:
+            keys = _padded(model, monomials(len(model.z), 1, self.highest // 2 - 1))
+            ball = [Square(model.number(self.reach**2) - model.radius, keys)]
         identities.append(self._identity(-model.radius * model.number(_SMALLEST), ball, dict(self.terms)))
         if self.reach < _INFINITE:
             free = _free_products(model, model.number(self.reach**2) - model.radius, self.highest - 2)
