@@ -42,6 +42,9 @@ INSTANTS, TRACED = 200, 10_000
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
 
+#: The kind of columns that say of a part what another one says of the whole.
+PART = "part metric"
+
 #: What a sample may have of its own in the lanes of an ensemble, besides parameters and noise.
 _LANED = frozenset({"initial_state", "initial_input"})
 
@@ -56,13 +59,18 @@ class Column:
     Attributes
     ----------
     name : str
-    kind : {"own", "parameter", "metric", "trace"}
+    kind : {"own", "parameter", "metric", "part metric", "trace"}
     unit : str
     """
 
     name: str
     kind: str
     unit: str = ""
+
+    @property
+    def judged(self) -> bool:
+        """Whether it is a metric, of the whole or of a part."""
+        return self.kind in ("metric", PART)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +181,11 @@ class Campaign:
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
             *(Column(name, "parameter", units.get(name, "")) for name in first.row()),
-            *(Column(name, "metric", unit) for one in self.metrics for name, unit in one.units.items()),
+            *(
+                Column(name, PART if name in one.parts else "metric", unit)
+                for one in self.metrics
+                for name, unit in one.units.items()
+            ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
 
