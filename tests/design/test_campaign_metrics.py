@@ -38,9 +38,9 @@ def test_each_joint_has_figures_of_its_own() -> None:
     assert kinds["overshoot_percent"] == ("metric", "%")
     assert kinds["peak_speed_elbow"] == ("part metric", "rad/s")
     for name in ("overshoot_percent", "settling_time_s", "steady_state_error", "peak_input", "peak_speed"):
-        joints = [found[f"{name}_{joint}"] for joint in ("shoulder", "elbow")]
-        np.testing.assert_array_equal(np.maximum(*joints), found[name], name)
-        assert name in ("overshoot_percent", "settling_time_s") or not np.array_equal(*joints)
+        shoulder, elbow = (found[f"{name}_{joint}"] for joint in ("shoulder", "elbow"))
+        np.testing.assert_array_equal(np.maximum(shoulder, elbow), found[name], name)
+        assert name in ("overshoot_percent", "settling_time_s") or not np.array_equal(shoulder, elbow)
     signals = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
     for name, values in run_batch(signals, 0).columns.items():
         if name.startswith("rise_time_s"):
