@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -72,7 +73,7 @@ def test_the_text_has_the_equations_and_rounds_towards_what_holds() -> None:
         level=2 / 3, gamma=1 / 3,
     )  # fmt: skip
     text = theorem_text(claim, Verification(True, gradient_law=True))
-    assert "d/dt x = -x - 9.8 mass [sin(2 pi/2 + x) - sin(2 pi/2)]" in text
+    assert "d/dt x = -x - 9.8*mass*[sin(pi + x) - sin(pi)]" in text
     assert "up to 0.333333: x = (-a) for 0 <= a <= 0.333333." in text
     assert "<= 0.666666" in text
     assert "0.666667" not in text
@@ -80,3 +81,33 @@ def test_the_text_has_the_equations_and_rounds_towards_what_holds() -> None:
     assert "of each robot its own" in theorem_text(
         replace(claim, parameters=(Parameter("mass", 1.0, 2.0),)), Verification(True)
     )
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.1])
+@pytest.mark.parametrize("gradient", [False, True])
+@pytest.mark.parametrize("starts", [(), (Start("at rest", 0.3, ((Term(-1.0, (1,)),),)),)])
+def test_what_is_stated_is_numbered_without_gaps(
+    decay: float, gradient: bool, starts: tuple[Start, ...]
+) -> None:
+    text = theorem_text(line(decay=decay, starts=starts), Verification(True, gradient_law=gradient))
+    found = re.findall(r"^  (\d+)\. ([A-Z][a-z ]+): ", text, re.MULTILINE)
+    names = [
+        "Region",
+        "Gain",
+        "Convergence",
+        *["Budget"] * gradient,
+        *["Disturbances that last"] * bool(decay),
+    ]
+    assert found == [(str(i), name) for i, name in enumerate([*names, *["Starts"] * bool(starts)], 1)]
+    assert ("budget of 4." in text) == gradient
+
+
+def test_equations_read_as_fractions_with_the_signals_that_drive_them() -> None:
+    drift = (Term(-1.0, (1,), (("stiffness", 1), ("mass", -1), ("length", -2))), Term(2.0, (0,), (), 0))
+    claim = line(
+        drift=(drift,), functions=(Function("sin", (0.5,), 0.25, pi_halves=-1),),
+        g1=(((Term(-1.0, (0,)),),),), g2=(((Term(1.0, (0,), (("mass", -1),)),),),),
+        parameters=tuple(Parameter(name, 1.0, 1.0, "kg") for name in ("stiffness", "mass", "length")),
+    )  # fmt: skip
+    rate = "-stiffness*x/(mass*length^2) + 2*[sin(-pi/2 + 0.25 + 0.5*x) - sin(-pi/2 + 0.25)] - d + u/mass"
+    assert f"d/dt x = {rate}\n" in theorem_text(claim, Verification(True))

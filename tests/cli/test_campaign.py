@@ -115,6 +115,42 @@ def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureF
     assert "flexhinf campaign replay runs --sample" in page
 
 
+def test_the_worst_robot_is_searched_kept_and_replayed(
+    judged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    search = ["--worst-case", "--metric", "peak_speed", "--metric", "settling_time_s", "--starts", "2"]
+    assert main([*WORDS, *search]) in (0, 1)
+    text = said(capsys)
+    assert "worst peak speed found: " in text
+    assert f"flexhinf campaign replay {judged / 'runs'} --worst-case peak_speed" in text
+    page = (judged / "runs" / "index.html").read_text()
+    for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound of the worst value"):
+        assert words in page
+    kept = (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes()
+    value = json.loads(kept)["found"]["value"]
+    limit = ["--require", f"peak_speed<={0.5 * (value + json.loads(kept)['sampled']['value'])!r}"]
+    assert main(["campaign", "merge", "runs", *limit]) == 1  # every sample keeps it, the robot found does not
+    assert "0 of 40 failed" in said(capsys)
+    assert "misses peak speed" in (judged / "runs" / "index.html").read_text()
+    assert main([*WORDS, *search]) in (0, 1)
+    assert (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes() == kept
+    assert main(["campaign", "replay", "runs", "--worst-case", "peak_speed", "--out", "run.nc"]) == 0
+    assert "worst peak speed: completed; the same bits" in said(capsys)
+    assert (judged / "run.nc").stat().st_size > 10_000
+
+
+def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
+    refused([*WORDS, "--worst-case", "--metric", "overshot"], "no metric 'overshot'", judged)
+    refused([*WORDS, "--metric", "peak_speed"], "without --worst-case", judged)
+    refused([*WORDS, "--worst-case", "--starts", "0"], "starts", judged)
+    assert not (judged / "runs").exists()
+    assert main(WORDS) in (0, 1)
+    refused(["campaign", "replay", "runs"], "expected --sample or --worst-case", judged)
+    refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "got both", judged)
+    refused(["campaign", "replay", "runs", "--worst-case", "peak_speed"], "was not searched", judged)
+    refused(["campaign", "replay", "runs", "--worst-case", "../x"], "no metric", judged)
+
+
 def test_what_differs_from_sample_to_sample(judged: Path) -> None:
     more = ["--tolerance", "stiffness=20%", "--tolerance", "mass=0.9..1.3", "--initial-error", "0.01"]
     words = [

@@ -68,7 +68,7 @@ def test_a_decay_bounds_persistent_disturbances(tmp_path: Path, capsys: pytest.C
     replace(CUBIC, decay=0.25, level=0.06, starts=()).save(tmp_path / "certificate.json")
     assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
     out = capsys.readouterr().out
-    assert "|d(t)| <= 0.0866025 at all times" in out
+    assert "|d(t)| <= 0.0866025 N at all times" in out
     assert "the certificate states no starts" in out
 
 

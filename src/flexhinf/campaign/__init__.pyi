@@ -20,6 +20,11 @@ from .journal import Journal as Journal
 from .metrics import STANDARD as STANDARD
 from .metrics import Metrics as Metrics
 from .metrics import Requirement as Requirement
+from .metrics import known_metric as known_metric
+from .paired import McNemar as McNemar
+from .paired import PairedCampaigns as PairedCampaigns
+from .paired import PairedMetric as PairedMetric
+from .paired import compare as compare
 from .results import CampaignJudgement as CampaignJudgement
 from .results import MergedTable as MergedTable
 from .results import Replayed as Replayed
@@ -31,3 +36,10 @@ from .statistics import Interval as Interval
 from .statistics import Sensitivity as Sensitivity
 from .statistics import sensitivity as sensitivity
 from .statistics import success_interval as success_interval
+from .worst_case import FoundPlant as FoundPlant
+from .worst_case import WorstCase as WorstCase
+from .worst_case import check_starts as check_starts
+from .worst_case import worst_case as worst_case
+from .worst_case_files import search_worst as search_worst
+from .worst_case_files import stored_worst as stored_worst
+from .worst_case_files import stored_worsts as stored_worsts

@@ -6,13 +6,15 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
+from flexhinf.campaign.fingerprint import fingerprint, is_ours
 from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, Loop, Trajectory, run_many
@@ -222,13 +224,16 @@ class Campaign:
         drawn = self.drawn(index)
         if drawn.failure:
             raise InvalidInput(f"Sample {index} cannot be run.", drawn.failure, "another sample")
+        return self.run_of(index, drawn)
+
+    def run_of(self, index: int, drawn: Sample) -> Trajectory:
+        """The run of a plant in its circumstances, with the noise of sample `index`."""
         return self.loop_of(drawn).run(**self._arguments(index, drawn))
 
     def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
         """The runs of samples, in their order."""
         if not isinstance(self.loop.true_plant, Plant):
-            for index, one in zip(indices, drawn):
-                yield self.loop_of(one).run(**self._arguments(index, one))
+            yield from map(self.run_of, indices, drawn)
             return
         yield from run_many(self.prepared(index, one) for index, one in zip(indices, drawn))
 
@@ -258,10 +263,22 @@ class Campaign:
         options = {name: _option_text(value) for name, value in sorted(self.options.items())}
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **dict(self.about), **dict(self.draw.settings), **options,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units),
+            **dict(self.about), **dict(self.draw.settings), **options, "first sample": self._first_numbers,
+            "metrics": ", ".join(name for one in self.metrics for name in one.units), **self._own_metrics,
             "signals": ", ".join(self.signals or ()), **self._probe,
         }  # fmt: skip
+
+    @property
+    def _first_numbers(self) -> str:
+        """Of the first sample: what tells draws apart whose code is the same, as those of two robots."""
+        (first,) = self.draw.samples([0], self.samples, self.seed)
+        return ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
+
+    @property
+    def _own_metrics(self) -> dict[str, str]:
+        """What tells the code of a user's metrics from another's."""
+        own = [one for one in self.metrics if not is_ours(one.function)]
+        return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property
     def digest(self) -> str:
@@ -272,7 +289,10 @@ class Campaign:
     def _probe(self) -> dict[str, str]:
         """What tells two loops apart that are described alike: controller, plant, and where a short run leads."""
         loop, controller = self.loop, self.loop.controller
-        found = {"controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps)}
+        found = {
+            "period": repr(controller.period), "measured": ", ".join(controller.measured),
+            "controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+        }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
             found["plant"] = _hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
@@ -315,5 +335,7 @@ def _option_text(value: Any) -> str:
         return ", ".join(f"{name}: {_option_text(part)}" for name, part in value.items())
     if isinstance(value, np.ndarray):
         return ", ".join(repr(one) for one in value.ravel().tolist())
-    text = str(getattr(value, "name", None) or getattr(value, "__qualname__", None) or repr(value))
-    return type(value).__qualname__ if " at 0x" in text else text
+    if isinstance(value, FunctionType | MethodType | partial) and not is_ours(value):
+        return fingerprint(value)
+    text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
+    return str(type(value).__qualname__) if " at 0x" in text else text

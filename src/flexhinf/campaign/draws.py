@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign.fingerprint import fingerprint, is_ours
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
@@ -207,9 +208,8 @@ class FunctionDraw(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The name of the function."""
-        name = getattr(self.function, "__qualname__", type(self.function).__name__)
-        return {"draw": f"{getattr(self.function, '__module__', '')}.{name}"}
+        """The name of the function, and what tells its code from another's."""
+        return {"draw": fingerprint(self.function)}
 
 
 def _drawn(value: Any) -> Sample:
@@ -263,9 +263,10 @@ class Tolerances(Draw):
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
         columns = [variable.values(points[:, k]) for k, variable in enumerate(self.variables)]
         names = [variable.name for variable in self.variables]
-        return [self._built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
+        return [self.built(dict(zip(names, map(float, row), strict=True))) for row in zip(*columns)]
 
-    def _built(self, numbers: dict[str, float]) -> Sample:
+    def built(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample of these numbers by name, which need not be drawn."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:
@@ -280,8 +281,9 @@ class Tolerances(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The method, and every variable."""
-        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}}
+        """The method, every variable, and what tells the code of a user's `build` from another's."""
+        own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
+        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ from flexhinf.loop import Trajectory
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CampaignJudgement", "MergedTable", "Replayed", "merged", "replayed"]
+__all__ = ["CampaignJudgement", "MergedTable", "Replayed", "merged", "replayed", "violations"]
 
 #: Quantiles that are stated of every metric.
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
@@ -76,6 +76,24 @@ def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
     return MergedTable(journal, dict(good))
 
 
+def main_metric(names: Sequence[str]) -> str:
+    """The overshoot, or the first one; empty without any."""
+    return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
+
+
+def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
+    """Whether each sample (N) misses each requirement (R); one that did not come to its end misses all.
+
+    Parameters
+    ----------
+    values : mapping of str to (N,)
+        Columns of a campaign: status and metrics.
+    requirements : sequence of Requirement
+    """
+    lost = values["status"] != COMPLETED
+    return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
+
+
 @dataclass(frozen=True, eq=False)
 class CampaignJudgement:
     """The rows of a campaign against requirements.
@@ -105,9 +123,7 @@ class CampaignJudgement:
     @cached_property
     def violations(self) -> np.ndarray:
         """Whether each sample (N) misses each requirement (R); one that did not come to its end misses all."""
-        ended = self.column("status") == COMPLETED
-        missed = [~one.met(self.column(one.metric)) for one in self.requirements]
-        return np.column_stack([~ended, *(one | ~ended for one in missed)])[:, 1:]
+        return violations(self.table.columns, self.requirements)
 
     @cached_property
     def failed(self) -> np.ndarray:
@@ -130,8 +146,7 @@ class CampaignJudgement:
     @property
     def main(self) -> str:
         """The metric by which samples are worse than others: the overshoot, or the first one; empty without any."""
-        names = self.table.names("metric")
-        return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
+        return main_metric(self.table.names("metric"))
 
     def worst(self, metric: str) -> int | None:
         """The completed sample with the largest value of a metric (the smallest where a requirement is a least value).

@@ -22,7 +22,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import EnsembleResult, Trajectory
 from flexhinf.loop.simulation.run_arguments import starting_state
 
-__all__ = ["Rows", "run_batch", "run_samples"]
+__all__ = ["Rows", "rows_of", "run_batch", "run_samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,24 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
 
 def run_samples(campaign: Campaign, indices: range) -> Rows:
     """The rows of some samples, as `run_batch`."""
-    drawn = campaign.draw.samples(indices, campaign.samples, campaign.seed)
+    return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
+
+
+def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
+    """The rows of plants in circumstances that need not be drawn, each with the noise of a sample.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    indices : sequence of int
+        Sample of the campaign whose noise each run has; one may stand there several times.
+    drawn : sequence of Sample
+
+    Raises
+    ------
+    InvalidInput
+        If a run or a metric is refused.
+    """
     table = _Table(campaign, indices)
     for place, (index, one) in enumerate(zip(indices, drawn)):
         table.describe(place, index, one)
@@ -103,7 +120,7 @@ def _in_lanes(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample
 class _Table:
     """The columns of a batch while they are filled."""
 
-    def __init__(self, campaign: Campaign, indices: range) -> None:
+    def __init__(self, campaign: Campaign, indices: Sequence[int]) -> None:
         self.campaign, count = campaign, len(indices)
         self.columns: dict[str, np.ndarray] = {}
         for column in campaign.columns:

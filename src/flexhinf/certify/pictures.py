@@ -1,4 +1,4 @@
-"""Numbers of a certificate's pictures: V and r where steps start, and a step with the worst disturbance.
+"""Numbers of a certificate's pictures: slices of the region with r on them, and a step with the worst disturbance.
 
 None of this is part of the theorem; it shows what is in it.
 """
@@ -15,12 +15,16 @@ from flexhinf.certify.steps import longest_run, start_at
 from flexhinf.certify.terms import Start
 from flexhinf.hinf.margin import Penalty, checked_pair
 from flexhinf.hinf.rays import Inequality
+from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["StartSurface", "WorstStep", "start_surface", "worst_step"]
+__all__ = ["LimitSlice", "Slice", "StartSurface", "WorstStep", "limit_slice", "start_surface", "worst_step"]
 
 #: Points of a surface along each side, and its sides over where the proved region is expected to end.
 POINTS, SIDES = 121, 1.25
+
+#: A plane's second direction keeps this from the first (1 − cosine, V_2 as the metric); how far the plane is looked at.
+APART, FURTHEST = 0.1, 4.0
 
 #: A step that is shown with a disturbance has this share of the largest proved amplitude: the rest is for d.
 SHARE = 0.8
@@ -30,24 +34,69 @@ SAMPLES = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class StartSurface:
-    """V and r on the surface of equilibria at −a with an integrator at e: where steps from rest to rest start.
+class Slice:
+    """V and r + αV on a surface through the goal.
 
     Attributes
     ----------
-    amplitude, integral : ndarray, shapes (A,) and (E,)
-        a and e, in the units of the moved state and of the integrator.
-    value, residual : ndarray, shape (E, A)
-        V, and r.
+    across, up : ndarray, shapes (A,) and (B,)
+        Coordinates of the surface.
+    value, residual : ndarray, shape (B, A)
+        V, and r with the certificate's αV.
+    """
+
+    across: np.ndarray
+    up: np.ndarray
+    value: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def rate(self) -> np.ndarray:
+        """r/V, 1/s, shape (B, A): how fast V falls beyond what the gain needs, negative; nan where V ≤ 0."""
+        positive = self.value > 0.0
+        return np.where(positive, self.residual / np.where(positive, self.value, 1.0), np.nan)
+
+    def worst(self, level: float) -> tuple[float, float, float]:
+        """Where r/V is largest among the points with V ≤ level: across, up, and r/V."""
+        inside = np.where(self.value <= level, self.rate, np.nan)
+        place = np.unravel_index(int(np.nanargmax(inside)), inside.shape)
+        return float(self.across[place[1]]), float(self.up[place[0]]), float(inside[place])
+
+
+@dataclass(frozen=True, eq=False)
+class StartSurface(Slice):
+    """Equilibria at −a with an integrator at e, where steps from rest to rest start: `across` is a, `up` is e.
+
+    Attributes
+    ----------
     paths : tuple of ndarray, shape (N, 2)
         a and e of the proved starts, in the order of the certificate's.
     """
 
-    amplitude: np.ndarray
-    integral: np.ndarray
-    value: np.ndarray
-    residual: np.ndarray
     paths: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LimitSlice(Slice):
+    """The plane through the goal, the point that limits the sampled level (`up` = 1) and another one (`across` = 1).
+
+    The other one is the largest proved start, or where that lies near the first, a unit of one state with the others
+    where V_2 is smallest.
+
+    Attributes
+    ----------
+    limit : str
+        What fails there, as `SampledCheck.limit`.
+    point, other : ndarray, shape (n,)
+        Deviations.
+    moved : int or None
+        Place of the state that is moved, None for the largest start.
+    """
+
+    limit: str
+    point: np.ndarray
+    other: np.ndarray
+    moved: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +143,65 @@ def start_surface(
     rest = path_states(start.path, start.functions, _middle(certificate), a)
     points = np.repeat(rest[None], POINTS, axis=0)
     points[:, :, integral] = e[:, None]
-    flat = points.reshape(-1, rest.shape[1])
+    return StartSurface(a, e, *_on(solution, certificate, penalty, points), paths)
+
+
+def limit_slice(
+    solution: ValueFunction, certificate: Claim, penalty: Penalty | None = None
+) -> LimitSlice | None:
+    """The plane in which the sampled level ends; None where sampling finds no end."""
+    check = sample_region(solution, certificate.gamma, penalty)
+    if check is None or not 0.0 < check.level < np.inf:
+        return None
+    point = check.worst_point
+    other, moved = _beside(solution, certificate, point)
+    lengths = _extent(solution, certificate.level, point, other)
+    across, up = (np.linspace(-SIDES * length, SIDES * length, POINTS) for length in lengths)
+    points = across[:, None] * other + up[:, None, None] * point
+    value, residual = _on(solution, certificate, penalty, points)
+    return LimitSlice(across, up, value, residual, check.limit, point, other, moved)
+
+
+def _beside(solution: ValueFunction, certificate: Claim, point: np.ndarray) -> tuple[np.ndarray, int | None]:
+    """A second point of the plane, and the place of the state that it moves."""
+    choices: list[tuple[np.ndarray, int | None]] = [
+        (start_at(certificate, start, start.amplitude), None) for start in certificate.starts
+    ]
+    choices = sorted(choices, key=lambda pair: -float(solution.value(pair[0])))[:1]
+    least = np.linalg.inv(solution.P)
+    choices += [(least[:, i] / least[i, i], i) for i in range(len(least))]
+
+    def apart(x: np.ndarray) -> float:
+        sizes = np.sqrt((x @ solution.P @ x) * (point @ solution.P @ point))
+        return 1.0 - float(abs(x @ solution.P @ point) / sizes)
+
+    return next((pair for pair in choices if apart(pair[0]) > APART), max(choices, key=lambda p: apart(p[0])))
+
+
+def _extent(
+    solution: ValueFunction, level: float, point: np.ndarray, other: np.ndarray
+) -> tuple[float, float]:
+    """Largest coordinates (across, up) of {V ≤ level} in a plane, followed along rays from the goal."""
+    angle = np.linspace(0.0, np.pi, 91)
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    ends = np.array([np.sqrt(2.0 * level / (x @ solution.P @ x)) for x in (other, point)])
+    plane = np.linspace(0.0, FURTHEST, 200)[1:, None, None] * unit * ends
+    value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
+    inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= level, axis=0)
+    across, up = (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
+    return across, up
+
+
+def _on(
+    solution: ValueFunction, certificate: Claim, penalty: Penalty | None, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """V and r + αV at deviations (B, A, n), each (B, A)."""
+    flat = points.reshape(-1, points.shape[-1])
     pair = checked_pair(solution, certificate.gamma, penalty)
     value, slope = solution.value_and_gradient(flat)
-    residual = Inequality(solution, pair.gamma, pair.output).terms(flat, slope).sum(axis=0)
-    shape = (POINTS, POINTS)
-    return StartSurface(a, e, value.reshape(shape), residual.reshape(shape), paths)
+    terms = Inequality(solution, pair.gamma, pair.output).terms(flat, slope)
+    residual = terms.sum(axis=0) + certificate.decay * value
+    return value.reshape(points.shape[:-1]), residual.reshape(points.shape[:-1])
 
 
 def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> WorstStep:

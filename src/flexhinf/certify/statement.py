@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
@@ -44,7 +46,9 @@ def statement_of(
         about=about or "a state feedback",
         states=tuple(Signal(name, unit(name)) for name in solution.state_names),
         inputs=tuple(Signal(name, unit(name)) for name in solution.input_names),
-        disturbances=tuple(Signal(name, unit(name)) for name in disturbances),
+        disturbances=tuple(
+            Signal(name, unit(name) or unit(name.removesuffix("_command"))) for name in disturbances
+        ),
         drift=terms.drift,
         g1=terms.g1,
         g2=terms.g2,
@@ -62,7 +66,7 @@ def statement_of(
         level=level,
         coordinates=tuple(map(tuple, transform.tolist())),
         reach=reach,
-        parameters=terms.parameters,
+        parameters=tuple(replace(p, unit=unit(p.name)) for p in terms.parameters),
         functions=terms.functions,
     )
 

@@ -7,9 +7,9 @@ from math import sqrt
 
 from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
-from flexhinf.certify.terms import Function, Observer, Polynomial, Signal, Start, Terms
+from flexhinf.certify.terms import Function, Observer, Polynomial, Signal, Start, Term, Terms
 
-__all__ = ["persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
+__all__ = ["common_unit", "persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
 
 
 _MOST_SHOWN = 12  # terms of a sum
@@ -23,9 +23,8 @@ def persistent_bound(claim: Claim) -> float:
 
 def theorem_text(claim: Claim, found: Verification) -> str:
     """What the claim says, to be believed where `found.proved`."""
-    disturbances = ", ".join(map(_named, claim.disturbances))
-    inputs = ", ".join(map(_named, claim.inputs))
-    z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
+    statements = _statements(claim, found)
+    fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
         f"About: {claim.about}",
         "",
@@ -36,9 +35,9 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:",
         *_equations(claim),
         *_parameters(claim),
-        f"  Disturbance channels: {disturbances}.",
-        f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for {inputs}, is fed the true "
-        f"state{' (1. to 6.) or estimates (7.)' if claim.observer else ''}, in continuous time.",
+        f"  Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
+        f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for "
+        f"{', '.join(map(_named, claim.inputs))}, is fed the true state{fed}, in continuous time.",
         *_observer(claim),
         *(
             f"  Start: {start.rule}; steps from rest to rest of up to {_down(start.amplitude)}: x = "
@@ -49,31 +48,45 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         f"Region S: the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}.",
         "",
         "Proved" if found.proved else "Claimed, and NOT proved: see the end",
-        f"  1. S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
-        f"{f'-{claim.decay:.6g} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
-        f"{claim.gamma!r} and z = ({z}).",
-        f"  2. From x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {_down(claim.level)}, the state stays "
-        "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0)).",
-        "  3. Without disturbances every trajectory from S stays in S and converges to the goal, exponentially fast.",
+        *(f"  {i}. {name}: {text}" for i, (name, text) in enumerate(statements, 1)),
+        "",
+        "Not proved",
+        *(f"  - {text}" for text in _not_proved(claim, found)),
     ]
-    if found.gradient_law:
-        lines.append(
-            "  4. Anything that makes the input differ by v from -R2^-1 g2'V_x' (the law, but for its rounding) is "
-            "covered by 2. while V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= "
-            f"{_down(claim.level)}."
-        )
-    if claim.decay:
-        bound = persistent_bound(claim)
-        lines.append(
-            f"  5. S is invariant for disturbances with |d(t)| <= {_down(bound)} at all times, of any duration."
-        )
-    if claim.starts:
-        kept = f", with V <= {claim.start_level:.6g}" if claim.observer else ""
-        lines.append(f"  6. All starts named above lie in S{kept}.")
-    if claim.observer:
-        lines.append(_with_estimates(claim, claim.observer))
-    lines += ["", "Not proved", *(f"  - {text}" for text in _not_proved(claim, found))]
     return "\n".join(lines)
+
+
+def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
+    """What is claimed, each statement under the name that it has in docs/certificate.md; the first four are numbered
+    there and here alike."""
+    z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
+    level = _down(claim.level)
+    statements = [
+        ("Region", "S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
+         f"{f'-{_down(claim.decay)} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
+         f"{claim.gamma!r} and z = ({z})."),
+        ("Gain", f"from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {level}, the state stays "
+         "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0))."),
+        ("Convergence", "without disturbances every trajectory from S stays in S and converges to the goal, "
+         "exponentially fast."),
+    ]  # fmt: skip
+    if found.gradient_law:
+        text = (
+            "anything that makes the input differ by v from -R2^-1 g2'V_x' (the law, but for its rounding) is "
+            f"covered by 2. while V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= {level}."
+        )
+        statements.append(("Budget", text))
+    if claim.decay:
+        unit = common_unit(claim.disturbances)
+        bound = f"{_down(persistent_bound(claim))} {unit}".rstrip()
+        text = f"S is invariant for disturbances with |d(t)| <= {bound} at all times, of any duration."
+        statements.append(("Disturbances that last", text))
+    if claim.starts:
+        kept = f", with V <= {_up(claim.start_level)}" if claim.observer else ""
+        statements.append(("Starts", f"all starts named above lie in S{kept}."))
+    if claim.observer:
+        statements.append(("Output feedback", _with_estimates(claim, claim.observer)))
+    return statements
 
 
 def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
@@ -148,7 +161,7 @@ def _with_estimates(claim: Claim, observer: Observer) -> str:
     )
     gain = sqrt(claim.gamma**2 + observer.gain_error**2)
     return (
-        "  7. Output feedback, the law fed with the observer's estimates whose errors begin at e0: while 1/2 e0'X e0 + "
+        "the law fed with the observer's estimates whose errors begin at e0: while 1/2 e0'X e0 + "
         f"1/2 gamma_e^2 (energy of d) <= {_down(observer.energy)} with gamma_e = {_up(observer.gain_error)}, and "
         f"V(x(0)) + 1/2 e0'X e0 + 1/2 ({_up(gain)})^2 (energy of d) <= {_down(claim.level)}, the state stays in S, and "
         f"(energy of z) <= ({_up(gain)})^2 (energy of d) + 2 V(x(0)) + e0'X e0. Without disturbances state and errors "
@@ -208,13 +221,11 @@ def _equations(claim: Claim) -> list[str]:
     names = [s.name for s in claim.states]
     lines = []
     for i, name in enumerate(names):
-        rate = _sum(claim.drift[i], names, claim.functions)
+        rate = [_sum(claim.drift[i], names, claim.functions)] if claim.drift[i] else []
         for signals, columns in ((claim.disturbances, claim.g1), (claim.inputs, claim.g2)):
             entries = zip(signals, columns[i], strict=True) if columns else ()
-            for signal, terms in entries:
-                if terms:
-                    rate += f" + ({_sum(terms, names, claim.functions)}) {signal.name}"
-        lines.append(f"    d/dt {name} = {rate}")
+            rate += [_sum(terms, names, (), signal.name) for signal, terms in entries if terms]
+        lines.append(f"    d/dt {name} = {_joined(rate)}")
     return lines
 
 
@@ -222,44 +233,64 @@ def _path(claim: Claim, start: Start) -> list[str]:
     """Each state of a start, as a function of a."""
     rows = []
     for i, terms in enumerate(start.path):
-        table = "a table of a" if start.table and start.table[i] else ""
-        rows.append(
-            " + ".join(filter(None, [_sum(terms, ["a"], start.functions) if terms else "", table])) or "0"
-        )
+        table = ["a table of a"] if start.table and start.table[i] else []
+        rows.append(_joined([_sum(terms, ["a"], start.functions)] * bool(terms) + table))
     return rows
 
 
-def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...]) -> str:
-    """Terms in full, up to a dozen of them."""
-    texts = []
-    for term in terms[:_MOST_SHOWN]:
-        factors = [name + (f"^{e}" if e != 1 else "") for name, e in term.parameters if e]
-        factors += [
-            name + (f"^{e}" if e > 1 else "") for name, e in zip(names, term.powers, strict=True) if e
-        ]
-        if term.function is not None:
-            factors.append(_bracket(functions[term.function], names))
-        number = f"{term.coefficient:.10g}"
-        if factors and abs(term.coefficient) == 1.0:
-            number = number.removesuffix("1")
-        texts.append(
-            " ".join([number, *factors] if number not in ("", "-") else [number + factors[0], *factors[1:]])
-        )
+def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven_by: str = "") -> str:
+    """Terms in full, up to a dozen of them; each times the signal by which it is driven, if any."""
+    texts = [_product(term, names, functions, driven_by) for term in terms[:_MOST_SHOWN]]
     more = len(terms) - _MOST_SHOWN
-    return " + ".join([*texts, *([f"{more} more"] if more > 0 else [])]).replace("+ -", "- ") or "0"
+    return _joined([*texts, *([f"{more} more"] if more > 0 else [])])
+
+
+def _joined(texts: list[str]) -> str:
+    return " + ".join(texts).replace("+ -", "- ") or "0"
+
+
+def _product(term: Term, names: list[str], functions: tuple[Function, ...], driven_by: str) -> str:
+    """A term as numerator/denominator, parameters before states before its function."""
+    above = [_power(name, e) for name, e in term.parameters if e > 0]
+    below = [_power(name, -e) for name, e in term.parameters if e < 0]
+    above += [_power(name, e) for name, e in zip(names, term.powers, strict=True) if e]
+    if term.function is not None:
+        above.append(_bracket(functions[term.function], names))
+    above += [driven_by] * bool(driven_by)
+    number = f"{abs(term.coefficient):.10g}"
+    text = "*".join(above if above and number == "1" else [number, *above])
+    under = "*".join(below)
+    sign = "-" if term.coefficient < 0 else ""
+    return sign + text + (f"/({under})" if len(below) > 1 else f"/{under}" if below else "")
+
+
+def _power(name: str, exponent: int) -> str:
+    return name if exponent == 1 else f"{name}^{exponent}"
 
 
 def _bracket(function: Function, names: list[str]) -> str:
     """φ(o + ℓᵀx) − φ(o)."""
-    inner = " + ".join(
-        f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g} '}{name}"
+    inner = _joined([
+        f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g}*'}{name}"
         for value, name in zip(function.slope, names, strict=True)
         if value
-    ).replace("+ -", "- ")
-    angle = f"{function.pi_halves} pi/2" if function.pi_halves else ""
-    offset = " + ".join(filter(None, [angle, f"{function.offset:.10g}" if function.offset else ""])) or "0"
-    before = "" if offset == "0" else f"{offset} + "
-    return f"[{function.name}({before}{inner}) - {function.name}({offset})]"
+    ])  # fmt: skip
+    o = [_angle(function.pi_halves)] * bool(function.pi_halves) + [f"{function.offset:.10g}"] * bool(
+        function.offset
+    )
+    return f"[{function.name}({_joined([*o, inner])}) - {function.name}({_joined(o)})]"
+
+
+def _angle(halves: int) -> str:
+    """A whole number of π/2, not 0."""
+    whole, half = halves if halves % 2 else halves // 2, "/2" if halves % 2 else ""
+    return {1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi") + half
+
+
+def common_unit(signals: tuple[Signal, ...]) -> str:
+    """The unit of all signals; empty where they differ."""
+    units = {signal.unit for signal in signals}
+    return units.pop() if len(units) == 1 else ""
 
 
 def _named(signal: Signal) -> str:
@@ -276,6 +307,6 @@ def _row(polynomial: Polynomial, states: tuple[Signal, ...]) -> str:
     for powers, value in polynomial[:3]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]
         sign = (" - " if value < 0 else " + ") if text else "-" if value < 0 else ""
-        text += sign + " ".join([f"{abs(value):.6g}", *factors])
+        text += sign + " ".join([f"{abs(value):.6g}"] * (abs(value) != 1.0 or not factors) + factors)
     more = len(polynomial) - 3
     return text + (f" + {more} more {'terms' if more > 1 else 'term'}" if more > 0 else "") if text else "0"

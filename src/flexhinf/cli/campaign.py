@@ -14,13 +14,14 @@ from typer.core import TyperGroup
 
 from flexhinf.cli.arguments import Elastic, read_source, reproduce_command
 from flexhinf.cli.messages import NOT_MET, note
+from flexhinf.cli.worst_case import WorstSearch, replay_worst, say_worst, search
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import Journal, MergedTable
+    from flexhinf.campaign import FoundPlant, Journal, MergedTable, WorstCase
     from flexhinf.campaign.driver import Executor, Report
 
-__all__ = ["app"]
+__all__ = ["app", "chosen_executor", "design_stages", "named_tolerance", "run", "sample_progress"]
 
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
@@ -128,6 +129,22 @@ def run(
     batch: Annotated[
         int, typer.Option(help="Samples of a file of the journal: what SIGKILL may cost.")
     ] = 256,
+    worst_case: Annotated[
+        bool,
+        typer.Option(
+            "--worst-case",
+            help="Then search the box of tolerances for the worst robot, and say how much worse than the worst "
+            "sample it is.",
+        ),
+    ] = False,
+    metric: Annotated[
+        list[str],
+        typer.Option(
+            help="What --worst-case makes as large as it can; again for more. Default: all that a requirement limits.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006
+    starts: Annotated[int, typer.Option(help="Searches of --worst-case for each metric.")] = 8,
     elastic: Elastic = "",
 ) -> None:
     """Run a design's step on many robots within their tolerances, each with its own noise.
@@ -137,7 +154,7 @@ def run(
     batches, workers, shards and interruptions. At the end stand samples.parquet,
     one row for each robot, and index.html.
 
-    Exit code: 0 if every sample is a success; 1 if not; 2 for a mistake; 130 if
+    Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
     from flexhinf.campaign import Requirement, Shard, drive
@@ -145,17 +162,18 @@ def run(
 
     part = Shard.read(shard) if shard else Shard()
     options = CampaignOptions(
-        samples, seed, batch, distribution, method, tuple(map(_named, tolerance)), payload or None, initial_error,
-        disturbance, duration or None,
+        samples, seed, batch, distribution, method, tuple(map(named_tolerance, tolerance)), payload or None,
+        initial_error, disturbance, duration or None,
     )  # fmt: skip
     request = read_source(design, elastic, {}).request
     asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
-    executor = _executor(workers, cluster)
+    executor = chosen_executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
-    with _stages() as stage:
+    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked)
+    with design_stages() as stage:
         campaign, journal = open_campaign(asked, out, _words(context), stage)
     try:
-        with _progress(part.name) as progress:
+        with sample_progress(part.name) as progress:
             table = drive(campaign, journal, shard=part, executor=executor, progress=progress)
     except KeyboardInterrupt:
         done = sum(map(journal.size, journal.shards()[0]))
@@ -167,11 +185,15 @@ def run(
             f"shard {shard} is done; {len(missing)} of {journal.batches} batches are still to be run elsewhere."
         )
         typer.echo(f"then:  flexhinf campaign merge {out}")
+        if wanted is not None:
+            note("the worst case is searched when all shards are there, by the same command without --shard")
         return
+    if wanted is not None:
+        search(campaign, table, wanted, design_stages)
     _finish(table, checked)
 
 
-def _executor(workers: int, cluster: str) -> Executor | None:
+def chosen_executor(workers: int, cluster: str) -> Executor | None:
     """What runs the batches; None: this process."""
     from flexhinf.campaign import in_cluster, in_processes
 
@@ -215,16 +237,32 @@ def merge(
 @app.command("replay", epilog="Example: flexhinf campaign replay campaign --sample 123")
 def replay(
     folder: Folder,
-    sample: Annotated[int, typer.Option(help="Its number in the table.")],
+    sample: Annotated[int | None, typer.Option(help="Its number in the table.", show_default=False)] = None,
+    worst_case: Annotated[
+        str,
+        typer.Option(
+            metavar="<metric>",
+            help="Instead of a sample: the robot that --worst-case found for this metric.",
+            show_default=False,
+        ),
+    ] = "",
     out: Annotated[
         Path | None, typer.Option(help="Write all signals: run.csv or run.nc.", show_default=False)
     ] = None,
 ) -> None:
-    """Run one sample of a campaign again, alone, and say whether the metrics are the same bits."""
+    """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
     from flexhinf.campaign import replayed
     from flexhinf.design import stored_campaign
     from flexhinf.design.report import replay_table
 
+    if (sample is None) == (not worst_case):
+        raise InvalidInput(
+            "One run is replayed at a time.",
+            f"expected --sample or --worst-case, got {'neither' if sample is None else 'both'}",
+            "--sample 0",
+        )
+    if sample is None:
+        return _print(replay_worst(folder, worst_case, out))
     campaign, journal = stored_campaign(folder)
     found = replayed(campaign, journal, sample)
     if out is not None:
@@ -258,7 +296,8 @@ def _words(context: typer.Context) -> list[str]:
     return [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
 
 
-def _named(text: str) -> tuple[str, str]:
+def named_tolerance(text: str) -> tuple[str, str]:
+    """Read ``stiffness=15%``: the parameter, and its spread as it stands; refused without a name."""
     name, equals, value = text.partition("=")
     if not equals:
         raise InvalidInput(
@@ -283,17 +322,21 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
     def run(sample: int) -> Any:
         return stored_campaign(table.journal.folder)[0].replay(sample)
 
-    judged = write_campaign(table, requirements, run)
+    def plant_run(case: WorstCase, plant: FoundPlant) -> Any:
+        return case.run(stored_campaign(table.journal.folder)[0], plant)
+
+    judged = write_campaign(table, requirements, run, plant_run)
     typer.echo(campaign_verdict(judged))
+    kept = say_worst(table, requirements)
     typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
     typer.echo(f"report: {table.journal.folder / 'index.html'}")
-    if judged.failures:
+    if judged.failures or not kept:
         raise typer.Exit(NOT_MET)
 
 
 # Progress -----------------------------------------------------------------------------------------------------
 @contextmanager
-def _stages() -> Iterator[Callable[[str], None]]:
+def design_stages() -> Iterator[Callable[[str], None]]:
     """A line for what comes next while the controller is designed; silent where it is no terminal."""
     from rich.console import Console
 
@@ -306,7 +349,7 @@ def _stages() -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _progress(part: str) -> Iterator[Callable[[Report], None]]:
+def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

@@ -16,6 +16,7 @@ from typer.exceptions import TyperException
 
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
+from flexhinf.cli.campaign_compare import compare_campaigns
 from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design
 from flexhinf.cli.export import app as export
@@ -110,6 +111,9 @@ for command, examples in COMMANDS.items():
     app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
 
 
+campaign.command(
+    "compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000"
+)(compare_campaigns)
 app.add_typer(campaign, name="campaign")
 app.add_typer(export, name="export")
 

@@ -1,7 +1,10 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .campaign_folder import open_campaign as open_campaign
+from .campaign_folder import open_pair as open_pair
 from .campaign_folder import stored_campaign as stored_campaign
+from .campaign_pair import DesignPair as DesignPair
+from .campaign_pair import PairResult as PairResult
 from .campaign_setup import CampaignOptions as CampaignOptions
 from .campaign_setup import DesignCampaign as DesignCampaign
 from .degrees import DegreeChoice as DegreeChoice

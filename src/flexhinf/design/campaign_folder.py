@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import tomlkit
 
 from flexhinf.campaign import Campaign, Journal
+from flexhinf.design.campaign_pair import SIDES, DesignPair
 from flexhinf.design.campaign_setup import CampaignOptions, DesignCampaign, fields_text
 from flexhinf.design.design_file import load_design, read_request
 from flexhinf.design.design_file_text import request_document
@@ -20,12 +22,18 @@ from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.report import unchanged
-from flexhinf.untrusted import read_toml
+from flexhinf.untrusted import checked_path, read_toml
 
-__all__ = ["open_campaign", "stored_campaign"]
+__all__ = ["open_campaign", "open_pair", "stored_campaign"]
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, DESIGN_FILE, CONTROLLER = "setup", "design.toml", "controller"
+
+#: Held while a controller is designed and written.
+SETUP_LOCK = ".campaign-setup-lock"
+
+#: What the folder of a comparison may hold.
+_OWN = (*SIDES, "index.html")
 
 #: How long a driver waits for another one that designs the controller, s.
 PATIENCE = 3600.0
@@ -36,6 +44,7 @@ def open_campaign(
     folder: str | Path,
     command: Sequence[str] = (),
     progress: Callable[[str], None] = print,
+    designed: tuple[Controller, float] | None = None,
 ) -> tuple[Campaign, Journal]:
     """The campaign in a folder: designed and written there, or taken up again with the controller that is there.
 
@@ -47,6 +56,9 @@ def open_campaign(
         That made it, for its reports.
     progress : callable
         Called with what comes next while the controller is designed.
+    designed : (Controller, float), optional
+        For a new folder: the controller, and how long its runs are unless the options say so, s; see
+        `designed_controller`.
 
     Raises
     ------
@@ -60,10 +72,10 @@ def open_campaign(
     place = Path(folder).expanduser().absolute()
     if journal is None:
         (place / SETUP).mkdir(parents=True, exist_ok=True)
-        with locked(place / ".campaign-setup-lock", PATIENCE):
+        with locked(place / SETUP_LOCK, PATIENCE):
             journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
             if journal is None:
-                return _begun(asked, place, command, progress)
+                return _begun(asked, place, command, designed or designed_controller(asked, progress))
     journal.refuse_other(asked.stated, partly=True)
     campaign = reopened(asked, journal)
     journal.refuse_other(campaign.settings)
@@ -71,10 +83,10 @@ def open_campaign(
 
 
 def _begun(
-    asked: DesignCampaign, place: Path, command: Sequence[str], progress: Callable[[str], None]
+    asked: DesignCampaign, place: Path, command: Sequence[str], designed: tuple[Controller, float]
 ) -> tuple[Campaign, Journal]:
-    """Design the controller and write what makes the campaign again; the manifest comes last."""
-    controller, duration = _controller(asked, progress)
+    """Write what makes the campaign again; the manifest comes last."""
+    controller, duration = designed
     duration = duration if asked.options.duration is None else asked.options.duration
     asked.campaign(controller, duration)  # refuses what does not fit before anything is written
     document = request_document(
@@ -95,8 +107,16 @@ def _begun(
     return campaign, Journal.opened(place, campaign, command, about)
 
 
-def _controller(asked: DesignCampaign, progress: Callable[[str], None]) -> tuple[Controller, float]:
-    """The controller and the length of its step, s: of a report that nobody changed, or designed now."""
+def designed_controller(
+    asked: DesignCampaign, progress: Callable[[str], None] = print
+) -> tuple[Controller, float]:
+    """The controller and the length of its step, s: of a report that nobody changed, or designed now.
+
+    Raises
+    ------
+    FlexhinfError
+        As `flexhinf.design.design`.
+    """
     path = asked.file
     if path is not None and path.name == DESIGN_FILE and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
         length = read_toml(path, "design file").get("result", {}).get("duration")
@@ -137,3 +157,76 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
     asked = DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), CampaignOptions(**stored))
     journal.refuse_other(asked.stated, partly=True)
     return reopened(asked, journal), journal
+
+
+# Two campaigns on the same samples --------------------------------------------------------------------------
+def open_pair(
+    pair: DesignPair,
+    folder: str | Path,
+    commands: Sequence[Sequence[str]] = ((), ()),
+    progress: Callable[[str], None] = print,
+) -> list[tuple[Campaign, Journal]]:
+    """The campaigns of both designs in a folder, with runs of the same length: made there, or taken up again.
+
+    Parameters
+    ----------
+    pair : DesignPair
+    folder : path
+        Of the comparison; the campaigns are in its folders `SIDES`.
+    commands : two sequences of str
+        That make each campaign, for its reports.
+    progress : callable
+        Called with what comes next while controllers are designed.
+
+    Raises
+    ------
+    InvalidInput
+        Before any work, if the folder holds something else, or other campaigns.
+    FlexhinfError
+        As `flexhinf.design.design`.
+    """
+    place = checked_path("The comparison's folder", folder).expanduser().absolute()
+    _check_folder(place)
+    place.mkdir(parents=True, exist_ok=True)
+    with locked(place / SETUP_LOCK, PATIENCE):
+        designed = _designed(pair, place, progress)
+        return [
+            open_campaign(one, place / name, command, progress, given)
+            for one, name, command, given in zip((pair.a, pair.b), SIDES, commands, designed)
+        ]
+
+
+def _designed(
+    pair: DesignPair, place: Path, progress: Callable[[str], None]
+) -> list[tuple[Controller, float] | None]:
+    """Controllers that are not in the folder yet, with the longer of both steps, or that of the run which is there."""
+    there = [Journal.read(place / name, (SETUP,)) for name in SIDES]
+    for asked, journal in zip((pair.a, pair.b), there):
+        if journal is not None:  # refused before the other one is designed
+            journal.refuse_other(asked.stated, partly=True)
+    found = [
+        None if journal else designed_controller(one, progress)
+        for one, journal in zip((pair.a, pair.b), there)
+    ]
+    begun = [float(journal.settings["duration"]) for journal in there if journal]
+    duration = begun[0] if begun else float(np.max([given[1] for given in found if given]))
+    return [None if given is None else (given[0], duration) for given in found]
+
+
+def _check_folder(place: Path) -> None:
+    """Refuse a file, and a folder that holds something else."""
+    if place.exists() and not place.is_dir():
+        raise InvalidInput(
+            "A comparison needs a folder, and there is a file.", f"got {place}", "another name"
+        )
+    strangers = [
+        path.name
+        for path in (place.iterdir() if place.is_dir() else ())
+        if path.name[:1] != "." and path.name not in _OWN
+    ]
+    if strangers:
+        raise InvalidInput(
+            "The folder holds something that is not a comparison of campaigns, and is left alone.",
+            f"expected no folder, an empty one, or one with {', '.join(_OWN)}; got {sorted(strangers)[:3]} in {place}",
+            "another folder",
+        )

@@ -22,6 +22,7 @@ __all__ = ["KeyNumber", "Page", "Section", "Status"]
 #: The badge of a status: its colours in the style sheet, and a sign, since colour is never the only one.
 _BADGES = {
     "met": ("holds", "✓"),
+    "proved": ("holds", "✓"),
     "not met": ("fails", "✗"),
     "not proved": ("not-judged", "○"),
     "risky": ("ties", "!"),
@@ -34,7 +35,7 @@ class Status:
 
     Parameters
     ----------
-    kind : {"met", "not met", "not proved", "risky"}
+    kind : {"met", "proved", "not met", "not proved", "risky"}
     text : str
         What is.
 
@@ -50,7 +51,7 @@ class Status:
     def __post_init__(self) -> None:
         if self.kind not in _BADGES:
             raise InvalidInput(
-                "A status is of one of four kinds.",
+                "A status is of one of five kinds.",
                 f"expected one of {', '.join(_BADGES)}; got {self.kind!r}",
                 "'risky' for what holds with little to spare",
             )

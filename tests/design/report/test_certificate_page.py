@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify.pictures import start_surface, worst_step
+from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
 from flexhinf.certify.steps import proved_steps, start_at
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.degrees import DegreeChoice
@@ -50,7 +50,23 @@ def shown(one: CertifiedDegree) -> Evidence:
     given, solution = one.certificate, one.choice.solution
     assert given is not None
     worst = (worst_step(solution, given, given.starts[1]),)
-    return Evidence(replace(given, sampled_level=1.1e4), start_surface(solution, given, CHECKED), worst, None)
+    slices = start_surface(solution, given, CHECKED), limit_slice(solution, given, CHECKED)
+    return Evidence(replace(given, sampled_level=1.1e4), *slices, worst, None)
+
+
+def test_slices_show_r_and_where_it_is_worst(shown: Evidence) -> None:
+    """Inside, r < 0 at every point but the goal; the point that limits the level lies on its line, with r = 0."""
+    given = shown.certificate
+    for one in (shown.surface, shown.limit):
+        assert one is not None
+        inside = (one.value <= given.level) & (one.value > 0.0)
+        worst = one.worst(given.level)[2]
+        assert worst == one.rate[inside].max() < 0.0
+    plane = shown.limit
+    assert plane is not None
+    above, middle = (np.argmin(np.abs(axis - at)) for axis, at in ((plane.up, 1.0), (plane.across, 0.0)))
+    assert plane.value[above, middle] == pytest.approx(1.14e4, rel=0.05)
+    assert (plane.residual[above:, middle] > 0.0).any()
 
 
 def test_the_worst_disturbance_keeps_v_below_its_bound(shown: Evidence) -> None:
@@ -71,7 +87,8 @@ def test_the_page_has_theorem_pictures_and_both_bounds(
     html = certificate_page((one,), one, given, ASKED, ["flexhinf", "certify"]).html()
     for part in (
         'id="hypotheses"', 'id="proved"', 'id="not-proved"', "link position command", "the gain is at most γ",
-        'id="figure-starts"', 'id="figure-largest"', 'id="figure-worst"', text, "flexhinf certify --check",
+        'id="figure-starts"', 'id="figure-limit"', 'id="figure-largest"', 'id="figure-worst"',
+        "worst point here", "limits the level: r = 0", text, "flexhinf certify --check",
         "bounded from above only",
     ):  # fmt: skip
         assert part in html

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement
+from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
 from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
     WORDS,
-    campaign_verdict,
     changes,
     limit_text,
     metric_text,
@@ -21,6 +20,7 @@ from flexhinf.design.report.campaign_text import (
     reasons_text,
     value_text,
 )
+from flexhinf.design.report.campaign_worst import Runs, worst_section, worst_statuses, worst_verdict
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
 from flexhinf.files import write_file
@@ -60,8 +60,9 @@ def write_campaign(
     table: MergedTable,
     requirements: Sequence[Requirement],
     run: Callable[[int], Trajectory] | None = None,
+    plant_run: Runs | None = None,
 ) -> CampaignJudgement:
-    """Write index.html beside the table; returns what the page says.
+    """Write index.html beside the table, with the worst cases that are kept there; returns what the page says.
 
     Parameters
     ----------
@@ -69,9 +70,11 @@ def write_campaign(
     requirements : sequence of Requirement
     run : callable, optional
         Sample → its run, for a worst run whose signals are not kept.
+    plant_run : callable, optional
+        Worst case and one of its plants → the run of that plant.
     """
     judged = CampaignJudgement(table, tuple(requirements))
-    text = campaign_page(judged, run).html()
+    text = campaign_page(judged, run, stored_worsts(table.journal), plant_run).html()
 
     def write(name: str) -> None:
         with open(name, "w", encoding="utf-8") as file:
@@ -81,22 +84,28 @@ def write_campaign(
     return judged
 
 
-def campaign_page(judged: CampaignJudgement, run: Callable[[int], Trajectory] | None = None) -> Page:
-    """Everything on one page."""
+def campaign_page(
+    judged: CampaignJudgement,
+    run: Callable[[int], Trajectory] | None = None,
+    worst: Sequence[WorstCase] = (),
+    plant_run: Runs | None = None,
+) -> Page:
+    """Everything on one page; arguments as `write_campaign`."""
     journal, settings = judged.table.journal, judged.table.journal.settings
     with house_style():
         parts = (
             Section("Success", _success(judged), "success"),
+            worst_section(judged, worst, plant_run),
             Section("Signals", _bands(judged, run), "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
             Section("Failures", _failures(judged), "failures"),
         )
     return Page(
-        journal.about.get("title", "Campaign"), _asked(judged), campaign_verdict(judged),
+        journal.about.get("title", "Campaign"), _asked(judged), worst_verdict(judged, worst),
         tuple(section for section in parts if section.blocks), Settings(_settings(settings)),
         Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
-        _status(judged),
+        _status(judged, worst),
     )  # fmt: skip
 
 
@@ -116,12 +125,13 @@ def _asked(judged: CampaignJudgement) -> str:
     )
 
 
-def _status(judged: CampaignJudgement) -> list[Status]:
+def _status(judged: CampaignJudgement, worst: Sequence[WorstCase]) -> list[Status]:
+    found = worst_statuses(worst, judged.requirements)
     if judged.failures:
-        return [Status("not met", f"{judged.failures} of {judged.count} samples fail.")]
-    return [
-        Status("met", f"Every one of {judged.count} samples; a sample says nothing of the robots between.")
-    ]
+        return [Status("not met", f"{judged.failures} of {judged.count} samples fail."), *found]
+    searched = " and the worst robot found by search" if worst else ""
+    text = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
+    return found or [Status("met", text)]
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:

@@ -12,11 +12,14 @@ from flexhinf.report import number
 
 __all__ = [
     "ENDLESS",
+    "LISTED",
     "WORDS",
     "campaign_verdict",
+    "change_text",
     "changes",
     "limit_text",
     "metric_text",
+    "percent_change",
     "percent_text",
     "reasons_text",
     "replay_table",
@@ -65,16 +68,27 @@ def changes(judged: CampaignJudgement, sample: int) -> str:
         middle = float(column.mean()) if old is None else old
         if spread <= 0.0 or value == middle:
             continue
-        unit = judged.table.unit(name)
-        change = 100.0 * (value / old - 1.0) if old else 0.0
-        sign = "+" if change > 0.0 else ""
-        text = f"{sign}{number(change, 2)} %" if old and "payload" not in name else value_text(value, unit)
-        found.append((abs(value - middle) / spread, f"{name.replace('_', ' ')} {text}"))
+        text = change_text(name, value, old, judged.table.unit(name))
+        found.append((abs(value - middle) / spread, text))
     ordered = [text for _, text in sorted(found, key=lambda one: -one[0])]
     return (
         ", ".join([*ordered[:LISTED], *(["others by less"] if len(ordered) > LISTED else [])])
         or "nominal numbers"
     )
+
+
+def change_text(name: str, value: float, nominal: float | None, unit: str) -> str:
+    """A number of a sample against its nominal one: ``stiffness −12 %``; empty where it is nominal."""
+    text = percent_change(name, value, nominal) or value_text(value, unit)
+    return "" if value == nominal else f"{name.replace('_', ' ')} {text}"
+
+
+def percent_change(name: str, value: float, nominal: float | None) -> str:
+    """Per cent of the nominal number; empty where that is zero, not known, or a payload's."""
+    if not nominal or "payload" in name:
+        return ""
+    change = 100.0 * (value / nominal - 1.0)
+    return f"{'+' if change > 0.0 else ''}{number(change, 2)} %"
 
 
 def percent_text(fraction: float) -> str:

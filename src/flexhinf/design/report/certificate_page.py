@@ -10,11 +10,12 @@ import numpy as np
 
 from flexhinf.certify import Certificate, Verification
 from flexhinf.certify.pictures import WorstStep
-from flexhinf.certify.theorem import persistent_bound, theorem_parts
+from flexhinf.certify.theorem import common_unit, persistent_bound, theorem_parts
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.report.certificate_figures import (
-    disturbance_unit,
+    gain_figure,
     largest_figure,
+    limit_figure,
     surface_figure,
     worst_figures,
 )
@@ -48,8 +49,10 @@ __all__ = ["certificate_page"]
 
 #: Signs of a page instead of those of a terminal.
 SIGNS = (
-    ("<=", "≤"), ("dV/dt", "V̇"), ("gamma", "γ"), ("R2^(1/2)", "R2^½"), ("1/2 ", "½ "), ("^2", "²"), ("v'R2", "vᵀR2"),
-    ("_", " "),
+    ("<=", "≤"), ("dV/dt", "V̇"), ("gamma^2", "γ²"), ("gamma_e^2", "γₑ²"), ("gamma_e", "γₑ"), ("gamma", "γ"),
+    ("R2^(1/2)", "√R2"), ("1/2 ", "½ "), ("^2", "²"), ("v'R2", "vᵀR2"), ("-R2^-1 g2'V_x'", "−R2⁻¹g2ᵀVₓᵀ"),
+    ("e0'X e0", "e₀ᵀXe₀"), ("e0", "e₀"), (" - ", " − "), ("≤ -", "≤ −"), ("(-", "(−"),
+    (", -", ", −"), ("pi", "π"), ("*", "·"), ("_", " "),
 )  # fmt: skip
 
 
@@ -78,6 +81,7 @@ def certificate_page(
         sections = [
             *_theorem(given),
             Section("Where steps may start", _starts(one, shown), "starts"),
+            Section("Where the level ends", _limit(shown), "limit"),
             Section("Steps inside the region", _steps(one, shown), "steps"),
             Section("What disturbances may cost", _budget(shown), "budget"),
             Section("The gain from both sides", _gain(shown), "gain"),
@@ -91,9 +95,9 @@ def certificate_page(
         else " in the region."
     )
     return Page(
-        f"A certificate for {given.about.split(',')[0]}", f"{given.about}. {_covers(given)}", proved, sections,
+        f"Certificate: {given.about.split(',')[0]}", f"{given.about}. {_covers(given)}", proved, sections,
         Settings({"Certificate": _settings(given)}), Provenance(tuple(command), s.seed), _numbers(one, given),
-        [Status("met", "Proved by arithmetic that cannot round the wrong way."),
+        [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", "Estimator, sampling, hold, delay, limits and noise, beyond the budget.")],
     )  # fmt: skip
 
@@ -103,7 +107,8 @@ def _covers(given: Certificate) -> str:
     box = any(p.low < p.high for p in given.parameters)
     who = "all robots of the stated box of parameters" if box else "the nominal robot"
     channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
-    return f"For {who}, fed the true state in continuous time; disturbances: {channels}."
+    fed = "the true state or the observer's estimates" if given.observer else "the true state"
+    return f"For {who}, fed {fed} in continuous time; disturbances: {channels}."
 
 
 def _angle(value: float, unit: str) -> str:
@@ -133,11 +138,15 @@ def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
     found.append(KeyNumber("level of V", number(given.level, 4), "", share))
     found += [
         KeyNumber(
-            "peak input", number(float(step.peak_input.max()), 3), effort, RULES.get(step.rule, step.rule)
+            _peak(effort), number(float(step.peak_input.max()), 3), effort, RULES.get(step.rule, step.rule)
         )
         for step in one.steps
     ]
     return found
+
+
+def _peak(unit: str) -> str:
+    return "peak voltage" if unit == "V" else "peak input"
 
 
 def _theorem(given: Certificate) -> list[Section]:
@@ -148,11 +157,27 @@ def _theorem(given: Certificate) -> list[Section]:
     sections = []
     for title, lines in parts.items():
         texts = tuple(map(_set, lines))
-        # what is proved has numbers of its own, by which the rest names it
-        blocks = tuple(map(Paragraph, texts)) if title == "Proved" else (Bullets(texts),)
+        if title == "Proved":  # with numbers of its own, by which the rest names it
+            blocks: list[Any] = list(map(Paragraph, texts))
+        elif title == "Hypotheses":
+            blocks = _hypotheses(texts)
+        else:
+            blocks = [Bullets(texts)]
         if title != "About":
             sections.append(Section(title, blocks, title.lower().replace(" ", "-")))
     return sections
+
+
+def _hypotheses(texts: tuple[str, ...]) -> list[Any]:
+    """The plant with its equations in a table, then the rest."""
+    rates = [text.removeprefix("d/dt ").partition(" = ") for text in texts if text.startswith("d/dt ")]
+    rows = [(name, rate if rate[0] != "-" else f"−{rate[1:]}") for name, _, rate in rates]
+    plant, *rest = (text for text in texts if not text.startswith("d/dt "))
+    return [
+        Paragraph(plant),
+        Table(("state", "its rate"), rows, "", "table-plant", stacks=True),
+        Bullets(tuple(rest)),
+    ]
 
 
 def _set(text: str) -> str:
@@ -190,7 +215,7 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     effort = given.inputs[0].unit
     table = Table(
         ("start of the integrator", "largest proved step", Column("overshoot", "%"), Column("first input", effort),
-         Column("peak input", effort)), rows, "Runs from the largest proved starts, without disturbance",
+         Column(_peak(effort), effort)), rows, "Runs from the largest proved starts, without disturbance",
         "table-steps", stacks=True,
     )  # fmt: skip
     text = (
@@ -198,6 +223,19 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
         "smallest the region reaches furthest, and the input jumps; where the input does not jump, V is larger."
     )
     return [Paragraph(text), surface_figure(given, shown.surface), table]
+
+
+def _limit(shown: Evidence) -> list[Any]:
+    given = shown.certificate
+    if shown.limit is None:
+        return [Paragraph("Sampling finds no point that limits the level.")]
+    text = (
+        "Sampling looks for points at which the inequality fails, and so says how large a level can be at most; the "
+        f"proof covers all points of V ≤ c = {number(given.level, 5)}"
+    )
+    sampled = given.sampled_level
+    text += "." if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled one."
+    return [Paragraph(text), limit_figure(given, shown.limit)]
 
 
 def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
@@ -213,20 +251,20 @@ def _budget(shown: Evidence) -> list[Any]:
         "estimator, limits) takes ½∫vᵀR2v from the same budget. `flexhinf design` shows what its own loop spends."
     )
     rows = [_budget_row(given, run) for run in shown.worst]
-    square = f"({disturbance_unit(given)})² s" if disturbance_unit(given) else ""
+    unit = common_unit(given.disturbances)
+    square = f"{unit}²·s" if unit.isalpha() else f"({unit})²·s" if unit else ""
     table = Table(
         ("start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
          Column("energy ∫|d|² allowed", square)), rows, "Steps of 0.8 of the largest ones", "table-budget",
         stacks=True,
     )  # fmt: skip
     free = 2.0 * given.level / given.gamma**2
-    at_goal = (
-        f"From rest at the goal, disturbances may have an energy of {f'{number(free, 3)} {square}'.rstrip()}."
-    )
+    energy = f"{number(free, 3)} {square}".rstrip()
+    at_goal = f"From rest at the goal, disturbances may have an energy of {energy} in all."
     if given.decay:
         last = (
             f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
-            f"|d(t)| ≤ √(2αc)/γ = {number(persistent_bound(given), 3)} {disturbance_unit(given)} at all times."
+            f"|d(t)| ≤ √(2αc)/γ = {number(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all times."
         )
     else:
         last = "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
@@ -261,13 +299,13 @@ def _gain(shown: Evidence) -> list[Any]:
     states = run.signals["state"][:, 0] - run.signals["state"][0, 0]
     scale = 180.0 / np.pi if given.states[0].unit == "rad" else 1.0
     axes[1].plot(run.time[thin(run.time)], scale * states[thin(run.time)], color=SERIES[2])
-    label(axes[0], "d", disturbance_unit(given))
+    label(axes[0], "d", common_unit(given.disturbances))
     label(axes[1], "position − goal", "°" if scale != 1.0 else given.states[0].unit)
     legend(axes[0])
     picture = figure_block(
         "attained", figure, "The disturbance found, from rest at the goal, and the position.", "Attained gain"
     )
-    return [Paragraph(text), picture]
+    return [Paragraph(text), gain_figure(given.gamma, attained.gain), picture]
 
 
 def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:

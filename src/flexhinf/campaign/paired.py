@@ -1,0 +1,335 @@
+"""Two campaigns on the same samples: differences pair by pair, and what they say of all samples.
+
+What is stated was fixed before any result: of each metric the median of the differences with its exact interval by the
+sign test, the fraction of pairs in which either is better, and of success and failure the exact test of McNemar.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexhinf.campaign.batches import COMPLETED, NOT_RUN, Column
+from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.results import MergedTable, main_metric, violations
+from flexhinf.campaign.statistics import Interval, success_interval
+from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import value_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CONFIDENCE", "McNemar", "PairedCampaigns", "PairedMetric", "compare"]
+
+#: Of every interval, each by itself.
+CONFIDENCE = 0.95
+
+#: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
+#: without an integral takes no reference, its goal is its operating point.
+_FREE = frozenset(
+    {
+        "version",
+        "batch",
+        "metrics",
+        "signals",
+        "controller",
+        "sub-steps",
+        "short run",
+        "reference",
+        "multi_turn",
+    }
+)
+_FREE_PREFIX = "design "
+
+#: Differences that a refusal lists.
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PairedMetric:
+    """One metric of two campaigns, sample by sample.
+
+    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that has
+    no such number, is left out.
+
+    Attributes
+    ----------
+    name, unit : str
+    a, b : (N,)
+        Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN for none.
+    largest_is_best : bool
+        Smaller values are better, unless a requirement states a least value.
+    """
+
+    name: str
+    unit: str
+    a: np.ndarray
+    b: np.ndarray
+    largest_is_best: bool = False
+
+    @cached_property
+    def pairs(self) -> np.ndarray:
+        """Numbers of the samples that are compared."""
+        return np.flatnonzero(~(np.isnan(self.a) | np.isnan(self.b)))
+
+    @cached_property
+    def differences(self) -> np.ndarray:
+        """b − a of the pairs; infinite where one of them has no finite value."""
+        a, b = self.a[self.pairs], self.b[self.pairs]
+        equal = a == b
+        return np.subtract(b, a, where=~equal, out=np.zeros(len(a)))
+
+    @property
+    def medians(self) -> tuple[float, float]:
+        """Of a and of b over the pairs, each one of the values; NaN without pairs."""
+        if not len(self.pairs):
+            return math.nan, math.nan
+        first, second = (np.quantile(x[self.pairs], 0.5, method="inverted_cdf") for x in (self.a, self.b))
+        return float(first), float(second)
+
+    @cached_property
+    def median(self) -> float:
+        """Of the differences, one of them; NaN without pairs."""
+        if not len(self.pairs):
+            return math.nan
+        return float(np.quantile(self.differences, 0.5, method="inverted_cdf"))
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Of the median of the differences of all samples, of which these are independent ones.
+
+        By order statistics, that is, by inverting the sign test (`scipy.stats.quantile_test`): it holds for every
+        distribution, symmetric or not, and with infinite differences. NaN where the pairs are too few (six at least).
+        """
+        from scipy.stats import quantile_test
+
+        if not len(self.pairs):
+            return math.nan, math.nan
+        found = quantile_test(self.differences, q=0, p=0.5).confidence_interval(CONFIDENCE)
+        return float(found.low), float(found.high)
+
+    @property
+    def better(self) -> tuple[Interval, Interval]:
+        """The fractions of pairs in which a is better, and in which b is; the rest is equal."""
+        gain = -self.differences if self.largest_is_best else self.differences  # of a
+        if not len(gain):
+            return Interval(0, 0, 0.0, 1.0, CONFIDENCE), Interval(0, 0, 0.0, 1.0, CONFIDENCE)
+        counts = int((gain > 0.0).sum()), int((gain < 0.0).sum())
+        first, second = (success_interval(count, len(gain), CONFIDENCE) for count in counts)
+        return first, second
+
+    @cached_property
+    def extremes(self) -> tuple[int | None, int | None]:
+        """The samples in which a, and in which b, is better by most; None where it never is."""
+        if not len(self.pairs):
+            return None, None
+        gain = -self.differences if self.largest_is_best else self.differences
+        best, least = int(np.argmax(gain)), int(np.argmin(gain))
+        found = (best if gain[best] > 0.0 else None), (least if gain[least] < 0.0 else None)
+        first, second = (None if one is None else int(self.pairs[one]) for one in found)
+        return first, second
+
+
+@dataclass(frozen=True)
+class McNemar:
+    """Success and failure of pairs, and the exact test that both fail equally often.
+
+    McNemar, "Note on the sampling error of the difference between correlated proportions", 1947, with the binomial
+    distribution of the pairs in which only one fails.
+
+    Attributes
+    ----------
+    both_fail, only_a, only_b, neither : int
+        Pairs by which of them fails.
+    """
+
+    both_fail: int
+    only_a: int
+    only_b: int
+    neither: int
+
+    @property
+    def count(self) -> int:
+        """Pairs."""
+        return self.both_fail + self.only_a + self.only_b + self.neither
+
+    @property
+    def failures(self) -> tuple[int, int]:
+        """Of a, and of b."""
+        return self.both_fail + self.only_a, self.both_fail + self.only_b
+
+    @property
+    def p_value(self) -> float:
+        """Probability of counts at least as unequal as these if both fail equally often; 1 where none is unequal."""
+        from scipy.stats import binomtest
+
+        unequal = self.only_a + self.only_b
+        return float(binomtest(self.only_a, unequal, 0.5).pvalue) if unequal else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """The rows of one campaign, from a Dataset or from a table on disk."""
+
+    columns: tuple[Column, ...]
+    values: Mapping[str, np.ndarray]
+    settings: Mapping[str, str]
+
+    @staticmethod
+    def of(source: xr.Dataset | MergedTable) -> _Side:
+        if isinstance(source, MergedTable):
+            return _Side(source.journal.columns, source.columns, source.journal.settings)
+        if not hasattr(source, "data_vars") or "status" not in source or "seed" not in source:
+            raise InvalidInput(
+                "Only campaigns are compared.",
+                f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
+                "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
+            )
+        columns = [Column("sample", "own")]
+        columns += [
+            Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", ""))
+            for name, one in source.data_vars.items()
+        ]
+        values = {name: source[name].values for name in (column.name for column in columns)}
+        return _Side(tuple(columns), values, {str(k): str(v) for k, v in source.attrs.items()})
+
+    def named(self, kind: str) -> tuple[str, ...]:
+        return tuple(column.name for column in self.columns if column.kind == kind)
+
+    def unit(self, name: str) -> str:
+        return next(column.unit for column in self.columns if column.name == name)
+
+
+@dataclass(frozen=True, eq=False)
+class PairedCampaigns:
+    """Two campaigns on the same samples; made by `compare`.
+
+    Attributes
+    ----------
+    a, b : _Side
+    requirements : tuple of Requirement
+        What a run must keep to count as a success, of both.
+    """
+
+    a: _Side
+    b: _Side
+    requirements: tuple[Requirement, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Samples."""
+        return len(self.a.values["sample"])
+
+    @property
+    def main(self) -> str:
+        """The metric that a verdict names: the overshoot, or the first one; empty without any."""
+        return main_metric(self.metrics)
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Names of the metrics that both campaigns have."""
+        there = set(self.b.named("metric"))
+        return tuple(name for name in self.a.named("metric") if name in there)
+
+    def metric(self, name: str) -> PairedMetric:
+        """One metric of both.
+
+        Raises
+        ------
+        InvalidInput
+            If not both campaigns have it.
+        """
+        if name not in self.metrics:
+            raise InvalidInput(
+                f"Not both campaigns have a metric {name!r}.",
+                f"expected one of {', '.join(self.metrics) or 'none'}",
+                "campaigns with the same metrics",
+            )
+        best = any(one.metric == name and not one.at_most for one in self.requirements)
+        lost = [side.values["status"] != COMPLETED for side in (self.a, self.b)]
+        a, b = (
+            np.where(one, -math.inf if best else math.inf, side.values[name])
+            for one, side in zip(lost, (self.a, self.b))
+        )
+        return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
+
+    @cached_property
+    def success(self) -> McNemar:
+        """Success and failure of the pairs; samples that no campaign could run are failures of both."""
+        a, b = (self._failed(side) for side in (self.a, self.b))
+        return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
+
+    def _failed(self, side: _Side) -> np.ndarray:
+        lost = side.values["status"] != COMPLETED
+        return lost | violations(side.values, self.requirements).any(axis=1)
+
+    @property
+    def not_run(self) -> int:
+        """Samples that could not be run."""
+        return int((self.a.values["status"] == NOT_RUN).sum())
+
+    def numbers(self, sample: int) -> dict[str, float]:
+        """What is special about a sample, by name."""
+        return {name: float(self.a.values[name][sample]) for name in self.a.named("parameter")}
+
+
+def compare(
+    a: xr.Dataset | MergedTable, b: xr.Dataset | MergedTable, requirements: Sequence[str] = ()
+) -> PairedCampaigns:
+    """Compare two campaigns on the same samples: any plant, any two laws.
+
+    Parameters
+    ----------
+    a, b : xarray.Dataset or MergedTable
+        Of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
+    requirements : sequence of str
+        What a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
+
+    Returns
+    -------
+    PairedCampaigns
+        Differences b − a of each metric, success and failure.
+
+    Raises
+    ------
+    InvalidInput
+        If the samples are not the same: the message says what differs.
+    """
+    sides = _Side.of(a), _Side.of(b)
+    _check_pairs(*sides)
+    paired = PairedCampaigns(*sides)
+    checked = tuple(Requirement.of(text, paired.metrics) for text in requirements)
+    return PairedCampaigns(*sides, checked)
+
+
+def _check_pairs(a: _Side, b: _Side) -> None:
+    """Refuse campaigns whose samples are not the same ones."""
+    names = dict.fromkeys((*a.settings, *b.settings))
+    bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
+    found = [
+        f"{name}: {a.settings.get(name, 'not stated')} ↔ {b.settings.get(name, 'not stated')}"
+        for name in bound
+        if a.settings.get(name) != b.settings.get(name)
+    ]
+    columns = [("sample", "seed", *side.named("parameter")) for side in (a, b)]
+    if columns[0] != columns[1]:
+        found.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
+    elif not found:
+        found = [
+            f"{name}: not the same values"
+            for name in columns[0]
+            if not np.array_equal(a.values[name], b.values[name], equal_nan=name not in ("sample", "seed"))
+        ]
+    if found:
+        raise InvalidInput(
+            "The campaigns are not on the same samples; their differences would not be those of the controllers.",
+            "; ".join(
+                [*found[:_LISTED], *([f"{len(found) - _LISTED} more"] if len(found) > _LISTED else [])]
+            ),
+            "the same draw, samples, seed, plant, noise and duration for both, and another controller",
+        )

@@ -1,0 +1,307 @@
+"""The worst plant inside the box of the tolerances, found by search: a lower bound of what the worst one does.
+
+A metric is maximised over the intervals of the numbers that differ, ends included, with the noise of the sample that is
+the worst of the campaign: the search begins there, so it never ends below it, and what it finds differs from that
+sample by numbers and not by luck. It also begins at other bad samples, at the worst corners, and at random points of
+the box. Noise itself is not searched: it has no bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.campaign.batches import COMPLETED, Campaign, checked_integer
+from flexhinf.campaign.box_search import climb, corners
+from flexhinf.campaign.draws import Tolerances
+from flexhinf.campaign.metrics import known_metric
+from flexhinf.campaign.samples import rows_of, run_batch
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Trajectory
+
+__all__ = ["FoundPlant", "WorstCase", "check_starts", "search_settings", "worst_case"]
+
+#: All corners are run where there are not more.
+MOST_CORNERS = 1024
+
+#: Searches by default and at most, and runs that are made in one call.
+STARTS, MOST_STARTS, CHUNK = 8, 1000, 256
+
+#: Stream of the random starts: the samples' own numbers have other keys.
+_STREAM = 0x776F727374
+
+Progress = Callable[[int, float], None]
+
+
+@dataclass(frozen=True)
+class FoundPlant:
+    """One plant and what its run came to.
+
+    Attributes
+    ----------
+    numbers : mapping of str to float
+        What is special about it.
+    value : float
+        Of the metric; NaN where the run has none.
+    status : str
+        Of its row.
+    """
+
+    numbers: Mapping[str, float]
+    value: float
+    status: str = COMPLETED
+
+    def size(self, least: bool) -> float:
+        """How bad it is: infinite where it did not come to its end."""
+        return float(_sizes(np.array([self.value]), np.array([self.status], dtype=object), least)[0])
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """The worst plant that was found for one metric.
+
+    Attributes
+    ----------
+    metric, unit : str
+    least : bool
+        Whether small values are the bad ones.
+    sample : int
+        The worst sample inside the box; every run of the search has its noise.
+    sampled, found, nominal : FoundPlant
+        That sample, the plant that the search found, and the nominal one, with the same noise.
+    alone : mapping of str to float
+        The metric of the plant found with this number alone at its nominal value; NaN where the run has none.
+    intervals : mapping of str to (float, float)
+        The box.
+    units : mapping of str to str
+        Of the numbers.
+    starts, together : int
+        Searches, and how many of them ended at the plant found.
+    all_corners : bool
+        Whether every corner was run.
+    runs : int
+    outside : int
+        Samples outside the box, of a normal distribution that is not cut off; they are not compared.
+    settings : mapping of str to str
+        What it depends on.
+    """
+
+    metric: str
+    unit: str
+    least: bool
+    sample: int
+    sampled: FoundPlant
+    found: FoundPlant
+    nominal: FoundPlant
+    alone: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    starts: int
+    together: int
+    all_corners: bool
+    runs: int
+    outside: int
+    settings: Mapping[str, str]
+
+    @property
+    def factor(self) -> float:
+        """Value found over value sampled; NaN where that is no ratio of positive numbers of whole runs."""
+        a, b = self.found.value, self.sampled.value
+        whole = self.found.status == self.sampled.status == COMPLETED
+        return a / b if whole and b > 0.0 and 0.0 <= a < math.inf else math.nan
+
+    @property
+    def worse(self) -> bool:
+        """Whether the search found a worse plant than the samples."""
+        return self.found.size(self.least) > self.sampled.size(self.least)
+
+    def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
+        """The run of the plant found, or of another one with the same noise, with all its signals.
+
+        Raises
+        ------
+        InvalidInput
+            If the plant cannot be run.
+        """
+        drawn = _box(campaign).built((plant or self.found).numbers)
+        if drawn.failure:
+            raise InvalidInput(
+                f"The plant with the worst {self.metric} cannot be run.", drawn.failure, "another metric"
+            )
+        return campaign.run_of(self.sample, drawn)
+
+    def again(self, campaign: Campaign) -> FoundPlant:
+        """The plant found, run alone: the same bits as in the search."""
+        return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
+
+
+def worst_case(
+    campaign: Campaign,
+    metric: str,
+    rows: Mapping[str, Any] | None = None,
+    *,
+    least: bool = False,
+    starts: int = STARTS,
+    seed: int | None = None,
+    nominal: Mapping[str, float] | None = None,
+    progress: Progress = lambda runs, best: None,
+) -> WorstCase:
+    """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its draw are `Tolerances`.
+    metric : str
+    rows : mapping of str to array, optional
+        The campaign's rows, as `run_campaign` gives them; without them its samples are run now.
+    least : bool
+        Whether the smallest value is the worst.
+    starts : int
+        Searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
+    seed : int, optional
+        Of the random starts; by default the campaign's.
+    nominal : mapping of str to float, optional
+        Nominal numbers; those that are not named are the middles of their intervals.
+    progress : callable, optional
+        Called with the runs so far and the worst value.
+
+    Returns
+    -------
+    WorstCase
+        Never better than the worst sample. The same bits for any number of threads or lanes.
+
+    Raises
+    ------
+    InvalidInput
+        For a draw without intervals, an unknown metric, or one that no sample has.
+    """
+    box = _box(campaign)
+    known_metric(metric, campaign.named("metric"))
+    check_starts(starts)
+    seed = campaign.seed if seed is None else seed
+    checked_integer("seed", seed, 0, 2**63 - 1, "0")
+    names, low, high = _ends(box)
+    table = _columns(campaign, rows, [metric, "status", *names])
+    points = np.column_stack([table[name] for name in names]).astype(float)
+    inside = np.all((points >= low) & (points <= high), axis=1)
+    size = np.where(inside, _sizes(table[metric].astype(float), table["status"], least), -math.inf)
+    order = np.argsort(-size, kind="stable")
+    first = int(order[0])
+    if size[first] == -math.inf:
+        raise InvalidInput(
+            f"No sample has the metric {metric!r}.",
+            f"expected a number in one of {len(size)} rows, inside the intervals of the tolerances",
+            "a metric that the runs have, as peak_input",
+        )
+
+    def numbers(t: np.ndarray) -> dict[str, float]:
+        return dict(zip(names, ((1.0 - t) * low + t * high).tolist(), strict=True))
+
+    runs = 0
+
+    def values(unit: np.ndarray) -> np.ndarray:
+        nonlocal runs
+        found = _runs(campaign, [numbers(t) for t in unit], first, metric)
+        runs += len(found)
+        return np.array([one.size(least) for one in found])
+
+    all_corners = 1 << len(names) <= MOST_CORNERS
+    sampled = FoundPlant(
+        dict(zip(names, points[first].tolist())), float(table[metric][first]), str(table["status"][first])
+    )
+    found, together = sampled, 1
+    if math.isfinite(size[first]):
+        width = np.where(high > low, high - low, 1.0)
+        some = [(points[k] - low) / width for k in order[: max(1, starts // 2)] if size[k] > -math.inf]
+        if all_corners:
+            every = corners(len(names))
+            worst = np.argsort(-values(every), kind="stable")[: -(-(starts - len(some)) // 2)]
+            some += list(every[worst])
+        generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+        some += list(generator.random((max(0, starts - len(some)), len(names))))
+        climbed = climb(values, np.array(some), lambda _, best: progress(runs, -best if least else best))
+        (best,) = _runs(campaign, [numbers(climbed.point)], first, metric)
+        if best.size(least) > sampled.size(least):
+            found, together = best, climbed.together
+    middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
+    others = [middle, *({**found.numbers, name: middle[name]} for name in names)]
+    centre, *one_back = _runs(campaign, others, first, metric)
+    return WorstCase(
+        metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, found, centre,
+        {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
+        {name: box.units[name] for name in names},
+        starts, together, all_corners, runs + len(others), int((~inside).sum()),
+        search_settings(campaign, metric, least, starts, seed),
+    )  # fmt: skip
+
+
+def check_starts(starts: Any) -> None:
+    """Refuse a number of searches that is out of range."""
+    checked_integer("starts", starts, 1, MOST_STARTS, str(STARTS))
+
+
+def _box(campaign: Campaign) -> Tolerances:
+    """The draw of a campaign, which has intervals."""
+    if not isinstance(campaign.draw, Tolerances):
+        raise InvalidInput(
+            "The samples of this campaign have no box that could be searched.",
+            f"expected a draw by Tolerances, got {type(campaign.draw).__name__}",
+            "Tolerances([Variable('stiffness', 0.9, 1.1), …])",
+        )
+    return campaign.draw
+
+
+def _ends(box: Tolerances) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, and both ends (d,) of the intervals."""
+    low, high = np.array([(v.low, v.high) for v in box.variables], dtype=float).T
+    return [v.name for v in box.variables], low, high
+
+
+def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
+    """Columns (N,) of the rows, which are run where they are not given."""
+    if rows is None:
+        parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    missing = [name for name in names if name not in rows]
+    found = {} if missing else {name: np.asarray(rows[name]) for name in names}
+    if missing or any(column.shape != (campaign.samples,) for column in found.values()):
+        raise InvalidInput(
+            "The rows are not those of the campaign.",
+            f"expected {campaign.samples} numbers of each of {names}, got "
+            + (f"none of {missing}" if missing else f"{[len(np.atleast_1d(one)) for one in found.values()]}"),
+            "what run_campaign returned for the same loop, draw and samples",
+        )
+    return found
+
+
+def _runs(
+    campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
+) -> list[FoundPlant]:
+    """Plants of these numbers, all with the noise of one sample."""
+    box, found = _box(campaign), []
+    for begin in range(0, len(numbers), CHUNK):
+        some = numbers[begin : begin + CHUNK]
+        rows = rows_of(campaign, [noise] * len(some), [box.built(one) for one in some]).columns
+        found += [
+            FoundPlant(dict(one), float(value), str(status))
+            for one, value, status in zip(some, rows[metric], rows["status"])
+        ]
+    return found
+
+
+def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
+    """How bad runs (N,) are: infinite where one did not come to its end, −inf where it has no value."""
+    sizes = np.where(np.isnan(values), -math.inf, -values if least else values)
+    return np.where(status == COMPLETED, sizes, math.inf)
+
+
+def search_settings(campaign: Campaign, metric: str, least: bool, starts: int, seed: int) -> dict[str, str]:
+    """What a search depends on, as text."""
+    return {
+        "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
+    }  # fmt: skip

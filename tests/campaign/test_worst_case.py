@@ -1,0 +1,224 @@
+"""The worst plant in a box: known maxima, a dense grid by another route, other seeds, and what is kept on disk."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.campaign.conftest import Feedback, made_campaign, spring, tolerances
+
+import flexhinf as fh
+import flexhinf.campaign.worst_case_files as files
+from flexhinf.campaign import (
+    Campaign,
+    Journal,
+    drive,
+    run_batch,
+    search_worst,
+    stored_worst,
+    stored_worsts,
+    worst_case,
+)
+from flexhinf.campaign.box_search import climb
+from flexhinf.errors import InvalidInput
+
+#: Long enough to settle.
+QUIET = {"duration": 12.0, "noise": 1e-5, "reference": 0.1}
+
+TURN = np.array([[0.8, -0.6], [0.6, 0.8]])
+
+
+def bowl(t):
+    """Largest inside, at (0.62, 0.31), forty times as steep across as along a line askew."""
+    a, b = ((t - [0.62, 0.31]) @ TURN).T
+    return -(a**2) - 40.0 * b**2
+
+
+def ramp(t):
+    """Largest at the corner (1, 0, 1)."""
+    return t @ np.array([3.0, -2.0, 1e-3]) + t[:, 0] * t[:, 2]
+
+
+def steps(t):
+    """Jumps, as a settling time has them: largest at (1, 1)."""
+    return np.floor(20.0 * t.sum(axis=1))
+
+
+def waves(t):
+    """Nine summits; the highest at (0.9, 0.9)."""
+    return (np.cos(5.0 * np.pi * (t - 0.9)) - (t - 0.9) ** 2).sum(axis=1)
+
+
+STARTS = np.random.default_rng(3).random((24, 3))
+
+
+@pytest.mark.parametrize(
+    ("function", "where", "within"),
+    [
+        (bowl, (0.62, 0.31), 2e-4),
+        (ramp, (1.0, 0.0, 1.0), 0.0),
+        (steps, (1.0, 1.0), 0.1),
+        (waves, (0.9, 0.9), 2e-4),
+    ],
+)
+def test_known_maxima_are_found(function, where, within):
+    starts = STARTS[: 24 if function is waves else 8, : len(where)]
+    found = climb(function, starts)
+    np.testing.assert_allclose(found.point, where, rtol=0.0, atol=within)
+    assert found.value == pytest.approx(function(found.point[None, :])[0], abs=1e-15)
+    assert found.evaluations < 200 * len(starts)
+
+
+def test_a_search_without_a_slope_a_value_or_an_end_stays_at_its_best_start():
+    flat = climb(lambda t: np.zeros(len(t)), STARTS)
+    assert (flat.value, flat.point.tolist()) == (0.0, STARTS[0].tolist())
+    holes = climb(lambda t: np.where(t[:, 0] > 0.5, -math.inf, t[:, 0]), STARTS)
+    assert 0.5 - 1e-3 < holes.value <= 0.5
+    endless = climb(lambda t: np.where(t[:, 0] > 0.9, math.inf, t[:, 0]), STARTS[:1])
+    assert endless.value == math.inf
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return made_campaign(options=QUIET)
+
+
+@pytest.fixture(scope="module")
+def rows(campaign):
+    parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+@pytest.mark.oracle
+def test_no_point_of_a_dense_grid_is_worse(campaign, rows):
+    """The grid's runs are made alone, by Loop.run, corners and edges among them."""
+    found = worst_case(campaign, "peak_input", rows)
+    grid = itertools.product(np.linspace(0.8, 1.2, 9), np.linspace(15.0, 25.0, 9))
+    seed = int(rows["seed"][found.sample])
+    peaks = [
+        campaign.loop.with_plant(campaign.loop.true_plant.with_parameters(mass=m, stiffness=k))
+        .run(seed=seed, **QUIET)
+        .metrics()["peak_input"]
+        for m, k in grid
+    ]
+    assert max(peaks) <= found.found.value
+    assert found.found.value == pytest.approx(max(peaks), rel=0.02)
+    assert found.all_corners
+    assert all(low <= found.found.numbers[k] <= high for k, (low, high) in found.intervals.items())
+
+
+@pytest.mark.parametrize("metric", ["overshoot_percent", "settling_time_s", "tracking_rmse"])
+def test_the_worst_found_is_never_better_than_the_samples_and_replays_bit_by_bit(campaign, rows, metric):
+    found, other = (worst_case(campaign, metric, rows, seed=seed) for seed in (0, 1))
+    assert found.sampled.value == np.nanmax(rows[metric]) == rows[metric][found.sample]
+    assert found.found.value >= found.sampled.value
+    assert found.again(campaign) == found.found  # alone, where the search ran it beside hundreds
+    assert worst_case(campaign, metric, rows, seed=0) == found
+    assert other.found.value == pytest.approx(found.found.value, rel=0.01)
+    assert found.factor == found.found.value / found.sampled.value
+
+
+def final_force(run):
+    return float(run.signals["input"][-1, 0])
+
+
+def test_the_plant_is_the_one_that_is_known_to_be_the_worst():
+    """At rest the force is stiffness times position: the stiffest spring needs most, the softest least."""
+    options = {"reference": 0.1, "duration": 12.0}
+    loop = fh.Loop(spring(), fh.Controller(Feedback(), None, 4e-3))
+    campaign = Campaign(loop, tolerances(), 6, metrics={"force": final_force}, options=options)
+    most, least = (worst_case(campaign, "force", least=least, starts=2) for least in (False, True))
+    assert (most.found.numbers["stiffness"], least.found.numbers["stiffness"]) == (25.0, 15.0)
+    assert most.found.value == pytest.approx(2.5, rel=5e-3)
+    assert least.found.value == pytest.approx(1.5, rel=5e-3)
+    assert abs(most.alone["mass"] - 2.5) < 0.05 < abs(most.alone["stiffness"] - 2.5)
+    assert most.nominal.numbers == {"mass": 1.0, "stiffness": 20.0}
+
+
+def test_a_sample_that_diverges_is_the_worst_and_one_outside_the_box_is_not_compared(campaign, rows):
+    status = rows["status"].copy()
+    status[7] = "diverged"
+    found = worst_case(campaign, "peak_input", {**rows, "status": status})
+    assert (found.sample, found.worse, found.found.status) == (7, False, "diverged")
+    assert math.isnan(found.factor)
+    mass = rows["mass"].copy()
+    mass[np.argmax(rows["peak_input"])] = 3.0
+    found = worst_case(campaign, "peak_input", {**rows, "mass": mass}, starts=1)
+    assert found.outside == 1
+    assert found.sampled.value < rows["peak_input"].max()
+
+
+def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
+    pytest.importorskip("pyarrow")
+    journal = Journal.opened(tmp_path / "runs", campaign)
+    table = drive(campaign, journal)
+
+    def stop(runs, best):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search_worst(campaign, journal, "peak_input", table.columns, progress=stop)
+    assert stored_worsts(journal) == []
+    with pytest.raises(InvalidInput, match="was not searched"):
+        stored_worst(journal, "peak_input")
+    found = search_worst(campaign, journal, "peak_input", table.columns)
+    path = tmp_path / "runs" / "worst-case" / "peak_input.json"
+    content = path.read_bytes()
+    assert stored_worst(journal, "peak_input") == found
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "worst_case", None)  # it is not searched again
+        assert search_worst(campaign, journal, "peak_input", table.columns) == found
+    path.write_bytes(content[:-9])
+    with pytest.raises(InvalidInput, match="cannot be read"):
+        stored_worst(journal, "peak_input")
+    assert stored_worsts(journal) == []
+    assert search_worst(campaign, journal, "peak_input", table.columns) == found
+    assert path.read_bytes() == content
+    stated = json.loads(content)
+    path.write_text(json.dumps(stated | {"settings": stated["settings"] | {"campaign": "another"}}))
+    with pytest.raises(InvalidInput, match="of another campaign"):
+        stored_worst(journal, "peak_input")
+
+
+def test_numbers_that_json_does_not_have(tmp_path, monkeypatch, campaign, rows):
+    pytest.importorskip("pyarrow")
+    found = worst_case(campaign, "peak_input", rows, starts=1)
+    odd = replace(found, found=replace(found.found, value=math.inf), alone={"mass": -math.inf})
+    monkeypatch.setattr(files, "worst_case", lambda *_, **__: odd)
+    journal = Journal.opened(tmp_path / "runs", campaign)
+    search_worst(campaign, journal, "peak_input", rows)
+    assert stored_worst(journal, "peak_input") == odd
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"metric": "peak"}, "no metric 'peak'"),
+        ({"starts": 0}, "No such starts"),
+        ({"seed": -1}, "No such seed"),
+        ({"rows": {"status": np.zeros(50)}}, "not those of the campaign"),
+        ({"rows": dict.fromkeys(("status", "peak_input", "mass", "stiffness"), np.zeros(3))}, "not those of"),
+    ],
+)
+def test_mistakes(campaign, rows, changes, what):
+    given = {"metric": "peak_input", "rows": rows, **changes}
+    with pytest.raises(InvalidInput, match=what) as error:
+        worst_case(campaign, given.pop("metric"), **given)
+    assert all(part in str(error.value) for part in ("found:", "try:"))
+
+
+def test_a_draw_without_a_box_and_a_metric_that_no_run_has(campaign, rows):
+    with pytest.raises(InvalidInput, match="no box"):
+        worst_case(made_campaign(draw=lambda rng: {"mass": 1.0}), "peak_input")
+    nothing = {**rows, "peak_input": np.full(50, math.nan)}
+    with pytest.raises(InvalidInput, match="No sample has"):
+        worst_case(campaign, "peak_input", nothing)
+
+
+def test_numbers_that_a_normal_distribution_puts_outside():
+    wide = made_campaign(samples=400, draw=tolerances("random", "normal"))
+    assert worst_case(wide, "peak_input", starts=1).outside > 0

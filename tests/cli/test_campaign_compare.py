@@ -1,0 +1,103 @@
+"""``flexhinf campaign compare``: two judged reports on the same robots, again, in shards; what it refuses."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf import report
+from flexhinf.cli import main
+
+pytest.importorskip("pyarrow")
+
+DESIGN = """
+[design]
+robot = "paper"
+estimator = "{}"
+overshoot = 30.0
+[result]
+duration = 0.5
+"""
+WORDS = ["campaign", "compare", "ekf/design.toml", "ukf/design.toml", "--samples", "40", "--batch", "16"]
+WORDS += ["--out", "both"]
+
+
+@pytest.fixture
+def judged(folder: Path) -> Path:
+    """Reports of two designs, as far as a campaign needs them: the same linear law behind EKF and UKF."""
+    arm = fh.paper_arm()
+    law = fh.linear_law(arm.problem(), gamma=math.inf)
+    for name, kind in (("ekf", fh.ExtendedKalmanFilter), ("ukf", fh.UnscentedKalmanFilter)):
+        filter = kind(arm.plant(), 1e-3, 1e-8, 1e-8, np.zeros(4), 1e-6)
+        fh.Controller(law, filter, 1e-3, 48.0, start="bumpless").save(folder / "law")
+        files = {"design.toml": DESIGN.format(name), "controller": (folder / "law").read_bytes()}
+        report.write(folder / name, files)
+    (folder / "law").unlink()
+    return folder
+
+
+def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(WORDS) == 0
+    text = "".join(capsys.readouterr())
+    assert "Of the same 40 robots" in text
+    assert "the difference B − A" in text
+    page = (judged / "both" / "index.html").read_text()
+    for part in (
+        "McNemar",
+        "estimator",
+        "Largest differences each way",
+        "flexhinf campaign replay both/b --sample",
+    ):
+        assert part in page
+    tables = [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]
+    assert tables[0] != tables[1]
+    assert main(["campaign", "replay", "both/b", "--sample", "7"]) == 0
+    assert "the same bits" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_shards_and_half_a_folder_come_to_the_same_tables(judged: Path) -> None:
+    assert main(WORDS) == 0
+    whole = [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]
+    next((judged / "both" / "b" / "shards").iterdir()).unlink()
+    assert main(WORDS) == 0
+    assert whole == [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]
+    shutil.rmtree(judged / "both" / "b")
+    for shard in ("1/2", "2/2"):
+        assert main([*WORDS, "--shard", shard]) == 0
+    assert whole == [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]
+
+
+def test_designs_that_do_not_share_robot_sensors_and_step_are_refused(
+    judged: Path, refused: Callable[..., str]
+) -> None:
+    file = judged / "ukf" / "design.toml"
+    text = file.read_text()
+    for line, what in (
+        ('measured = "motor_position"', "measured: default ↔ ['motor_position']"),
+        ("measurement_noise = 1e-6", "measurement_noise: default ↔ 1e-06"),
+        ('pose = "30deg"', "goal: "),
+        ("saturation = 12.0", "saturation: [inf] ↔ [12.0]"),
+        ('extras = "inductance"', "extras: "),
+        ("period = 0.002", "period: default ↔ 0.002"),
+    ):
+        file.write_text(text.replace("overshoot = 30.0", f"overshoot = 30.0\n{line}"))
+        message = refused(WORDS, "not for the same robot", judged)
+        assert what in message
+    assert not (judged / "both").exists()
+
+
+def test_other_folders_and_options_are_refused(judged: Path, refused: Callable[..., str]) -> None:
+    refused([*WORDS[:-1], "ekf"], "not a comparison", judged)
+    refused([*WORDS, "--samples", "0"], "samples", judged)
+    refused([*WORDS, "--require", "overshot<=5"], "no metric 'overshot'", judged)
+    assert main([*WORDS, "--shard", "1/2"]) == 0
+    assert "samples: 40 → 41" in refused([*WORDS, "--samples", "41"], "another campaign", judged)
+    swapped = [*WORDS[:2], WORDS[3], WORDS[2], *WORDS[4:]]
+    assert "design estimator: not stated → ekf" in refused(swapped, "another campaign", judged)
