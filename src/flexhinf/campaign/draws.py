@@ -142,6 +142,8 @@ class Sample:
         What the sample's row says; by default the parameters, arrays element by element.
     plant : Plant or BlackBox, optional
         A true plant of its own, for plants without parameters.
+    loads : mapping of str to float
+        Factors of the campaign's disturbance, by channel; 1 where none is named.
     failure : str
         Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run.
     """
@@ -150,6 +152,7 @@ class Sample:
     options: Mapping[str, Any] = field(default_factory=dict)
     numbers: Mapping[str, float] | None = None
     plant: Plant | BlackBox | None = None
+    loads: Mapping[str, float] = field(default_factory=dict)
     failure: str = ""
 
     def row(self) -> dict[str, float]:
