@@ -23,7 +23,7 @@ from flexhinf.campaign import (
     stored_worsts,
     worst_case,
 )
-from flexhinf.campaign.box_search import climb
+from flexhinf.analysis.box_search import climb
 from flexhinf.errors import InvalidInput
 
 #: Long enough to settle.
