@@ -48,7 +48,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--via", "there"], "via cannot be used"),
         (["--pose", "0.1,0.2"], "does not fit"),
         (["--pose", "90grad"], "text with deg"),
-        (["--preset", "smooth"], "expected paper, damped, robust, got 'smooth'"),
+        (["--preset", "smooth"], "expected paper, damped, robust, proved, got 'smooth'"),
         (["--bandwidth", "4xyz"], "bandwidth cannot be used"),
         (["--bandwidth", "-4"], "bandwidth"),
         (["--bandwidth", "0Hz"], "rad/s > 0"),

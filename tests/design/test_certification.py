@@ -32,7 +32,7 @@ def made() -> Any:
         goal=np.array([np.pi]), solution=solution, law=solution,
         chosen=SimpleNamespace(level=check.level, looked=True, degree=2),
         design_problem=SimpleNamespace(gamma_star=star, nominal=problem),
-        problem=problem,
+        problem=problem, proved=None,
     )  # fmt: skip
 
 

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.certify.robot_starts import path_start, robot_start
+from flexhinf.certify.tolerances import tolerance_statement
+from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step
+from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis import synthesise
 from flexhinf.errors import InvalidInput
 
 ARM = fh.paper_arm()
@@ -36,7 +41,7 @@ def test_the_largest_step_is_the_one_that_the_limit_leaves() -> None:
 
 
 def test_a_limit_that_no_law_keeps_is_said() -> None:
-    with pytest.raises(InvalidInput, match="No step could be proved"):
+    with pytest.raises(InvalidInput, match=r"(?s)No step could be proved.*takes an input of 3[0-9.]+\n"):
         search_proved_step(
             ARM, (np.pi,), 3.0, effort_limit=1.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)
         )
@@ -55,3 +60,66 @@ def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
         "stiffness",
         "resistance",
     }
+
+
+@pytest.mark.parametrize(
+    ("fields", "what", "advice"),
+    [
+        ({"via": ((0.5,),)}, "`via` contradict", "leave out `via`"),
+        ({"rays": 10}, "`rays` contradict", "leave out `rays`"),
+        ({"checked_gamma_ratio": 3.0}, "`checked_gamma_ratio` contradict", "leave out `checked_gamma_ratio`"),
+        ({"proof_seconds": 0.0}, "needs time for a proof", "proof_seconds=20"),
+        ({"penalty": (1.0,) * 5}, "`penalty` contradict", "leave out `penalty`"),
+    ],
+)
+def test_a_field_that_the_preset_cannot_use_is_refused(fields: dict, what: str, advice: str) -> None:
+    asked = Specification(pose=(np.pi,), start=(0.0,), preset="proved", **fields)
+    with pytest.raises(InvalidInput) as refused:
+        synthesise(ARM, asked, lambda text: None)
+    assert what in refused.value.what
+    assert refused.value.found.startswith("expected ")
+    assert advice in refused.value.advice
+
+
+def test_more_than_one_joint_is_refused() -> None:
+    robot = fh.load_robot("planar-two-link")
+    asked = Specification(pose=(0.3, 0.3), start=(0.0, 0.0), preset="proved")
+    with pytest.raises(InvalidInput, match=r"(?s)one joint.*got 2 .*preset='robust'"):
+        synthesise(robot, asked, lambda text: None)
+
+
+def test_what_is_stated_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict = {}
+    monkeypatch.setattr(proved_step, "search_proved_step", lambda *given, **settings: asked.update(settings))
+
+    def searched(**fields: object) -> dict:
+        asked.clear()
+        s = Specification(preset="proved", peak_effort=30.0, **fields)
+        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda text: None)
+        return {name: asked.get(name) for name in ("bandwidths", "dampings", "degrees", "ratios")}
+
+    nothing = dict.fromkeys(("bandwidths", "dampings", "degrees", "ratios"))
+    assert searched() == nothing
+    assert asked["effort_limit"] == 30.0
+    assert asked["tolerances"] == 1.0
+    assert searched(bandwidth=2.0, damping=0.3) == nothing | {"bandwidths": (1.0,), "dampings": (0.3,)}
+    assert searched(degrees=(2, 4), gamma_ratio=1.8) == nothing | {"degrees": (2, 4), "ratios": (1.8,)}
+
+
+def test_steps_from_above_start_on_the_other_side() -> None:
+    """At 90° the weight has no symmetry: the starts of both sides are equilibria, and not mirrored."""
+    problem = ARM.problem(pose=(np.pi / 2,))
+    solution = fh.solve_hji(problem, 1.5 * fh.smallest_gamma(problem), 2)
+    statement = tolerance_statement(solution, problem, {}, 1.0)
+    ends = []
+    for side in (-1.0, 1.0):
+        start = robot_start(statement, side)
+        assert start is not None
+        x = path_start(statement, start, 1.0)
+        assert x[0] == side
+        there = ARM.operating_point((np.pi / 2 + side,))[0] - ARM.operating_point((np.pi / 2,))[0]
+        np.testing.assert_allclose(x[:4], there, atol=1e-12)
+        held = ARM.operating_point((np.pi / 2 + side,))[1]
+        np.testing.assert_allclose(solution.operating_input + solution.inputs(x[None])[0], held, atol=1e-9)
+        ends.append(x)
+    assert abs(ends[0][4] + ends[1][4]) > 1e-3

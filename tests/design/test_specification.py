@@ -65,7 +65,7 @@ def test_words_have_any_case() -> None:
         ({"delay": 1.5e-3}, "a multiple of 0.001 s", "delay='5ms'", "--delay 5ms"),
         ({"period": 2}, "1e-5 to 0.1 s, got 2", "period='2ms'", "--period 2ms"),
         ({"duration": 5000}, "5000000 samples", "duration='5000ms'", "--duration 5000ms"),
-        ({"preset": "smooth"}, "paper, damped, robust, got 'smooth'", "preset='damped'", "--preset damped"),
+        ({"preset": "smooth"}, "paper, damped, robust, proved, got 'smooth'", "preset='damped'", "--preset damped"),
         ({"pose": "90grad"}, "deg", "pose=(0.3, -0.5)", "--goal 0.3,-0.5"),
         ({"mujoco": 1}, "true or false, got 1", "mujoco=True", "--mujoco"),
         ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--peak-sensitivity 2"),

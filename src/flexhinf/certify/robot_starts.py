@@ -40,14 +40,17 @@ _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginni
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
 
 
-def robot_start(statement: Certificate) -> Start | None:
-    """The path of starts without a jump of the input, for each robot its own; None where it has no such form."""
+def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
+    """The path of starts without a jump of the input, for each robot its own; None where it has no such form.
+
+    Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
+    """
     free = np.array([name.endswith("_integral") for name in (signal.name for signal in statement.states)])
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     if free.sum() != 1 or len(statement.law) != 1 or not linear:
         return None
     shares, free = step_roles(tuple(signal.name for signal in statement.states), None, None)
-    rest = rest_path(statement, shares, free)
+    rest = rest_path(statement, -side * shares, free)
     if rest is None:
         return None
     path, functions = rest[0], list(rest[1])
@@ -64,13 +67,15 @@ def robot_start(statement: Certificate) -> Start | None:
     return Start(UNCHANGED_INPUT, 1.0, whole, tuple(functions))
 
 
-def tabled_start(solution: ValueFunction, statement: Certificate, step: float) -> Start | None:
+def tabled_start(
+    solution: ValueFunction, statement: Certificate, step: float, side: float = -1.0
+) -> Start | None:
     """The path of starts to a step, the integrator where the nominal robot's input does not jump; None without one."""
     try:
         shares, free = step_roles(solution.state_names, None, None)
     except FlexhinfError:  # no integrator: nothing is commanded
         return None
-    rest = rest_path(statement, shares, free)
+    rest = rest_path(statement, -side * shares, free)
     if rest is None:
         return None
     path, functions = rest

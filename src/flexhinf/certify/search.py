@@ -12,6 +12,7 @@ and on it V > 0 and r < 0 but at 0: what the theorem asks for.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
@@ -21,7 +22,7 @@ import numpy as np
 
 from flexhinf.certify.cells import Bounds, CellBounds, Cells
 
-__all__ = ["Outcome", "Progress", "search"]
+__all__ = ["OutOfTime", "Outcome", "Progress", "search", "time_limit"]
 
 #: Called now and then with the number of cells done and the estimated share of the whole.
 Progress = Callable[[int, float], None]
@@ -31,6 +32,21 @@ _NARROW = 0.02  # a cell shorter than this times its width is split across, not 
 _SHORTEST, _THINNEST = 1e-5, 1e-4  # cells below this length and width are given up
 _GROWTH = 2.0  # length of the next cell of a bundle over that of the accepted one
 _ALONG = 100  # points of a ray at which V is looked at before a violation inside the component is claimed
+
+
+class OutOfTime(Exception):
+    """The time for a proof is over."""
+
+
+def time_limit(seconds: float) -> Progress:
+    """A progress that raises `OutOfTime` once this thread has computed for so many seconds from now on."""
+    end = time.thread_time() + seconds
+
+    def watch(cells: int, share: float) -> None:
+        if time.thread_time() > end:
+            raise OutOfTime
+
+    return watch
 
 
 @dataclass(frozen=True)

@@ -89,8 +89,8 @@ def _step(solution: ValueFunction, certificate: Claim, start: Start, longest: fl
         )
     state = run.y.T
     inputs = solution.operating_input + solution.inputs(state)
-    moved = [i for i, value in enumerate(first) if value == -start.amplitude]
-    beyond = float(np.max(state[:, moved] / start.amplitude, initial=0.0))
+    moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
+    beyond = float(np.max(-state[:, moved] / first[moved], initial=0.0))
     return ProvedStep(
         start.rule,
         start.amplitude,

@@ -97,7 +97,8 @@ def certify_tolerances(
         Of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
     gamma : float
     level, step : float
-        The level of the storage function, or the largest step without a jump of the input that is to be inside.
+        The level of the storage function, or the largest step without a jump of the input that is to be inside; a
+        negative one is from above the goal to it.
     scale : float
     about : str
     threads : int
@@ -113,9 +114,11 @@ def certify_tolerances(
         The level could not be proved.
     """
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, about=about)
-    start = robot_start(statement)
+    side = 1.0 if step is not None and step < 0.0 else -1.0
+    step = None if step is None else abs(step)
+    start = robot_start(statement, side)
     if start is None and step is not None:
-        start = tabled_start(solution, statement, step)
+        start = tabled_start(solution, statement, step, side)
     if level is None:
         if step is None or start is None:
             raise InvalidInput(

@@ -33,11 +33,12 @@ class Attenuation:
     Attributes
     ----------
     attained : Attained or None
-        The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, with the
-        true state fed back; None if none was searched for, or the search failed.
+        The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
+        of the preset proved, with the true state fed back; None if none was searched for, or the search failed.
     budget : tuple of BudgetTerm
         Of the step; the level is infinite where there is no region. Empty where the step diverges, and with more than
-        `MOST_STATES` states where there is no region: each term takes a compiled loop of its own.
+        `MOST_STATES` states where there is no region: each term takes a compiled loop of its own. Empty for the preset
+        proved: where parameters are uncertain the proved V is not the one whose gradient is the law.
     failure : str
         Why the search for a disturbance failed; empty where it did not.
     """
@@ -67,18 +68,24 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     duration : float
         Of the step, s.
     """
-    s, law, chosen = setup.specification, synthesis.solution, synthesis.chosen
+    s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
+    problem = synthesis.problem
+    if (
+        proved is not None and proved.certificate is not None
+    ):  # the penalty whose gain is proved, and its region
+        problem, level = proved.problem, proved.certificate.level / proved.scale
     attained, failure = None, ""
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         horizon = min(LONGEST, STEPS * duration)
         try:
             attained = worst_disturbance(
-                synthesis.problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
+                problem, law, None, s.period, level=level, horizon=horizon, seed=s.seed
             )
         except FlexhinfError as error:
             failure = " ".join(str(error).split())
-    return Attenuation(attained, _budget(setup, synthesis, level, duration), failure)
+    budget = _budget(setup, synthesis, level, duration) if proved is None else ()
+    return Attenuation(attained, budget, failure)
 
 
 def _budget(

@@ -23,6 +23,7 @@ from flexhinf.certify.pictures import (
     worst_step,
 )
 from flexhinf.certify.proof import certify, check_states
+from flexhinf.certify.search import OutOfTime, time_limit
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
 from flexhinf.design.attenuation import Attenuation
@@ -221,7 +222,7 @@ class DesignProof:
     start : float
         V where the step starts, with the integrals that the controller chooses; nan without a certificate.
     budget : tuple of BudgetTerm
-        Of the design's step, against the proved level.
+        Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
     cpu_seconds : float
     """
 
@@ -242,10 +243,6 @@ class DesignProof:
         return bool(self.budget) and self.inside and self.budget[-1].budget.kept
 
 
-class _OutOfTime(Exception):
-    """The time for a proof is over."""
-
-
 def prove_design(
     robot: Robot, s: Specification, made: Synthesis, start: float, worth: Attenuation
 ) -> DesignProof:
@@ -263,6 +260,10 @@ def prove_design(
         Whose budget is compared with the proved level.
     """
     chosen, began = made.chosen, time.thread_time()
+    attained = None if worth.attained is None else worth.attained.gain
+    if made.proved is not None and made.proved.certificate is not None:
+        given = replace(made.proved.certificate, attained_gain=attained)
+        return DesignProof(given, start=made.proved.scale * start, cpu_seconds=made.proved.cpu_seconds)
     refused = _refused(s, made)
     if refused:
         return DesignProof(None, refused)
@@ -273,14 +274,13 @@ def prove_design(
         left = s.proof_seconds - (time.thread_time() - began)
         try:
             found = _proved_within(robot, s, made, levels.pop(0), left / 2.0 if levels else left)
-        except _OutOfTime:
+        except OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest takes the least time
         except FlexhinfError as error:
             reasons.append(" ".join((error.found or error.what).split()))
         else:
-            gain = None if worth.attained is None else worth.attained.gain
-            found = replace(found, sampled_level=chosen.level, attained_gain=gain)
+            found = replace(found, sampled_level=chosen.level, attained_gain=attained)
             budget = tuple(
                 replace(term, budget=replace(term.budget, level=found.level)) for term in worth.budget
             )
@@ -305,17 +305,12 @@ def _refused(s: Specification, made: Synthesis) -> str:
 def _proved_within(
     robot: Robot, s: Specification, made: Synthesis, level: float, seconds: float
 ) -> Certificate:
-    """A certificate of one level; raises `_OutOfTime` after so many seconds of this thread."""
-    end = time.thread_time() + seconds
-
-    def watch(cells: int, share: float) -> None:
-        if time.thread_time() > end:
-            raise _OutOfTime
-
+    """A certificate of one level; raises `OutOfTime` after so many seconds of this thread."""
     gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
     return certify(
         made.solution, gamma, checked_penalty(s, made.design_problem), level,
-        about=f"{robot.name}, goal {_goal(robot, made)}, degree {made.chosen.degree} of V", progress=watch,
+        about=f"{robot.name}, goal {_goal(robot, made)}, degree {made.chosen.degree} of V",
+        progress=time_limit(seconds),
     )  # fmt: skip
 
 

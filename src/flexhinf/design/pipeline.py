@@ -110,9 +110,9 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     loads = carried_payloads(evaluation)
     lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, loads))
     start = _start_value(setup, synthesis)
-    inside = None if start is None else start <= synthesis.chosen.level
+    inside = start <= synthesis.chosen.level if synthesis.sampled else None
     progress("proof of the region")
-    proof = prove_design(robot, s, synthesis, float("nan") if start is None else start, worth)
+    proof = prove_design(robot, s, synthesis, start, worth)
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
@@ -180,10 +180,10 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
     return np.where(np.isfinite(found) & (found > 0.0), found, fallback)
 
 
-def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float | None:
-    """V where the step starts, with the integrals that the controller chooses; None where no region was sampled."""
-    if not synthesis.chosen.looked or np.isnan(synthesis.chosen.level):
-        return None
+def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float:
+    """V where the step starts, with the integrals that the controller chooses; nan where there is no region."""
+    if not synthesis.sampled and synthesis.proved is None:
+        return float("nan")
     law = synthesis.solution
     return float(law.value(setup.departure(law)))
 
@@ -245,12 +245,15 @@ def _unit(synthesis: Synthesis) -> str:
 #: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
 ROBUST_STAGES = 3
 
+#: What the preset `proved` has instead of degrees and their regions: about its candidates, and a proof.
+PROVED_STAGES = 6 + 1
+
 
 def stages(robot: Robot, specification: Specification) -> int:
     """About how many steps of work a design has, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    solved = synthesis_stages(states, s)
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
+    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(states, s)
     more = (preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)) + s.mujoco
     more += ROBUST_STAGES * (preset == "robust")
     return 8 + solved + len(s.via) + more + searches_disturbance(states, rays_of(states, s))
@@ -366,9 +369,10 @@ def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a comparison has, for a progress bar."""
     states = 5 * len(robot.joint_names)
-    solved = synthesis_stages(states, s)
+    preset = preset_of(robot, s)
+    solved = PROVED_STAGES if preset == "proved" else synthesis_stages(states, s)
     each = 5 if sample_count(robot, states, s) else 4
-    searched = preset_of(robot, s) in ("damped", "robust")
+    searched = preset in ("damped", "robust")
     limits = joint_limits(robot, s)
     return (
         3

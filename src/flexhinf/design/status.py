@@ -99,6 +99,8 @@ def _not_proved(
     if proof.certificate is not None:
         if not proof.inside:
             found.append("the step starts outside the proved region")
+        elif not proof.budget:
+            found.append("the step with sampling, estimator and limits, to which this proof does not extend")
         elif not proof.lasts:
             found.append(
                 "the step with sampling, estimator and limits, which spends more than the proved level"

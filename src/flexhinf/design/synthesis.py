@@ -17,6 +17,7 @@ from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_vari
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
+from flexhinf.design.proved_step import ProvedLaw, proved_law
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
@@ -68,6 +69,8 @@ class Synthesis:
         Margins of the running loop along the stated move; None without one.
     robust : WholeLoopSearch or None
         How weights and noise levels were found for the tolerances; of the preset robust.
+    proved : ProvedLaw or None
+        The law with its certificate for all tolerances; of the preset proved.
     """
 
     goal: np.ndarray
@@ -80,11 +83,17 @@ class Synthesis:
     law: Law
     along: AlongMove | None = None
     robust: WholeLoopSearch | None = None
+    proved: ProvedLaw | None = None
 
     @property
     def solution(self) -> HJISolution:
         """The chosen solution at the goal."""
         return self.chosen.solution
+
+    @property
+    def sampled(self) -> bool:
+        """Whether there is a sampled region of the chosen solution."""
+        return self.chosen.looked and not np.isnan(self.chosen.level)
 
     @property
     def problem(self) -> GeneralisedPlant:
@@ -139,6 +148,8 @@ class _Steps:
     def synthesis(self) -> Synthesis:
         """The law about the goal, or a schedule with the poses that are stated."""
         found = None
+        if preset_of(self.robot, self.s) == "proved":
+            return self.proved_synthesis()
         if preset_of(self.robot, self.s) == "robust":
             problem, noise, found = self.robust_problem()
         else:
@@ -146,6 +157,20 @@ class _Steps:
         chosen, choices, rays = self.degrees(problem, noise)
         law = self.law_of(problem, chosen.solution, found)
         return Synthesis(self.goal, self.start, problem, noise, choices, chosen, rays, law, robust=found)
+
+    def proved_synthesis(self) -> Synthesis:
+        """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
+
+        The search is about the law with the true state fed back; noise levels are found for it as for other laws.
+        """
+        found = proved_law(self.robot, self.s, self.goal, self.start, self.progress)
+        problem = replace(found.design_problem, preset="proved")
+        noise = self.noise_search(problem)
+        (solved,) = solve_degrees(problem.problem, (found.solution.degree,), problem.gamma)
+        chosen = replace(solved, solution=found.solution)
+        rays = rays_of(len(problem.problem.state_names), self.s)
+        law = found.solution
+        return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=found)
 
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None
@@ -186,7 +211,9 @@ class _Steps:
         def another(pose: np.ndarray) -> Law:
             return self.law_at(made.design_problem, solution.degree, pose, made.robust)
 
-        law, along = scheduled(made.setup(self.robot, self.s), move, least, None if self.s.via else another)
+        law, along = scheduled(
+            made.setup(self.robot, self.s), move, least, None if self.s.via or made.proved else another
+        )
         return replace(made, law=law, along=along)
 
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:

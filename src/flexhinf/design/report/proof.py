@@ -9,7 +9,7 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
 from flexhinf.report import number
 
-__all__ = ["RULES", "proof_numbers", "proof_text", "step_texts"]
+__all__ = ["RULES", "covers_tolerances", "proof_numbers", "proof_text", "step_texts"]
 
 #: Rules of the integrators' start, in short.
 RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
@@ -33,11 +33,20 @@ def proof_text(design: Design) -> str:
         if proof.inside
         else "The step that is asked for starts outside"
     )
-    if proof.inside:
+    if proof.inside and proof.budget:
         spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
         kept = "which covers" if proof.lasts else "which does not cover"
         own += f", and leaves {left} % of the level, {kept} the {spent} % that {_parts(design)} spend"
-    return f"Proved, for the nominal robot with the true state fed back: {reach} γ = {number(given.gamma, 4)}. {own}."
+    elif proof.inside:
+        own += "; what the estimator and the sampling spend is not covered"
+    whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
+    return f"Proved, for {whom} with the true state fed back: {reach} γ = {number(given.gamma, 4)}. {own}."
+
+
+def covers_tolerances(design: Design) -> bool:
+    """Whether the proof is for a box of parameters."""
+    given = design.proof.certificate
+    return given is not None and any(p.low < p.high for p in given.parameters)
 
 
 def step_texts(design: Design) -> list[str]:
@@ -61,7 +70,8 @@ def proof_numbers(design: Design) -> dict[str, Any]:
             "cpu_s": proof.cpu_seconds,
         }
     return {
-        "strength": "Certificate", "proved": True, "parameters": "nominal", "feedback": given.feedback,
+        "strength": "Certificate", "proved": True, "feedback": given.feedback,
+        "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": given.gamma, "level": given.level, "sampled_level": given.sampled_level,
         "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in given.starts},
         "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,

@@ -70,7 +70,12 @@ def _option(s: Specification, name: str) -> str:
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
-    s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
+    s, problem, chosen, proved = (
+        e.setup.specification,
+        synthesis.problem,
+        synthesis.design_problem,
+        synthesis.proved,
+    )
     counted = "for the number of states"
     rows = [
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
@@ -92,7 +97,12 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
         ("disturbances", list(problem.disturbance_names), "", _option(s, "disturbances")),
         ("integrated errors", list(problem.integrate), "", "ours"),
         ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
-        ("γ/γ*", s.gamma_ratio, "", _option(s, "gamma_ratio")),
+        (
+            "γ/γ*",
+            chosen.gamma / chosen.gamma_star,
+            "",
+            _option(s, "gamma_ratio") if proved is None else "searched",
+        ),
         (
             "degrees of V tried",
             [c.degree for c in synthesis.choices],
@@ -105,10 +115,22 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> list[Setting]:
             "",
             "by the cost of the step" if len(synthesis.choices) > 1 else "",
         ),
-        ("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
-        ("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
-        ("rays", synthesis.rays, "", counted if s.rays is None else "option --rays"),
     ]
+    if proved is None:
+        rows += [
+            ("checked γ/γ*", s.checked_gamma_ratio, "", _option(s, "checked_gamma_ratio")),
+            ("checked penalty", _checked(s), "", _option(s, "checked_penalty")),
+            ("rays", synthesis.rays, "", counted if s.rays is None else "option --rays"),
+        ]
+    else:
+        source = (
+            "option --checked-penalty" if s.checked_penalty is not None else "the robot's own, or Eq. (11)"
+        )
+        rows += [
+            ("γ that is proved", proved.gamma, "", "searched"),
+            ("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
+            ("R2 of that penalty", proved.problem.r2, "", source),
+        ]
     return [Setting(*row) for row in rows]
 
 

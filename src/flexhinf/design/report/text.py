@@ -18,7 +18,14 @@ from flexhinf.design.report.sections.law_figures import TableLine, table_lines
 from flexhinf.design.report.sections.margins import margin_rows
 from flexhinf.design.report.sections.monte_carlo import spread_rows
 from flexhinf.design.report.sections.poles import mode_groups
-from flexhinf.design.report.sections.region import budget_rows, cost_text, degree_text, widest_step
+from flexhinf.design.report.sections.region import (
+    budget_rows,
+    cost_text,
+    degree_text,
+    level_rows,
+    penalty_text,
+    widest_step,
+)
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
 from flexhinf.design.report.sections.rest import frequency_text
 from flexhinf.design.report.sections.weights import (
@@ -103,7 +110,7 @@ def design_tables(design: Design) -> list[Table]:
         found.append(_noise(design))
     if design.attenuation.budget:
         found.append(_budget(design))
-    return [*found, _regions(design)]
+    return [*found, _regions(design) if design.synthesis.proved is None else _levels(design)]
 
 
 def requirement_table(design: Design) -> Table:
@@ -258,6 +265,15 @@ def _budget(design: Design) -> Table:
         left = number(row["left"]) if math.isfinite(row["left"]) else "–"
         kept = ("yes" if row["kept"] else "NO") if math.isfinite(row["level"]) else "–"
         table.add_row(row["part"], number(row["added"], 3), number(row["spent"], 3), left, kept)
+    return table
+
+
+def _levels(design: Design) -> Table:
+    """The proved gain between its bounds."""
+    title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
+    table = plain_table(f"{title}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}", "", "value")
+    for what, value in level_rows(design):
+        table.add_row(what, number(value))
     return table
 
 

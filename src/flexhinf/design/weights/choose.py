@@ -42,11 +42,12 @@ from flexhinf.design.weights.search import DampingOutOfReach, SearchResult, Targ
 from flexhinf.design.weights.uncertainty import Channel, acting_corners, channels, covering_products
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
-from flexhinf.plant import Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
 
 __all__ = [
-    "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "preset_of", "required_damping",
+    "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "measured_problem",
+    "preset_of", "required_damping",
 ]  # fmt: skip
 
 #: Most turns in which a default damping yields to what weights reach.
@@ -68,7 +69,7 @@ def preset_of(robot: Robot, s: Specification) -> str:
     weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
     if behaviour and weights:
         raise _contradiction(f"{behaviour[0]} and {weights[0]}", "leave out one of them")
-    if s.preset in ("damped", "robust") and weights:
+    if s.preset in ("damped", "robust", "proved") and weights:
         raise _contradiction(f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`")
     if s.preset == "paper" and (behaviour or s.penalty is not None):
         other = (behaviour or ["`penalty`"])[0]
@@ -118,7 +119,7 @@ def choose(
         As the synthesis.
     """
     preset = preset_of(robot, s)
-    if preset in ("damped", "robust"):
+    if preset in ("damped", "robust", "proved"):
         families = Families(robot, goal, s.period) if near is None or near.families is None else near.families
         begun, tried = None if near is None else near.search, s
         for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
@@ -132,6 +133,14 @@ def choose(
     problem = nominal_problem(robot, goal, s, penalty)
     star = smallest_gamma(problem)
     return DesignProblem(preset, penalty, source, priced, problem, problem, star, s.gamma_ratio * star)
+
+
+def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
+    """The problem of which a gain is proved for all tolerances, the same for all laws.
+
+    Its penalty is the checked one; else the robot's own; else that of Eq. (11), scaled to the robot.
+    """
+    return nominal_problem(robot, goal, s, _stated(robot, goal, replace(s, penalty=s.checked_penalty))[0])
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:

@@ -12,9 +12,11 @@ from flexhinf.analysis import BudgetTerm
 from flexhinf.design.degree_rule import ACTING, GAIN
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.report.drawing import DASHED, figure_block, thin
-from flexhinf.design.report.formatting import amplitude_text, law_name, units_of
-from flexhinf.design.report.proof import proof_text
+from flexhinf.design.report.formatting import amplitude_text, count_text, law_name, units_of
+from flexhinf.design.report.proof import covers_tolerances, proof_text
 from flexhinf.design.result import Design
+from flexhinf.hinf import smallest_gamma
+from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import (
     INK,
     SERIES,
@@ -46,7 +48,8 @@ NEAR = 0.05
 def blocks(design: Design) -> list[Any]:
     """Level set and step of every degree; the gain found; the budget."""
     found: list[Any] = [Paragraph(degree_text(design)), *_proof(design)]
-    found += [Paragraph(_region_text(design)), _regions(design)]
+    if design.synthesis.proved is None:
+        found += [Paragraph(_region_text(design)), _regions(design)]
     if design.attenuation.attained is not None:
         found += [Paragraph(_attained_text(design)), _levels(design)]
     if budget_of(design):
@@ -65,7 +68,7 @@ def remarks(design: Design) -> Iterator[str]:
     if design.attenuation.failure:
         yield design.attenuation.failure
     found = design.attenuation.attained
-    if found is not None and found.gain > design.gamma:
+    if found is not None and design.synthesis.proved is None and found.gain > design.gamma:
         yield (
             f"The disturbance found attains {number(found.gain)}, more than γ = {number(design.gamma)}: the law does "
             "not keep its level there, because the truncated V or the sampling leaves too much out."
@@ -78,7 +81,7 @@ def remarks(design: Design) -> Iterator[str]:
                 f"level {number(budget.level - budget.start, 3)} that remains after V(x0). Nothing follows from "
                 "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
             )
-    if not design.chosen.looked:
+    if not design.chosen.looked and design.synthesis.proved is None:
         many = f"with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
         yield f"No region was sampled: {many}" if s.rays is None else "No region was sampled (--rays 0)."
 
@@ -88,17 +91,23 @@ def _proof(design: Design) -> list[Any]:
     given = design.proof.certificate
     if given is None:
         return [Paragraph(proof_text(design))]
-    share = 100.0 * given.level / design.chosen.level
+    box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
+    if given.sampled_level is None:
+        level = f"The level V ≤ {number(given.level, 5)} was"
+    else:
+        share = 100.0 * given.level / given.sampled_level
+        level = f"The level V ≤ {number(given.level, 5)} is {number(share, 3)} % of the sampled one,"
+    others = "values of the parameters outside the tolerances" if box else "other values of the parameters"
+    budget = "" if box else " beyond the budget below"
     return [
         Paragraph(
-            f"{proof_text(design)} The level V ≤ {number(given.level, 5)} is {number(share, 3)} % of the sampled one, "
-            f"proved in {number(design.proof.cpu_seconds, 2)} s of CPU by arithmetic that cannot round the wrong way; "
+            f"{proof_text(design)} {level} proved in {seconds} s of CPU by arithmetic that cannot round the wrong way; "
             "the theorem with all its hypotheses stands in `certificate.json`, which another program proves again:"
         ),
         Listing("flexhinf certify --check certificate.json"),
         Paragraph(
-            "Not covered by the proof: other values of the parameters; estimator, sampling, hold, delay, limits and "
-            "noise beyond the budget below. A planned move and payloads are judged by runs."
+            f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise{budget}. A "
+            "planned move and payloads are judged by runs."
         ),
     ]
 
@@ -107,6 +116,9 @@ def degree_text(design: Design) -> str:
     """Which degree is used, and why."""
     chosen, (lowest, *higher) = design.chosen, design.choices
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
+    if design.synthesis.proved is not None:
+        count = count_text(design.synthesis.proved.candidates, "candidate")
+        return f"{used}: of {count} within the largest input the one with the smallest gain that is proved."
     if not higher:
         return f"{used}: the only one that was tried."
     if design.specification.via:
@@ -207,8 +219,16 @@ def _level(value: float) -> str:
 
 
 def _attained_text(design: Design) -> str:
-    found = design.attenuation.attained
+    found, proved = design.attenuation.attained, design.synthesis.proved
     assert found is not None
+    if proved is not None:
+        share = 100.0 * found.gain / proved.gamma
+        return (
+            f"√(∫|z|²/∫|d|²) from the {_listed(proved.problem)} to {penalty_text(design)} is proved to be at most "
+            f"γ = {number(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
+            f"{number(found.gain)} on the nominal robot, {number(share, 3)} % of γ, with an energy ∫|d|² of "
+            f"{number(found.energy, 3)}. The largest gain lies between the two."
+        )
     share = 100.0 * found.gain / design.gamma
     return (
         "γ bounds √(∫|z|²/∫|d|²) from above for the law with the true state fed back, as long as the state stays in "
@@ -219,10 +239,30 @@ def _attained_text(design: Design) -> str:
     )
 
 
+def _listed(problem: GeneralisedPlant) -> str:
+    return ", ".join(name.replace("_", " ") for name in problem.disturbance_names)
+
+
+def penalty_text(design: Design) -> str:
+    """The z whose gain is proved for all tolerances."""
+    if design.specification.checked_penalty is not None:
+        return "the z of the checked penalty"
+    return (
+        "the z of the robot's own penalty"
+        if design.robot.penalty
+        else "the z of Eq. (11), scaled to the robot"
+    )
+
+
 def level_rows(design: Design) -> list[tuple[str, float]]:
-    """Levels from the smallest feasible one to the checked one, and the lower bound found."""
-    s, found = design.specification, design.attenuation.attained
+    """Levels from the smallest feasible one to the checked or proved one, and the lower bound found."""
+    s, found, proved = design.specification, design.attenuation.attained, design.synthesis.proved
     attained = [] if found is None else [("worst disturbance found (lower bound)", found.gain)]
+    if proved is not None:
+        star = smallest_gamma(proved.problem)
+        return [
+            ("γ* of this z, nominal robot near the goal, any law", star), *attained, ("γ that is proved", proved.gamma)
+        ]  # fmt: skip
     return [
         ("γ* of the problem, linear part", design.gamma_star),
         *attained,

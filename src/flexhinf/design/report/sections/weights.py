@@ -33,6 +33,8 @@ PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
     "damped": "Preset damped: weights found by a search for bandwidth and damping",
     "robust": "Preset robust: weights and noise levels searched on the running loop for the tolerances of the robot",
+    "proved": "Preset proved: weights, damping and γ searched for the step's smallest gain that is proved for all "
+    "tolerances of the robot, with the true state fed back",
     "given": "Weights as given",
 }
 
@@ -68,7 +70,7 @@ def _preset(design: Design) -> str:
         f"{PRESETS[problem.preset]} ({problem.source}). Disturbances of the problem: "
         f"{', '.join(_disturbances(design))}. "
         f"The smallest level γ*{which} is {number(problem.gamma_star)}, from its linear part; the law is solved for "
-        f"γ = {design.specification.gamma_ratio:g} γ* = {number(problem.gamma)}."
+        f"γ = {problem.gamma / problem.gamma_star:g} γ* = {number(problem.gamma)}."
     )
 
 
