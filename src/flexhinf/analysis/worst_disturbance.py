@@ -321,6 +321,7 @@ def worst_disturbance(
     if energy is not None:
         return max((_climbed(search, start, energy, turns) for start in first), key=lambda a: a.gain)
     assert level is not None
+    assert isinstance(law, HJISolution)
     found = [ascend_inside(search, start, level, turns, law) for start in first]
     return max(found, key=lambda a: a.gain)
 

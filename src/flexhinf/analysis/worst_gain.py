@@ -20,7 +20,7 @@ from flexhinf.analysis.box_search import climb
 from flexhinf.analysis.disturbance_runs import Attained
 from flexhinf.analysis.law_batch import LawRows, equilibrium_integrals
 from flexhinf.analysis.worst_disturbance import DisturbanceSearch, ascend_inside
-from flexhinf.errors import FlexhinfError
+from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Law
 
@@ -28,6 +28,9 @@ __all__ = ["MovedLaw", "WorstGain", "worst_gain"]
 
 #: Turns of plant and disturbance at most, and the growth of the gain below which they end.
 ROUNDS, GROWTH = 4, 1e-3
+
+#: Newton steps towards the integrals of an equilibrium at most, and the relative error of its input.
+ITERATIONS, BALANCED = 20, 1e-12
 
 #: Turns of each ascent of the disturbance.
 TURNS = 6
@@ -56,6 +59,7 @@ class MovedLaw(Law):
         rows = LawRows(law)
         integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
         moved = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
+        moved = _balanced(rows, moved, self.operating_input - law.operating_input, n)
         self._data = np.concatenate([np.ravel(law.law_data), moved, rows(moved[None, :])[0][0]])
 
     @property
@@ -72,6 +76,30 @@ class MovedLaw(Law):
         """k(x + δ) − k(δ)."""
         n, m = len(self.state_names), len(self.input_names)
         return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]
+
+
+def _balanced(rows: LawRows, moved: np.ndarray, wanted: np.ndarray, n: int) -> np.ndarray:
+    """Deviations (n + k,) near these, their integrals such that the law gives the input (m,) that is wanted.
+
+    Raises
+    ------
+    NumericalFailure
+        If Newton's method does not find them.
+    """
+    found = moved.copy()
+    for _ in range(ITERATIONS):
+        value, slope = rows(found[None, :])
+        gap = wanted - value[0]
+        if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
+            return found
+        found[n:] += np.linalg.lstsq(slope[0][:, n:], gap, rcond=None)[0]
+        if not np.all(np.isfinite(found)):
+            break
+    raise NumericalFailure(
+        "The law does not hold the plant at the goal.",
+        f"no integrals near {np.array2string(moved[n:], precision=6)} give the input that balances it",
+        "another degree, or a law made for this goal",
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,25 +8,37 @@ estimator is made for the nominal robot, and no proof covers it.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.disturbance_runs import DisturbanceRuns
 from flexhinf.analysis.worst_gain import MovedLaw, worst_gain
+from flexhinf.campaign import Journal
+from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.certify import Certificate
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
-from flexhinf.design.certification import prove_design
+from flexhinf.design.certification import DesignProof, prove_design
 from flexhinf.design.synthesis import Synthesis, synthesise
+from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.untrusted import read_bytes
 
-__all__ = ["GainRow", "GainSearch", "searches_gain"]
+__all__ = ["FoundGains", "GainRow", "GainSearch", "search_gain", "searches_gain", "stored_gains"]
+
+#: File of what was found, in the campaign's folder.
+FILE = Path("worst-case") / "disturbance.json"
+
+_MOST_FILE = 100_000_000
 
 #: States of the problem of one joint.
 STATES = 5
@@ -83,6 +95,22 @@ class GainRow:
     def kept(self) -> bool:
         """Whether the gain is at most γ."""
         return self.gain <= self.gamma
+
+
+@dataclass(frozen=True)
+class FoundGains:
+    """Everything that was searched of one design.
+
+    Attributes
+    ----------
+    rows : tuple of GainRow
+        None where nothing was searched.
+    unproved : str
+        Why no γ is proved of the law; empty where one is.
+    """
+
+    rows: tuple[GainRow, ...] = ()
+    unproved: str = ""
 
 
 def searches_gain(asked: DesignCampaign) -> bool:
@@ -159,12 +187,15 @@ class GainSearch:
         return self.made.solution
 
     @cached_property
+    def proof(self) -> DesignProof:
+        """What is proved of the law."""
+        robot, s = self.asked.request.robot, self.asked.specification
+        return prove_design(robot, s, self.made, math.nan, Attenuation(None, ()))
+
+    @property
     def certificate(self) -> Certificate | None:
-        """What is proved of the law; None where nothing is."""
-        proof = prove_design(
-            self.asked.request.robot, self.asked.specification, self.made, math.nan, Attenuation(None, ())
-        )
-        return proof.certificate
+        """None where nothing is proved."""
+        return self.proof.certificate
 
     @property
     def boxed(self) -> bool:
@@ -198,7 +229,7 @@ class GainSearch:
         return replace(problem, penalty=Penalty(matrix, np.array(certificate.r2))), certificate.level
 
     # Searches -------------------------------------------------------------------------------------------
-    def rows(self, progress: Callable[[str], None]) -> list[GainRow]:
+    def found(self, progress: Callable[[str], None]) -> FoundGains:
         """Every search, in turn."""
         gamma, made = self.law.gamma, self.made
         found = self._rows_of(
@@ -213,7 +244,8 @@ class GainSearch:
             covered = self.boxed and not self.asked.options.tolerances and self.asked.options.payload is None
             claims = ("proved", "proved" if covered else "")
             found += self._rows_of(*proved, "proof", certificate.gamma, claims, progress)
-        return found
+        bent = "" if proved is not None else "z of the proof is not linear in the state"
+        return FoundGains(tuple(found), self.proof.reason or bent)
 
     def _rows_of(
         self,
@@ -292,3 +324,56 @@ class GainSearch:
             law = MovedLaw(self.law, problem)
         runs = DisturbanceRuns(problem, law, estimator, s.period, self.horizon)
         return runs.attained(np.array(row.disturbance)).gain
+
+
+# Kept in the campaign's folder ------------------------------------------------------------------------------
+def search_gain(
+    asked: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
+) -> FoundGains:
+    """The rows of `GainSearch`, kept in the campaign's folder: taken from there where they were found already.
+
+    The file is written whole when all searches are done, so an interrupted one leaves nothing behind.
+
+    Raises
+    ------
+    InvalidInput
+        If the robot has too many joints, or another driver is at work.
+    FlexhinfError
+        As the synthesis; or if the disk is full.
+    """
+    if not searches_gain(asked):
+        raise InvalidInput(
+            "The worst disturbance is not searched for robots of so many joints.",
+            f"expected at most {MOST_STATES // STATES}, got {len(asked.request.robot.joint_names)}",
+            "--metric with a metric of the runs, as overshoot_percent",
+        )
+    there = stored_gains(journal)
+    if there.rows:
+        return there
+    found = GainSearch.of(asked, float(journal.settings["duration"]), progress).found(progress)
+    content = {"campaign": journal.manifest["digest"], **asdict(found)}
+    with journal.driven(), disk_refusals(journal.folder):
+        (journal.folder / FILE).parent.mkdir(exist_ok=True)
+        write_whole(journal.folder / FILE, json.dumps(content).encode())
+    return found
+
+
+def stored_gains(journal: Journal) -> FoundGains:
+    """What a campaign's folder has; no rows where nothing was searched, or the file is damaged."""
+    try:
+        content = json.loads(read_bytes(journal.folder / FILE, _MOST_FILE))
+        if content["campaign"] != journal.manifest["digest"]:
+            return FoundGains()
+        return FoundGains(tuple(_row(one) for one in content["rows"]), str(content["unproved"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return FoundGains()
+
+
+def _row(one: Mapping[str, Any]) -> GainRow:
+    """A row of the file; KeyError, TypeError or ValueError where it is none."""
+    return GainRow(**dict(one) | {
+        "gain": float(one["gain"]), "gamma": float(one["gamma"]), "energy": float(one["energy"]),
+        "numbers": {str(name): float(value) for name, value in one["numbers"].items()},
+        "names": tuple(map(str, one["names"])), "times": tuple(map(float, one["times"])),
+        "disturbance": tuple(tuple(map(float, row)) for row in one["disturbance"]),
+    })  # fmt: skip

@@ -10,6 +10,8 @@ import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
 from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE
+from flexhinf.design.campaign_gain import stored_gains
+from flexhinf.design.report.campaign_disturbance import gain_section, gain_statuses
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
     WORDS,
@@ -92,10 +94,12 @@ def campaign_page(
 ) -> Page:
     """Everything on one page; arguments as `write_campaign`."""
     journal, settings = judged.table.journal, judged.table.journal.settings
+    gains = stored_gains(journal)
     with house_style():
         parts = (
             Section("Success", _success(judged), "success"),
             worst_section(judged, worst, plant_run),
+            gain_section(judged, gains),
             Section("Signals", _bands(judged, run), "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
@@ -105,14 +109,13 @@ def campaign_page(
         journal.about.get("title", "Campaign"), _asked(judged), worst_verdict(judged, worst),
         tuple(section for section in parts if section.blocks), Settings(_settings(settings)),
         Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
-        _status(judged, worst),
+        [*_status(judged, worst), *gain_statuses(gains)],
     )  # fmt: skip
 
 
 def _asked(judged: CampaignJudgement) -> str:
     settings = judged.table.journal.settings
-    names = judged.table.names("parameter")
-    method = settings.get("method")
+    names, method = judged.table.names("parameter"), settings.get("method")
     spread = {
         "random": "independently",
         "latin-hypercube": "by a Latin hypercube",
