@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from flexhinf.campaign import Metrics
 from flexhinf.design.joint_limits import JointLimits
+from flexhinf.design.monte_carlo import step_reductions
 from flexhinf.design.responses import Response
-from flexhinf.loop import EnsembleResult, Instant, Reduction, Trajectory
-from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.loop import EnsembleResult, Trajectory
 from flexhinf.robot.signals import signal_names
-from flexhinf.scalars import maximum, where
 
 __all__ = ["StepMetrics"]
 
@@ -74,23 +72,10 @@ class StepMetrics:
         states, estimated : sequence of str
             Of the true plant and of the estimate.
         """
-        n = len(self.goal)
-        moving = [k for k in range(n) if self.start[k] != self.goal[k]]
-        steps = [step_reduction(k, float(self.start[k]), float(self.goal[k])) for k in moving]
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        return Metrics(
-            self.units,
-            self,
-            partial(self._reduced, bool(pairs)),
-            [
-                *(_named(step, f"{k} ") for k, step in zip(moving, steps)),
-                Reduction(
-                    (*self.goal.tolist(), *[0.0] * (3 * n + 1)), partial(_largest, n, pairs), partial(_sizes, n),
-                    ("largest of a step", n, pairs),
-                ),
-            ],
-        )  # fmt: skip
+        reductions = step_reductions(self.start, self.goal, pairs)
+        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions)
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
         """As of one run, of N runs."""
@@ -107,35 +92,3 @@ class StepMetrics:
             "input_limit_use": (effort / self.limits.peak).max(axis=1),
         }
         return values | {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
-
-
-def _named(one: Reduction, before: str) -> Reduction:
-    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
-    return replace(one, result=partial(_renamed, one.result, before))
-
-
-def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {before + name: values for name, values in result(kept, command).items()}
-
-
-def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    """Goals (n), then the largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
-    goal, late, effort, speed, estimate = (
-        kept[:n],
-        kept[n : 2 * n],
-        kept[2 * n : 3 * n],
-        kept[3 * n : -1],
-        kept[-1],
-    )
-    errors = [abs(now.state[k] - goal[k]) for k in range(n)]
-    late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
-    effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
-    speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
-    for one, other in pairs:
-        estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
-    return np.array([*goal, *late, *effort, *speed, estimate])
-
-
-def _sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
-    return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}

@@ -90,7 +90,7 @@ def gain_section(judged: CampaignJudgement, found: FoundGains) -> Section:
         f"{numbers}{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
     )
     return Section("Worst disturbance", [
-        Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance"), _figure(rows),
+        Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True), _figure(rows),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
         Listing(f"flexhinf campaign replay {folder} --worst-case gain"),
     ], "worst-disturbance")  # fmt: skip

@@ -153,7 +153,7 @@ def worst_section(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: R
     text = worst_text(case)
     return Section("Worst case", [
         Paragraph(_method(cases)),
-        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case"),
+        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
         *([] if runs is None else _figure(judged, case, runs)),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(f"flexhinf campaign replay {folder} --worst-case {case.metric}"),
