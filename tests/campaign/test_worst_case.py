@@ -156,6 +156,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     pytest.importorskip("pyarrow")
     journal = Journal.opened(tmp_path / "runs", campaign)
     table = drive(campaign, journal)
+    assert table is not None
 
     def stop(runs, best):
         raise KeyboardInterrupt
