@@ -264,6 +264,7 @@ def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
 def test_a_table_is_read_column_by_column(tmp_path):
     campaign = made_campaign()
     table = drive(campaign, Journal.opened(tmp_path / "runs", campaign))
+    assert table is not None
     columns, whole = table.columns, read_columns(tmp_path / "runs" / TABLE)
     assert list(columns) == whole.column_names
     for name in columns:
