@@ -53,7 +53,7 @@ def measured() -> dict[str, list[dict[str, Any]]]:
     with Solver() as solver:
         add(arm.free_storage(solver, 4, 0.85, 8))
     with Solver() as solver:
-        add(arm.given_storage(solver, 4, 2, (0.99, 0.97)))
+        add(arm.given_storage(solver, 4, 2, (0.999, 0.99, 0.97)))
     for law, degree, goal in OURS:
         add(arm.ours_alone(law, degree, goal))
     with Solver() as solver:
