@@ -279,8 +279,8 @@ def seven_links(plants: int, steps: int, repetitions: int) -> list[dict[str, Any
         work = work_of(ensemble.kernel(1).program, {"parts": 1})
         share = 100.0 * work.instructions / t.best / LANES / peak()
         note = (
-            f"UKF of 57 points, {estimator.sub_steps} sub-steps: {work.instructions:,.0f} instructions, "
-            f"{share:.0f} % of the limit"
+            f"UKF of 57 points, {estimator.sub_steps} sub-steps of {estimator.stages} stages: "
+            f"{work.instructions:,.0f} instructions, {share:.0f} % of the limit"
         )
         name = f"seven links, 1 thread, period {1e3 * period:g} ms"
         rows.append(_row(name, t, ">= 100,000/s", 1.0 / t.median >= 1e5, note))

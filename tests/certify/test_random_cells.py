@@ -20,7 +20,7 @@ import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds, Cells
-from flexhinf.certify.checker.inequality import FaceInequality, Inequality
+from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.inequality import inequality_of
 from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.statement import statement_of
@@ -103,10 +103,10 @@ def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
 
 
 def bounds_of_the_checker(claim: Certificate, cells: Cells) -> Bounded:
-    of = Inequality(claim)
+    of = Proof(claim)
     result = np.empty((4, len(cells)))
     for face in np.unique(cells.face):
-        bounds = FaceInequality(of, (int(face) // 2, 1 - 2 * int(face % 2)))
+        bounds = Face(of, (int(face) // 2, 1 - 2 * int(face % 2)))
         mine = np.flatnonzero(cells.face == face)
         for places in np.array_split(mine, math.ceil(len(mine) / BATCH)):
             radii = cells.inner[places] * claim.reach, cells.outer[places] * claim.reach

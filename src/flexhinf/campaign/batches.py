@@ -6,15 +6,14 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from types import FunctionType, MethodType
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
-from flexhinf.campaign.fingerprint import fingerprint, is_ours
+from flexhinf.campaign.fingerprint import DIGITS, fingerprint, is_ours, number_hash, option_text
 from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, Loop, Trajectory
@@ -43,14 +42,17 @@ INSTANTS, TRACED = 200, 10_000
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
 
+#: The kind of columns that say of a part what another one says of the whole.
+PART = "part metric"
+
 #: The way of samples that run one by one.
 ALONE = "alone"
 
 #: What a sample may have of its own in the lanes of an ensemble, besides parameters, noise and loads.
 _LANED = frozenset({"initial_state", "initial_input"})
 
-#: Samples of the run that tells loops apart, and digits that count.
-PROBE, DIGITS = 100, 6
+#: Samples of the run that tells loops apart.
+PROBE = 100
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,18 @@ class Column:
     Attributes
     ----------
     name : str
-    kind : {"own", "parameter", "metric", "trace"}
+    kind : {"own", "parameter", "metric", "part metric", "trace"}
     unit : str
     """
 
     name: str
     kind: str
     unit: str = ""
+
+    @property
+    def judged(self) -> bool:
+        """Whether it is a metric, of the whole or of a part."""
+        return self.kind in ("metric", PART)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +184,11 @@ class Campaign:
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
             *(Column(name, "parameter", units.get(name, "")) for name in first.row()),
-            *(Column(name, "metric", unit) for one in self.metrics for name, unit in one.units.items()),
+            *(
+                Column(name, PART if name in one.parts else "metric", unit)
+                for one in self.metrics
+                for name, unit in one.units.items()
+            ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
 
@@ -318,7 +329,7 @@ class Campaign:
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
-        options = {name: _option_text(value) for name, value in sorted(self.options.items())}
+        options = {name: option_text(value) for name, value in sorted(self.options.items())}
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **dict(self.about), **dict(self.draw.settings), **options, "first sample": self._first_numbers,
@@ -349,10 +360,10 @@ class Campaign:
         loop, controller = self.loop, self.loop.controller
         found = {
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
         }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
-            found["plant"] = _hash(loop.true_plant.parameters.vector())
+            found["plant"] = number_hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
         options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
         run = self.loop_of(Sample()).run(**options)
@@ -379,21 +390,3 @@ def checked_integer(name: str, value: Any, least: int, most: int, example: str) 
             f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
             f"{name}={example}",
         )
-
-
-def _hash(numbers: np.ndarray) -> str:
-    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
-    text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _option_text(value: Any) -> str:
-    """An option of a run; of a signal its name."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {_option_text(part)}" for name, part in value.items())
-    if isinstance(value, np.ndarray):
-        return ", ".join(repr(one) for one in value.ravel().tolist())
-    if isinstance(value, FunctionType | MethodType | partial) and not is_ours(value):
-        return fingerprint(value)
-    text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
-    return str(type(value).__qualname__) if " at 0x" in text else text

@@ -1,4 +1,4 @@
-"""What tells two functions of a user apart: name, code, and everything that the code reads; the same in every process.
+"""What tells two campaigns apart, as text that is the same in every process: functions of a user, options, numbers.
 
 A campaign goes on with the draw and the metrics that it was begun with. Their names say little: a body that was changed
 has the same one. So the code is hashed as it was compiled (comments, line numbers and the function's docstring do not
@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["fingerprint", "is_ours"]
+__all__ = ["DIGITS", "fingerprint", "is_ours", "number_hash", "option_text"]
 
-#: Digits of numbers that count: those that are computed may differ in their last bits from machine to machine.
-_DIGITS = 12
+#: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
+#: differ from machine to machine.
+DIGITS, READ_DIGITS = 6, 12
 
 
 def is_ours(function: Any) -> bool:
@@ -34,6 +35,24 @@ def fingerprint(function: Any) -> str:
     """The function's name and a digest of its code and of what it reads."""
     digest = hashlib.sha256(_Reader(_package(_base(function))).text(function).encode())
     return f"{_name(_base(function))}, code {digest.hexdigest()[:16]}"
+
+
+def number_hash(numbers: np.ndarray) -> str:
+    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
+    text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def option_text(value: Any) -> str:
+    """An option of a run; of a signal its name, of a user's function its fingerprint."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
+    if isinstance(value, np.ndarray):
+        return ", ".join(repr(one) for one in value.ravel().tolist())
+    if isinstance(value, types.FunctionType | types.MethodType | functools.partial) and not is_ours(value):
+        return fingerprint(value)
+    text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
+    return str(type(value).__qualname__) if " at 0x" in text else text
 
 
 def _base(function: Any) -> Any:
@@ -63,7 +82,7 @@ class _Reader:
         if value is None or value is Ellipsis or isinstance(value, (bool, int, str, bytes)):
             return repr(value)
         if isinstance(value, (float, complex)):
-            return f"{value:.{_DIGITS}g}"
+            return f"{value:.{READ_DIGITS}g}"
         if isinstance(value, np.generic):
             return self.text(value.item())
         if id(value) not in self.known:

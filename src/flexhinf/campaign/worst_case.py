@@ -181,7 +181,7 @@ def worst_case(
         For a draw without intervals, an unknown metric, or one that no sample has.
     """
     box = _box(campaign)
-    known_metric(metric, campaign.named("metric"))
+    known_metric(metric, [column.name for column in campaign.columns if column.judged])
     check_starts(starts)
     seed = campaign.seed if seed is None else seed
     checked_integer("seed", seed, 0, 2**63 - 1, "0")

@@ -310,7 +310,7 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
     """Of the option, or those that the campaign was made with."""
     from flexhinf.campaign import Requirement
 
-    metrics = [column.name for column in journal.columns if column.kind == "metric"]
+    metrics = [column.name for column in journal.columns if column.judged]
     return [Requirement.of(text, metrics) for text in given or journal.about.get("requirements", [])]
 
 

@@ -38,7 +38,29 @@ class StepMetrics:
             "peak_input": effort, "peak_speed": speed, "estimation_error": position,
         }  # fmt: skip
         found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
-        return found | ({"speed_limit_use": ""} if self.limits.limits_speed else {})
+        found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
+        return found | {name: unit for name, (_, _, unit) in self._joints.items()}
+
+    @property
+    def moving(self) -> list[int]:
+        """Joints that the step moves."""
+        return [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
+
+    @property
+    def _joints(self) -> dict[str, tuple[str, int, str]]:
+        """Figures of single joints, where there are several: what it is, of which joint, and its unit."""
+        every, limits = list(range(len(self.goal))), self.limits
+        percent, seconds = ["%"] * len(every), ["s"] * len(every)
+        kinds = (
+            ("overshoot_percent", self.moving, percent), ("settling_time_s", self.moving, seconds),
+            ("rise_time_s", self.moving, seconds), ("steady_state_error", every, limits.position_units),
+            ("peak_input", every, limits.effort_units), ("peak_speed", every, limits.speed_units),
+        )  # fmt: skip
+        return {
+            f"{kind}_{limits.joints[k]}": (kind, k, units[k])
+            for kind, joints, units in kinds
+            for k in (joints if len(every) > 1 else ())
+        }
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
         """Of one run."""
@@ -61,6 +83,8 @@ class StepMetrics:
         )
         found["input_limit_use"] = self.limits.input_use(response).share
         found["speed_limit_use"] = self.limits.speed_use(response).share
+        for name, (kind, k, _) in self._joints.items():
+            found[name] = np.inf if (value := response.metrics[k][kind]) is None else value
         return {name: found.get(name, np.nan) for name in self.units}
 
     # In lanes -----------------------------------------------------------------------------------------
@@ -75,11 +99,11 @@ class StepMetrics:
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         reductions = step_reductions(self.start, self.goal, pairs)
-        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions)
+        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions, tuple(self._joints))
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
         """As of one run, of N runs."""
-        kept, moving = found.common, [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
+        kept, moving = found.common, self.moving
         values = {
             name: np.max([kept[f"{k} {name}"] for k in moving], axis=0) if moving else np.full(len(found.codes), np.nan)
             for name in ("overshoot_percent", "settling_time_s", "rise_time_s")
@@ -91,4 +115,9 @@ class StepMetrics:
             "peak_input": effort.max(axis=1),
             "input_limit_use": (effort / self.limits.peak).max(axis=1),
         }
-        return values | {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
+        values |= {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
+        columns = {"steady_state_error": late, "peak_input": effort, "peak_speed": speed}
+        return values | {
+            name: columns[kind][:, k] if kind in columns else kept[f"{k} {kind}"]
+            for name, (kind, k, _) in self._joints.items()
+        }

@@ -170,7 +170,20 @@ class DesignCampaign:
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start and goal of the step (n,), rad or m."""
+        """Start and goal of the step (n,), rad or m.
+
+        Raises
+        ------
+        InvalidInput
+            For a design that is judged along a move: samples make a step, and would say nothing of it.
+        """
+        if self.specification.move is not None:
+            raise InvalidInput(
+                "The design is judged along a move, and a campaign runs steps.",
+                "expected a design without `move`, got one with waypoints",
+                "the same design file without its move, and with start and goal of a step; or in Python "
+                "fh.run_campaign(loop, robot.draw, 1000, reference=move) with the loop and the move of your own",
+            )
         s, robot, n = self.specification, self.request.robot, len(self.request.robot.joint_names)
         goal = robot.operating_point(s.pose)[0][:n]
         return (

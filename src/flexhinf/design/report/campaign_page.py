@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
-from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE
+from flexhinf.campaign.batches import DIVERGED, NOT_RUN, PART, TRACE
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
     WORDS,
@@ -245,26 +245,24 @@ def _line(
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
     names = [name for name in judged.table.names("metric") if judged.worst(name) is not None]
+    figure = _histograms(judged, names)
+    whole = _quantiles(judged, names, "Metrics over all samples that have them", "table-metrics")
+    parts = [name for name in judged.table.names(PART) if judged.worst(name) is not None]
+    joints = _quantiles(judged, parts, "Joint by joint", "table-joints")
+    return [*([] if figure is None else [figure]), *whole, *joints]
+
+
+def _quantiles(judged: CampaignJudgement, names: Sequence[str], title: str, anchor: str) -> list[Any]:
+    """A table of metrics; none without any."""
     rows = []
     for name in names:
         unit, values = judged.table.unit(name), judged.quantiles(name)
         cells = ["never" if np.isinf(value) else number(float(value), 3) for value in values]
         rows.append((metric_text(name), unit, *cells, judged.worst(name)))
     columns = (
-        "",
-        "unit",
-        "least",
-        "5 % are below",
-        "median",
-        "95 % are below",
-        "largest",
-        "sample of the worst",
-    )
-    found: list[Any] = (
-        [Table(columns, rows, "Metrics over all samples that have them", "table-metrics")] if rows else []
-    )
-    figure = _histograms(judged, names)
-    return [*([] if figure is None else [figure]), *found]
+        "", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst",
+    )  # fmt: skip
+    return [Table(columns, rows, title, anchor)] if rows else []
 
 
 def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Any:

@@ -55,7 +55,10 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
 
 
 def metric_text(metric: str) -> str:
-    """A metric in a sentence."""
+    """A metric in a sentence; of a joint with its name behind it."""
+    whole = next((name for name in WORDS if metric.startswith(f"{name}_")), "")
+    if whole and metric not in WORDS:
+        return f"{WORDS[whole]} {metric.removeprefix(f'{whole}_').replace('_', ' ')}"
     return WORDS.get(metric, metric.replace("_", " "))
 
 
