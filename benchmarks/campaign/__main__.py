@@ -273,7 +273,11 @@ def seven_links(plants: int, steps: int, repetitions: int) -> list[dict[str, Any
         loop = fh.Loop(arm.plant, fh.Controller(arm.solution, estimator, period), 1)
         ensemble = loop.ensemble(noise=1e-5, duration=(steps - 1) * period)
         run = partial(
-            ensemble.run, np.tile(arm.plant.parameters.vector(), (plants, 1)), np.arange(plants), threads=1
+            ensemble.run,
+            np.tile(arm.plant.parameters.vector(), (plants, 1)),
+            np.arange(plants),
+            threads=1,
+            lanes=LANES,
         )
         t = alternate({"": (run, plants * steps)}, repetitions)[""]
         work = work_of(ensemble.kernel(1).program, {"parts": 1})

@@ -17,9 +17,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf import report
-from flexhinf.campaign import run_batch
+from flexhinf.campaign import Journal, run_batch
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign
+from flexhinf.design.campaign_gain import stored_gains
 from flexhinf.design.report.campaign_text import percent_text
 
 pytest.importorskip("pyarrow")
@@ -147,6 +148,49 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
+PROVED = """
+[design]
+robot = "paper"
+penalty = {link_position=75, link_velocity=27, motor_position=90, motor_velocity=27, link_position_integral=330}
+pose = "180deg"
+start = "0"
+degrees = [4]
+draws = 0
+duration = 2.0
+"""
+
+
+@pytest.mark.slow
+def test_the_worst_disturbance_stays_below_the_proved_gamma(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "own.toml").write_text(PROVED)
+    search = ["campaign", "own.toml", "--samples", "4", "--out", "runs", "--worst-case", "--metric", "gain"]
+    assert main(search) in (0, 1)
+    text = said(capsys)
+    assert "of γ² of the synthesis: nominal robot, the true state fed back" in text
+    assert "of the proved γ²: nominal robot" in text
+    path, journal = folder / "runs" / "worst-case" / "disturbance.json", Journal.read(folder / "runs")
+    assert journal is not None
+    rows, kept = stored_gains(journal).rows, path.read_bytes()
+    assert [(row.robot, row.loop, row.pair) for row in rows] == [
+        ("nominal", "true state", "synthesis"), ("worst", "true state", "synthesis"),
+        ("nominal", "estimator", "synthesis"), ("nominal", "true state", "proof"),
+    ]  # fmt: skip
+    nominal, worst, _, proved = rows
+    assert worst.gain >= nominal.gain
+    assert nominal.kept
+    assert proved.claim == "proved"
+    assert 0.3 * proved.gamma < proved.gain <= proved.gamma
+    assert main(["campaign", "replay", "runs", "--worst-case", "gain"]) == 0
+    assert "worst disturbances: the same bits" in said(capsys)
+    path.write_bytes(kept[:-5])
+    assert stored_gains(journal).rows == ()
+    assert main(search) in (0, 1)
+    assert path.read_bytes() == kept
+    assert "Worst disturbance" in (folder / "runs" / "index.html").read_text()
+
+
 def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
     refused([*WORDS, "--worst-case", "--metric", "overshot"], "no metric 'overshot'", judged)
     refused([*WORDS, "--metric", "peak_speed"], "without --worst-case", judged)
@@ -157,6 +201,7 @@ def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -
     refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "got both", judged)
     refused(["campaign", "replay", "runs", "--worst-case", "peak_speed"], "was not searched", judged)
     refused(["campaign", "replay", "runs", "--worst-case", "../x"], "no metric", judged)
+    refused(["campaign", "replay", "runs", "--worst-case", "gain"], "disturbance was not searched", judged)
 
 
 def test_what_differs_from_sample_to_sample(judged: Path) -> None:

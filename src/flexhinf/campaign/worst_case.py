@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.box_search import climb, corners
 from flexhinf.campaign.batches import COMPLETED, Campaign, checked_integer
-from flexhinf.campaign.box_search import climb, corners
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.metrics import known_metric
 from flexhinf.campaign.samples import rows_of, run_batch

@@ -80,7 +80,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             raise ValueError("it is of another campaign")
         return found
     except FileNotFoundError:
-        known = [path.stem for path in sorted((journal.folder / FOLDER).glob("*.json"))]
+        known = [case.metric for case in stored_worsts(journal)]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",

@@ -141,7 +141,8 @@ def run(
     metric: Annotated[
         list[str],
         typer.Option(
-            help="What --worst-case makes as large as it can; again for more. Default: all that a requirement limits.",
+            help="What --worst-case makes as large as it can, `gain` for the worst disturbance; again for more. "
+            "Default: all that a requirement limits, and gain.",
             show_default=False,
         ),
     ] = [],  # noqa: B006
@@ -160,6 +161,7 @@ def run(
     """
     from flexhinf.campaign import Requirement, Shard, drive
     from flexhinf.design import CampaignOptions, DesignCampaign, open_campaign
+    from flexhinf.design.campaign_gain import searches_gain
 
     part = Shard.read(shard) if shard else Shard()
     options = CampaignOptions(
@@ -170,7 +172,8 @@ def run(
     asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
     executor = chosen_executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
-    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked)
+    gain = worst_case and searches_gain(asked)
+    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked, gain)
     with design_stages() as stage:
         campaign, journal = open_campaign(asked, out, _words(context), stage)
     try:
@@ -190,7 +193,7 @@ def run(
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     if wanted is not None:
-        search(campaign, table, wanted, design_stages)
+        search(campaign, asked, table, wanted, design_stages)
     _finish(table, checked)
 
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
 from flexhinf.campaign.batches import DIVERGED, NOT_RUN, PART, TRACE
+from flexhinf.design.campaign_gain import stored_gains
+from flexhinf.design.report.campaign_disturbance import gain_section, gain_statuses
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
     WORDS,
@@ -20,7 +22,7 @@ from flexhinf.design.report.campaign_text import (
     reasons_text,
     value_text,
 )
-from flexhinf.design.report.campaign_worst import Runs, worst_section, worst_statuses, worst_verdict
+from flexhinf.design.report.campaign_worst import Runs, campaign_statuses, worst_section, worst_verdict
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
 from flexhinf.files import write_file
@@ -37,7 +39,6 @@ from flexhinf.report import (
     Section,
     Setting,
     Settings,
-    Status,
     Table,
     house_style,
     label,
@@ -92,10 +93,12 @@ def campaign_page(
 ) -> Page:
     """Everything on one page; arguments as `write_campaign`."""
     journal, settings = judged.table.journal, judged.table.journal.settings
+    gains = stored_gains(journal)
     with house_style():
         parts = (
             Section("Success", _success(judged), "success"),
             worst_section(judged, worst, plant_run),
+            gain_section(judged, gains),
             Section("Signals", _bands(judged, run), "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
@@ -105,14 +108,13 @@ def campaign_page(
         journal.about.get("title", "Campaign"), _asked(judged), worst_verdict(judged, worst),
         tuple(section for section in parts if section.blocks), Settings(_settings(settings)),
         Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
-        _status(judged, worst),
+        [*campaign_statuses(judged, worst), *gain_statuses(gains)],
     )  # fmt: skip
 
 
 def _asked(judged: CampaignJudgement) -> str:
     settings = judged.table.journal.settings
-    names = judged.table.names("parameter")
-    method = settings.get("method")
+    names, method = judged.table.names("parameter"), settings.get("method")
     spread = {
         "random": "independently",
         "latin-hypercube": "by a Latin hypercube",
@@ -123,15 +125,6 @@ def _asked(judged: CampaignJudgement) -> str:
         f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
         f"noise and with {len(names)} numbers of its own{how}."
     )
-
-
-def _status(judged: CampaignJudgement, worst: Sequence[WorstCase]) -> list[Status]:
-    found = worst_statuses(worst, judged.requirements)
-    if judged.failures:
-        return [Status("not met", f"{judged.failures} of {judged.count} samples fail."), *found]
-    searched = " and the worst robot found by search" if worst else ""
-    text = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
-    return found or [Status("met", text)]
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
