@@ -22,6 +22,7 @@ from flexhinf.campaign import storage as campaign_storage
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
 from flexhinf.campaign.samples import Rows
+from flexhinf.campaign.storage import HELD, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import shared
 
@@ -293,3 +294,18 @@ def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
         assert table_of(disk / "campaign") == table_of(whole)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_table_is_read_column_by_column(tmp_path):
+    campaign = made_campaign()
+    table = drive(campaign, Journal.opened(tmp_path / "runs", campaign))
+    assert table is not None
+    columns, whole = table.columns, read_columns(tmp_path / "runs" / TABLE)
+    assert list(columns) == whole.column_names
+    for name in columns:
+        expected = np.array(whole.column(name).to_pylist(), dtype=columns[name].dtype)
+        np.testing.assert_array_equal(columns[name], expected, name)
+        assert len(columns._held) <= HELD
+    assert columns["status"].tolist() == ["completed"] * 50
+    with pytest.raises(KeyError):
+        columns["no such column"]
