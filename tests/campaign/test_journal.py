@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Journal, Shard, drive, run_batch, run_campaign
+from flexhinf.campaign import Campaign, Journal, Shard, drive, run_batch, run_campaign
 from flexhinf.campaign import storage as campaign_storage
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
+from flexhinf.campaign.samples import Rows
 from flexhinf.campaign.storage import HELD, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.loop import shared
 
 pytest.importorskip("pyarrow")
 
@@ -220,6 +224,37 @@ def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, 
     assert 2 <= kept < 4
     assert told[-1].fresh == 50 - 16 * kept
     assert table_of(folder) == table_of(whole)
+
+
+def test_a_damaged_kernel_cache_is_told_and_changes_no_bit(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Between two jobs, and while one of them runs: every process after the damage reads the files again."""
+    monkeypatch.setenv("FLEXHINF_CACHE", str(tmp_path / "kernels"))
+    monkeypatch.setattr(shared, "_kept", type(shared._kept)())
+    damaged: list[Path] = []
+
+    def damage(file: Path) -> None:
+        code = bytearray(file.read_bytes())
+        code[-len(code) // 3] ^= 1
+        file.write_bytes(bytes(code))
+        damaged.append(file)
+
+    def as_new_processes(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
+        for batch in batches:
+            shared._kept.clear()
+            yield batch, run_batch(pickle.loads(pickle.dumps(campaign)), batch)
+            for file in (tmp_path / "kernels").glob("*.o"):
+                damage(file)
+
+    folder = tmp_path / "campaign"
+    for number in (1, 2):
+        campaign = made_campaign()
+        drive(campaign, Journal.opened(folder, campaign), shard=Shard(number, 2), executor=as_new_processes)
+    assert table_of(folder) == table_of(whole)
+    told = [text.split()[3] for text in caplog.messages if "(it is damaged)" in text]
+    assert len(told) >= 3
+    assert set(told) <= set(map(str, damaged))
 
 
 @pytest.mark.slow

@@ -159,6 +159,11 @@ class CampaignJudgement:
             return None
         return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
 
+    @property
+    def worst_of_all(self) -> int | None:
+        """The worst sample of the main metric; None without any."""
+        return self.worst(self.main) if self.main else None
+
     def quantiles(self, metric: str) -> np.ndarray:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -333,6 +334,9 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
     kept = say_worst(table, requirements)
     typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
     typer.echo(f"report: {table.journal.folder / 'index.html'}")
+    if judged.worst_of_all is not None:
+        folder = shlex.quote(str(table.journal.folder))
+        typer.echo(f"replay: flexhinf campaign replay {folder} --sample {judged.worst_of_all}")
     if judged.failures or not kept:
         raise typer.Exit(NOT_MET)
 

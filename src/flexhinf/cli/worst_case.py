@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -108,7 +109,8 @@ def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
     missed = False
     for case in stored_worsts(table.journal):
         typer.echo(worst_text(case))
-        typer.echo(f"replay: flexhinf campaign replay {table.journal.folder} --worst-case {case.metric}")
+        folder = shlex.quote(str(table.journal.folder))
+        typer.echo(f"replay: flexhinf campaign replay {folder} --worst-case {case.metric}")
         missed |= bool(missed_by(case, requirements))
     found = stored_gains(table.journal)
     for row in found.rows:

@@ -182,7 +182,7 @@ def _bands(judged: CampaignJudgement, run: Callable[[int], Trajectory] | None) -
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
     if not ended.any():
         return []
-    time, worst = judged.table.journal.time, judged.worst(judged.main) if judged.main else None
+    time, worst = judged.table.journal.time, judged.worst_of_all
     lines = [
         None if worst is None else _line(worst, name, trace, ended, time, run)
         for name, trace in zip(names, traces)
@@ -344,7 +344,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
 def _failures(judged: CampaignJudgement) -> list[Any]:
     folder = shlex.quote(judged.table.journal.folder.name)
     replay = f"flexhinf campaign replay {folder} --sample"
-    worst = judged.worst(judged.main) if judged.main else None
+    worst = judged.worst_of_all
     if not judged.failures:
         if worst is None:
             return [Paragraph("No sample fails.")]

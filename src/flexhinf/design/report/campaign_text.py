@@ -46,7 +46,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     found = judged.success
     failed = f"{judged.failures} of {judged.count} failed"
     text = f"{failed}; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
-    worst = judged.worst(judged.main) if judged.main else None
+    worst = judged.worst_of_all
     if worst is not None:
         value = float(judged.column(judged.main)[worst])
         shown = value_text(value, judged.table.unit(judged.main))
