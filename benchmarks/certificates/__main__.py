@@ -51,7 +51,9 @@ def measured() -> dict[str, list[dict[str, Any]]]:
     with Solver() as solver:
         add(arm.given_storage(solver, 4))
     with Solver() as solver:
-        add(arm.free_storage(solver, 4, 0.85, 8))
+        row, best = arm.free_storage(solver, 4, 0.85, 12)
+        add(row)
+        add(arm.confirmed(best, row["step"]))
     with Solver() as solver:
         add(arm.given_storage(solver, 4, 2, (0.999, 0.99, 0.97)))
     for law, degree, goal in OURS:

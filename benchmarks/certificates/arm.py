@@ -31,7 +31,7 @@ from benchmarks.certificates.model import (
 )
 from benchmarks.certificates.slopes import global_gain
 from benchmarks.certificates.sums import FreeStorage, proved_inside
-from flexhinf.certify import Certificate
+from flexhinf.certify import Certificate, prove
 from flexhinf.certify.reading import terms_of
 from flexhinf.certify.statement import statement_of
 from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
@@ -46,6 +46,8 @@ SHARES = (0.999, 0.99, 0.97, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5)  # of the samp
 
 #: Degree of the polynomials about S, by degree of V.
 QUOTIENT = {2: 6, 4: 4}
+
+_FINE, _NEAR = 0.005, 0.02  # of a path of starts: steps in rad, and of the integrator in rad s
 
 #: Radius of the ball in which V is free over that of the level set.
 ROOM = 1.15
@@ -130,34 +132,61 @@ def given_storage(
 LAWS = {2: "linear", 4: "cubic", 6: "quintic"}
 
 
-def free_storage(solver: Solver, degree: int, share: float, turns: int) -> dict[str, Any]:
-    """V free, the law that of the degree, from its own V at a share of the sampled level.
+def free_storage(solver: Solver, degree: int, share: float, turns: int) -> tuple[dict[str, Any], Certificate]:
+    """V free, the law that of the degree, from its own V at a share of the sampled level; and the claim with its V.
 
     After each turn coordinates, ball and bounds of S are those of the new V at its level. Of the V that are proved, the
-    one with the largest step is kept.
+    one with the largest step is kept. The path of starts is followed from 0 in doubles.
     """
     solution, gamma = solution_of(degree)
     before, claim = solver.seconds, claim_at(degree, share)
     step = step_amplitude(solution, claim.level)
-    best, reason = step, "no V that is proved and better"
+    largest, best, reason = step, claim, "no V that is proved and better"
     for _ in range(turns):
         model = model_of(claim)
         reach = reach_of(model, ROOM)
         quotients, _ = quotient_bounds(model, reach, QUOTIENT[degree])
-        start = np.linalg.solve(model.transform, rest(solution, step, _value(model, model.value)))
+        step, x = _path(solution, model, model.value, 1.0, reach)
+        start = np.linalg.solve(model.transform, x)
         storage = FreeStorage(solver, model, quotients, reach, degree, 1, start)
-        failed = storage.improve(1)
-        if failed:
+        if storage.improve(1):
             break
-        value, step = _value(model, storage.value), max(0.0, step - 0.2)
-        while value(rest(solution, step + 0.005, value)) <= storage.level:
-            step += 0.005
+        step, _ = _path(solution, model, storage.value, storage.level, reach)
         claim = with_value(claim, model, storage.value, storage.level)
-        if step > best:
-            best, reason = step, failed
-    return {"method": "sums of squares, V free", "law": LAWS[degree], "goal": 180, "degree": degree, "gamma": gamma,
-            "step": best, "exact": reason, "seconds": solver.seconds - before,
-            "megabytes": solver.megabytes}  # fmt: skip
+        if step > largest:
+            largest, best, reason = step, claim, ""
+    row = {"method": "sums of squares, V free", "law": LAWS[degree], "goal": 180, "degree": degree, "gamma": gamma,
+           "step": largest, "exact": reason, "seconds": solver.seconds - before,
+           "megabytes": solver.megabytes}  # fmt: skip
+    return row, best
+
+
+def _path(
+    solution: fh.HJISolution, model: Model, value: fmpq_mpoly, level: float, reach: float
+) -> tuple[float, np.ndarray]:
+    """The largest rest-to-rest step inside, followed from 0, the integrator where V is smallest nearby; its start."""
+    function, inverse = _value(model, value), np.linalg.inv(model.transform)
+    step, start, integral = 0.0, np.zeros(len(model.z)), 0.0
+    while True:
+        x, integral = rest(solution, step + _FINE, function, integral)
+        if function(x) > level or np.linalg.norm(inverse @ x) > reach:
+            return step, start
+        step, start = step + _FINE, x
+
+
+def confirmed(claim: Certificate, step: float) -> dict[str, Any]:
+    """Somebody else's V, proved by branch and bound."""
+    start = time.process_time()
+    proof, outcome = prove(claim)
+    seconds = time.process_time() - start
+    reason = outcome.reason
+    if outcome.proved:
+        found = proof.check(threads=1)
+        reason = "" if found.proved else found.reason
+    check = time.process_time() - start - seconds
+    return {"method": "V of the sums of squares, proved by ours", "law": LAWS[claim.degree], "goal": 180,
+            "degree": claim.degree, "gamma": claim.gamma, "step": step, "exact": reason, "seconds": seconds,
+            "check": check, "megabytes": memory()}  # fmt: skip
 
 
 def _value(model: Model, polynomial: fmpq_mpoly) -> Callable[[np.ndarray], float]:
@@ -166,8 +195,10 @@ def _value(model: Model, polynomial: fmpq_mpoly) -> Callable[[np.ndarray], float
     return lambda x: float(value(np.atleast_2d(x) @ inverse.T)[0])
 
 
-def rest(solution: fh.HJISolution, amplitude: float, value: Any) -> np.ndarray:
-    """The start of a step, the integrator where V is smallest."""
+def rest(
+    solution: fh.HJISolution, amplitude: float, value: Callable[[np.ndarray], float], guess: float
+) -> tuple[np.ndarray, float]:
+    """The start of a step, with the integrator where V is smallest near a guess; and the integrator."""
     from scipy.optimize import minimize_scalar
 
     shares, free = step_roles(solution.state_names, None, None)
@@ -177,8 +208,9 @@ def rest(solution: fh.HJISolution, amplitude: float, value: Any) -> np.ndarray:
     def moved(integral: float) -> np.ndarray:
         return np.where(np.arange(len(x)) == place, integral, x)
 
-    best: Any = minimize_scalar(lambda integral: float(value(moved(integral))), bracket=(-1.0, 1.0))
-    return moved(float(best.x))
+    bounds = (guess - _NEAR, guess + _NEAR)
+    best: Any = minimize_scalar(lambda integral: value(moved(integral)), bounds=bounds, method="bounded")
+    return moved(float(best.x)), float(best.x)
 
 
 # Every robot within its tolerances ----------------------------------------------------------------------------
