@@ -263,7 +263,7 @@ def prove_design(
     attained = None if worth.attained is None else worth.attained.gain
     if made.proved is not None and made.proved.certificate is not None:
         given = replace(made.proved.certificate, attained_gain=attained)
-        return DesignProof(given, start=made.proved.scale * start, cpu_seconds=made.proved.cpu_seconds)
+        return DesignProof(given, start=start, cpu_seconds=made.proved.cpu_seconds)
     refused = _refused(s, made)
     if refused:
         return DesignProof(None, refused)
