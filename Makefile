@@ -1,7 +1,7 @@
 # make demo      set everything up in .venv and reproduce the paper
 # make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-firmware: measure;  make clean;  make locks
+# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-firmware, make bench-certificates: measure;  make clean;  make locks
 # make pages     the tables, transcripts and figures of the docs, computed anew
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -23,7 +23,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware peers pages locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware bench-certificates peers pages locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -59,11 +59,15 @@ bench-arm: environment-dev
 bench-campaign: environment-dev
 	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.campaign
 
+# Proofs beside matrix inequalities and sums of squares by cvxpy and Clarabel (`make peers`); about ten minutes.
+bench-certificates: environment-dev
+	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.certificates
+
 peers: $(PEERS)/.stamp
 
-$(PEERS)/.stamp: benchmarks/campaign/peers.txt
+$(PEERS)/.stamp: benchmarks/campaign/peers.txt benchmarks/certificates/peers.txt
 	$(PYTHON) -m venv $(PEERS)
-	$(PEERS)/bin/python -m pip --disable-pip-version-check --no-input install --quiet -r $<
+	$(PEERS)/bin/python -m pip --disable-pip-version-check --no-input install --quiet $(addprefix -r ,$^)
 	touch $@
 
 # 10,000 steps of seven links in real time; for more on an idle machine, python -m benchmarks.jitter --steps 1000000

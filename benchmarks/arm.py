@@ -65,8 +65,8 @@ def law_alone(arm: Arm) -> Any:
 def speed() -> list[dict[str, Any]]:
     """One controller step and the law, against filterpy with Pinocchio and against NumPy, in turns."""
     arm = Arm()
-    sub_steps = arm.estimator.sub_steps
-    peer = PinocchioController(arm.robot, arm.solution, PERIOD, sub_steps, Q, R, P0)
+    steps = arm.estimator.stages, arm.estimator.sub_steps
+    peer = PinocchioController(arm.robot, arm.solution, PERIOD, steps, Q, R, P0)
     samples = arm.samples(AGREE)
     difference = 0.0
     for y, r in samples:
@@ -90,7 +90,7 @@ def speed() -> list[dict[str, Any]]:
         },
         repetitions=9,
     )
-    note = f"{sub_steps} sub-steps; inputs agree to {difference:.0e}"
+    note = f"{steps[1]} sub-steps of {steps[0]} stages; inputs agree to {difference:.0e}"
     return [
         _row("controller.step from Python, 28 states, law in 35", t["step"], 80.0, t["peer step"],
              "filterpy + Pinocchio", note),

@@ -8,6 +8,9 @@ import numpy as np
 import pinocchio as pin
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from flexhinf.codegen import DIRECT
+from flexhinf.plant import eight_stages, rk4_stages
+
 __all__ = ["PinocchioController", "pinocchio_model"]
 
 
@@ -35,19 +38,21 @@ class PinocchioController:
     ----------
     robot : flexhinf.Robot
     solution : flexhinf.HJISolution
-    period, sub_steps : float, int
-        Of the model between two samples.
+    period : float
+        s.
+    steps : tuple of int
+        Stages of a Runge–Kutta step, and steps of the model between two samples: those of our estimator.
     q, r, p0 : float
         Variances of process noise, measurement noise and first belief.
     """
 
     def __init__(
-        self, robot: Any, solution: Any, period: float, sub_steps: int, q: float, r: float, p0: float
+        self, robot: Any, solution: Any, period: float, steps: tuple[int, int], q: float, r: float, p0: float
     ) -> None:
         self.model = pinocchio_model(robot)
         self.memory = self.model.createData()
         self.p = robot.plant().parameters.named(robot.plant().parameters.vector())
-        self.solution, self.period, self.sub_steps = solution, period, sub_steps
+        self.solution, self.period, self.steps = solution, period, steps
         self.point, self.rest = solution.operating_point, solution.operating_input
         self.n = len(self.rest)
         size = 4 * self.n
@@ -70,13 +75,10 @@ class PinocchioController:
 
     def advance(self, x: np.ndarray, dt: float, u: Any = None) -> np.ndarray:
         """Runge–Kutta steps over one period."""
-        h = dt / self.sub_steps
-        for _ in range(self.sub_steps):
-            k1 = self.flow(x, u)
-            k2 = self.flow(x + h / 2 * k1, u)
-            k3 = self.flow(x + h / 2 * k2, u)
-            k4 = self.flow(x + h * k3, u)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        stages, count = self.steps
+        method = {4: rk4_stages, 8: eight_stages}[stages]
+        for _ in range(count):
+            x = method(DIRECT, self.flow, x, dt / count, u)
         return x
 
     def step(self, y: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -332,6 +332,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
     "reasons": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "reasons")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
+    "certificates": ("docs/certificate.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {

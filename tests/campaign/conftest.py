@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 
@@ -78,6 +79,12 @@ def tolerances(method="random", distribution="uniform"):
 def made_campaign(samples=50, batch=16, seed=1, **changes):
     given = {"draw": tolerances(), "options": OPTIONS, **changes}
     return Campaign(made_loop(), samples=samples, batch=batch, seed=seed, **given)
+
+
+@pytest.fixture(autouse=True)
+def lanes(monkeypatch):
+    """Also these few samples run in lanes; in other processes, and in fixtures of modules, each is run alone."""
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
 
 
 @pytest.fixture(scope="session")

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Journal, Shard, drive, run_batch, run_campaign
+from flexhinf.campaign import Campaign, Journal, Shard, drive, run_batch, run_campaign
 from flexhinf.campaign import storage as campaign_storage
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
+from flexhinf.campaign.samples import Rows
+from flexhinf.campaign.storage import HELD, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.loop import shared
 
 pytest.importorskip("pyarrow")
 
@@ -221,6 +226,37 @@ def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, 
     assert table_of(folder) == table_of(whole)
 
 
+def test_a_damaged_kernel_cache_is_told_and_changes_no_bit(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Between two jobs, and while one of them runs: every process after the damage reads the files again."""
+    monkeypatch.setenv("FLEXHINF_CACHE", str(tmp_path / "kernels"))
+    monkeypatch.setattr(shared, "_kept", type(shared._kept)())
+    damaged: list[Path] = []
+
+    def damage(file: Path) -> None:
+        code = bytearray(file.read_bytes())
+        code[-len(code) // 3] ^= 1
+        file.write_bytes(bytes(code))
+        damaged.append(file)
+
+    def as_new_processes(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
+        for batch in batches:
+            shared._kept.clear()
+            yield batch, run_batch(pickle.loads(pickle.dumps(campaign)), batch)
+            for file in (tmp_path / "kernels").glob("*.o"):
+                damage(file)
+
+    folder = tmp_path / "campaign"
+    for number in (1, 2):
+        campaign = made_campaign()
+        drive(campaign, Journal.opened(folder, campaign), shard=Shard(number, 2), executor=as_new_processes)
+    assert table_of(folder) == table_of(whole)
+    told = [text.split()[3] for text in caplog.messages if "(it is damaged)" in text]
+    assert len(told) >= 3
+    assert set(told) <= set(map(str, damaged))
+
+
 @pytest.mark.slow
 def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
     mark, notes = tmp_path / "killed", []
@@ -258,3 +294,18 @@ def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
         assert table_of(disk / "campaign") == table_of(whole)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_table_is_read_column_by_column(tmp_path):
+    campaign = made_campaign()
+    table = drive(campaign, Journal.opened(tmp_path / "runs", campaign))
+    assert table is not None
+    columns, whole = table.columns, read_columns(tmp_path / "runs" / TABLE)
+    assert list(columns) == whole.column_names
+    for name in columns:
+        expected = np.array(whole.column(name).to_pylist(), dtype=columns[name].dtype)
+        np.testing.assert_array_equal(columns[name], expected, name)
+        assert len(columns._held) <= HELD
+    assert columns["status"].tolist() == ["completed"] * 50
+    with pytest.raises(KeyError):
+        columns["no such column"]

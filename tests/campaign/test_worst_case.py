@@ -13,6 +13,7 @@ from tests.campaign.conftest import Feedback, made_campaign, spring, tolerances
 
 import flexhinf as fh
 import flexhinf.campaign.worst_case_files as files
+from flexhinf.analysis.box_search import climb
 from flexhinf.campaign import (
     Campaign,
     Journal,
@@ -23,7 +24,6 @@ from flexhinf.campaign import (
     stored_worsts,
     worst_case,
 )
-from flexhinf.campaign.box_search import climb
 from flexhinf.errors import InvalidInput
 
 #: Long enough to settle.
@@ -156,6 +156,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     pytest.importorskip("pyarrow")
     journal = Journal.opened(tmp_path / "runs", campaign)
     table = drive(campaign, journal)
+    assert table is not None
 
     def stop(runs, best):
         raise KeyboardInterrupt

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import tokenize
 from pathlib import Path
 from typing import Any
 
@@ -108,3 +110,38 @@ def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_bytes(b" " * 8_000_001)
     with pytest.raises(InvalidInput, match="too large"):
         load_certificate(tmp_path / "c.json")
+
+
+def code_lines(file: Path) -> int:
+    """Lines of code, without imports, texts and empty lines."""
+    tree, skipped, lines = ast.parse(file.read_text(encoding="utf-8")), set[int](), set[int]()
+    for node in ast.walk(tree):
+        first = node.body[0] if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) else node
+        if isinstance(node, (ast.Import, ast.ImportFrom)) or (
+            first is not node and isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+        ):
+            skipped.update(range(first.lineno, (first.end_lineno or 0) + 1))
+    with file.open("rb") as source:
+        for token in tokenize.tokenize(source.readline):
+            if token.type not in (*range(tokenize.NEWLINE, tokenize.DEDENT + 1), *SILENT):
+                lines.update(range(token.start[0], token.end[0] + 1))
+    return len(lines - skipped)
+
+
+SILENT = (tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER)
+
+
+def test_the_page_counts_the_checker_s_lines(repository: Path) -> None:
+    """What it says has to be read is as long as it says."""
+    page = (repository / "docs" / "certificate.md").read_text(encoding="utf-8").replace("\\_", "_")
+    table = page.partition("| file | lines |")[2].partition("\n\n")[0].splitlines()[2:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
+    folder = repository / "src" / "flexhinf" / "certify" / "checker"
+    counted = {file.name: code_lines(file) for file in folder.glob("*.py")}
+    stated = {name: int(lines) for name, lines, *_ in rows}
+    assert {name: lines for name, lines in stated.items() if name.endswith(".py")} == counted
+    for which, column in (("`--every-cell`", 3), ("quick", 4)):
+        needed = [
+            row[0] for row in rows if row[column] == "yes" and row[0] not in ("starts.py", "observer.py")
+        ]
+        assert stated[f"all that decides, {which}"] == sum(counted[name] for name in needed)

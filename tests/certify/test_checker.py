@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
-from flexhinf.certify.checker import inequality as inequality_file
+from flexhinf.certify.checker import bounds as bounds_file
 from flexhinf.certify.checker import march as march_file
-from flexhinf.certify.checker import second_route, tables
-from flexhinf.certify.checker.inequality import FaceInequality, Inequality
+from flexhinf.certify.checker import second_route, taylor
+from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.checker.quotient import Quotient
+from flexhinf.certify.checker.second_route import Cell
 
 GRAVITY = 9.8
 LEVEL = 17.872  # of the quadratic V: the largest that was proved is 17.8721
@@ -154,8 +155,8 @@ def test_starts_that_differ_from_plant_to_plant_are_inside_for_all_of_them() -> 
 def excess(certificate: Certificate, cells: int = 60, points: int = 80, seed: int = 0) -> float:
     """Largest amount, relative to the values, by which points of random cells exceed their cell's bounds."""
     rng = np.random.default_rng(seed)
-    of = Inequality(certificate)
-    face = FaceInequality(of, (0, 1))
+    of = Proof(certificate)
+    face = Face(of, (0, 1))
     worst = -np.inf
     h = 2.0 ** -rng.integers(0, 6, cells).astype(float)[None]
     t = (1 - h) * rng.uniform(-1, 1, (1, cells))
@@ -163,8 +164,8 @@ def excess(certificate: Certificate, cells: int = 60, points: int = 80, seed: in
     begin = end * (1 - 2.0 ** -rng.integers(1, 6, cells).astype(float))
     bounds = face.bounds(t, h, begin, end)
     coordinates = np.array(certificate.coordinates)
-    for corner in of.corners @ np.eye(len(of.products)):
-        weights = dict(zip(of.products, corner, strict=True))
+    for corner in of.corners @ np.eye(len(of.exact.products)):
+        weights = dict(zip(of.exact.products, corner, strict=True))
         for cell in range(cells):
             s = np.r_[[-1.0, 1.0, 0.0], rng.uniform(-1, 1, points)]
             rho = np.r_[begin[cell], end[cell], rng.uniform(begin[cell], end[cell], points + 1)]
@@ -251,29 +252,28 @@ def test_quotients_enclose_the_function_and_their_remainder_is_needed(
     assert rest[0] == np.inf
 
 
-def _tail_forgotten(*arguments: Any) -> Any:
-    form = _FORM(*arguments)
-    object.__setattr__(form, "tail", 0.0 * form.tail)
-    return form
+def _forgotten(rows: slice) -> Callable[..., Any]:
+    """A centred form without some rows of its tail."""
 
+    def form(low: Any, radius: Any, tail: Any) -> Any:
+        tail = tail.copy()
+        tail[rows] = 0.0
+        return _FORM(low, radius, tail)
 
-def _spread_forgotten(*arguments: Any) -> Any:
-    form = _FORM(*arguments)
-    object.__setattr__(form, "spread", 0.0 * form.spread)
     return form
 
 
 def _one_sided(self: Any, form: Any, constant: Any = None) -> Any:
-    return _UPPER(self, form, constant) - np.abs(self.slopes(form)).sum(0) / 2
+    return _UPPER(self, form, constant) - np.abs(form.low[self.linear]).sum(0) / 2
 
 
 _AT, _FORM, _UPPER, _SHIFTED = (
     Quotient.at,
-    tables.CentredForm,
-    tables.CellTable.upper,
-    tables.CellTable.shifted,
+    taylor.CentredForm,
+    taylor.TaylorTable.upper,
+    taylor.TaylorTable.shifted,
 )
-_INTERVAL, _RESIDUAL, _BOUND = inequality_file._interval, inequality_file.residual, tables.concave_bound
+_INTERVAL, _RESIDUAL, _BOUND = bounds_file._interval, bounds_file.residual, taylor.concave_bound
 
 
 def _wrong_residual(change: Callable[[Any], None]) -> Callable[[Any], Any]:
@@ -287,24 +287,24 @@ def _wrong_residual(change: Callable[[Any], None]) -> Callable[[Any], Any]:
 
 def _scaled(which: str, factor: int) -> Callable[[Any], None]:
     def change(exact: Any) -> None:
-        table = getattr(exact, which)
-        for key in table:
-            table[key] = factor * table[key]
+        for row in exact.factors if which == "factors" else [exact.plain]:
+            row[:] = [factor * polynomial for polynomial in row]
 
     return change
 
 
 MUTATIONS: dict[str, tuple[Any, str, Any]] = {
-    "the concave bound at s = 1": (tables, "concave_bound", lambda g, q: g + q),
-    "the concave bound without its square": (tables, "concave_bound", lambda g, q: np.where(q > 0, g, _BOUND(g, q))),
-    "no tail": (tables, "CentredForm", _tail_forgotten),
-    "no spread over the radius": (tables, "CentredForm", _spread_forgotten),
-    "half of the slopes": (tables.CellTable, "upper", _one_sided),
-    "half of the box": (tables.CellTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t, h / 2)),
-    "another centre": (tables.CellTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t + h / 8, h)),
-    "half of the radius": (inequality_file, "_interval", lambda a, b: (_INTERVAL(a, b)[0], (b - a) / 4, b)),
-    "the sine's sign": (inequality_file, "residual", _wrong_residual(_scaled("factors", -1))),
-    "twice the polynomial part": (inequality_file, "residual", _wrong_residual(_scaled("plain", 2))),
+    "the concave bound at s = 1": (taylor, "concave_bound", lambda g, q: g + q),
+    "the concave bound without its square": (taylor, "concave_bound", lambda g, q: np.where(q > 0, g, _BOUND(g, q))),
+    "no tail": (taylor, "CentredForm", _forgotten(slice(-1))),
+    "no spread over the radius": (taylor, "CentredForm", _forgotten(slice(-1, None))),
+    "no parameters": (taylor, "CentredForm", lambda low, radius, tail: _FORM(low, 0.0 * radius, tail)),
+    "half of the slopes": (taylor.TaylorTable, "upper", _one_sided),
+    "half of the box": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t, h / 2)),
+    "another centre": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t + h / 8, h)),
+    "half of the radius": (bounds_file, "_interval", lambda a, b: (_INTERVAL(a, b)[0], (b - a) / 4, b)),
+    "the sine's sign": (bounds_file, "residual", _wrong_residual(_scaled("factors", -1))),
+    "twice the polynomial part": (bounds_file, "residual", _wrong_residual(_scaled("plain", 2))),
 }  # fmt: skip
 
 
@@ -316,14 +316,15 @@ def test_each_step_is_needed_for_soundness(name: str, monkeypatch: pytest.Monkey
 
 
 MARCHING: dict[str, tuple[Any, str, Any]] = {
-    "V > c everywhere": (inequality_file.Bounds, "finished", property(lambda self: np.ones(len(self.value), bool))),
-    "all is proved": (inequality_file.Bounds, "proved", property(lambda self: np.ones(len(self.value), bool))),
+    "V > c everywhere": (bounds_file.Bounds, "finished", property(lambda self: np.ones(len(self.value), bool))),
+    "all is proved": (bounds_file.Bounds, "proved", property(lambda self: np.ones(len(self.value), bool))),
     "r < 0 is enough at the centre": (
-        inequality_file.Bounds, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
+        bounds_file.Bounds, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
     ),
-    "a split leaves out one half": (march_file, "_split", lambda *a: _SPLIT(*a)[:-1]),
+    "a cut leaves out one half": (march_file, "_cut", lambda *a: _CUT(*a)[:-1]),
+    "what follows an accepted cell is left out": (march_file, "_further", lambda cells: cells[:, :0]),
 }  # fmt: skip
-_SPLIT = march_file._split
+_CUT = march_file._cut
 
 
 @pytest.mark.parametrize("name", MARCHING)
@@ -340,9 +341,9 @@ def test_odd_parts_are_bounded_and_not_forgotten(monkeypatch: pytest.MonkeyPatch
     rounding, tilt = (*V_2, ((3, 0), 1e-12)), (*V_2, ((3, 0), 1.0))
     assert upright(rounding).check(threads=1).faces == 2
     assert upright(tilt, 5.0).check(threads=1).faces == 4
-    monkeypatch.setattr(inequality_file, "_nearly_even", lambda *a: True)
+    monkeypatch.setattr(bounds_file, "_nearly_even", lambda *a: True)
     assert not upright(tilt, 8.0).check(threads=1).proved  # false on one of two opposite faces
-    monkeypatch.setattr(Inequality, "parts", lambda self, polynomial: (polynomial, None))
+    monkeypatch.setattr(Proof, "parts", lambda self, polynomial: (polynomial, 0 * polynomial))
     assert upright(tilt, 8.0).check(threads=1, sample=0).proved
 
 
@@ -354,10 +355,28 @@ def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytes
 
 
 def test_the_second_route_alone_tells_right_from_wrong() -> None:
-    of = Inequality(upright())
-    cell = march_file.Cell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
+    of = Proof(upright())
+    cell = Cell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
     assert second_route.cell_holds(of, cell, 0)
     assert not second_route.cell_holds(of, replace(cell, begin=1.0, end=12.0), 0)
+
+
+def test_every_cell_can_be_proved_by_the_second_route() -> None:
+    """Both at z and at −z, for the accepted cells and for those at which the level set has ended."""
+    found = upright(level=LEVEL / 4).check(threads=1, sample=None)
+    assert found.proved
+    assert found.every_cell
+    assert found.resampled > 2 * found.accepted
+    assert upright(level=LEVEL / 4).check(threads=1, sample=3).resampled == 6
+
+
+@pytest.mark.parametrize("name", ["V > c everywhere", "all is proved", "r < 0 is enough at the centre"])
+def test_every_cell_by_the_second_route_needs_no_bound_of_the_first(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, attribute, mutant = MARCHING[name]  # with which the first route proves it, as shown above
+    monkeypatch.setattr(place, attribute, mutant)
+    assert not upright(level=LEVEL * 1.0005).check(threads=1, sample=None).proved
 
 
 def test_the_checker_and_the_search_do_not_know_each_other(repository: Path) -> None:

@@ -123,6 +123,21 @@ def test_runs_from_the_largest_steps_go_to_the_goal() -> None:
     assert [start.rule for start in certificate.starts] == [SMALLEST_VALUE, UNCHANGED_INPUT]
 
 
+@pytest.mark.slow
+def test_a_half_turn_whose_input_does_not_jump_is_proved() -> None:
+    """Weights chosen for it; 4 s of CPU."""
+    arm = fh.paper_arm()
+    problem = arm.problem(fh.Penalty((105.0, 90.0, 65.0, 2.0, 330.0), effort=10.0), pose=(np.pi,))
+    star = fh.smallest_gamma(problem)
+    found = fh.solve_hji(problem, gamma=1.2 * star, degree=6)
+    certificate = found.certify(gamma=1.3 * star, penalty=PENALTY)
+    (unchanged,) = (step for step in proved_steps(found, certificate) if step.rule == UNCHANGED_INPUT)
+    assert unchanged.amplitude > 3.4
+    assert unchanged.peak_input[0] < 34.0
+    held = 9.8 * np.sin(np.pi - unchanged.amplitude) / 0.9
+    assert unchanged.first_input[0] == pytest.approx(held, rel=1e-6)
+
+
 def test_the_law_of_a_certificate_is_the_controllers() -> None:
     found, gamma = solution(90, 4, LIGHT, True)
     statement = statement_of(found, gamma, PENALTY)

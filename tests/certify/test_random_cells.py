@@ -20,7 +20,7 @@ import flexhinf as fh
 from flexhinf.certify import Certificate
 from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.cells import CellBounds, Cells
-from flexhinf.certify.checker.inequality import FaceInequality, Inequality
+from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.inequality import inequality_of
 from flexhinf.certify.reading import nearest_double
 from flexhinf.certify.statement import statement_of
@@ -103,10 +103,10 @@ def bounds_of_the_search(claim: Certificate, cells: Cells) -> Bounded:
 
 
 def bounds_of_the_checker(claim: Certificate, cells: Cells) -> Bounded:
-    of = Inequality(claim)
+    of = Proof(claim)
     result = np.empty((4, len(cells)))
     for face in np.unique(cells.face):
-        bounds = FaceInequality(of, (int(face) // 2, 1 - 2 * int(face % 2)))
+        bounds = Face(of, (int(face) // 2, 1 - 2 * int(face % 2)))
         mine = np.flatnonzero(cells.face == face)
         for places in np.array_split(mine, math.ceil(len(mine) / BATCH)):
             radii = cells.inner[places] * claim.reach, cells.outer[places] * claim.reach
@@ -130,7 +130,7 @@ CASES: dict[str, tuple[Callable[[], Certificate], Callable[[Certificate, Cells],
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_no_point_of_a_hundred_thousand_cells_exceeds_its_bounds(name: str) -> None:
-    check_cells(name, 100_000, 2)
+    check_cells(name, 100_000, 2 if "tolerances" not in name else 1)
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if "degree 6" not in name])

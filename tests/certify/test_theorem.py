@@ -46,6 +46,8 @@ def test_a_path_in_another_component_is_no_path_of_starts() -> None:
     [
         ({"level": 1e-300}, "ends of the doubles"),
         ({"reach": 3e-162}, "ends of the doubles"),
+        ({"reach": 1e-11}, "ends of the doubles"),
+        ({"reach": 1e11}, "ends of the doubles"),
         ({"parameters": tuple(Parameter(f"p{i}", 1.0, 2.0) for i in range(13))}, "13 parameters"),
         (
             {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -151,6 +152,10 @@ def test_a_step_without_a_jump_is_proved_for_the_whole_tolerances(
     step = float(pose[0])
     proved = certify_tolerances(found, chosen.nominal, ranges(), gamma, step=step, scale=4.0)
     assert proved.step_amplitude == step
-    assert proved.check(threads=1).proved  # by the other program
+    again = proved.check(threads=1)  # by the other program
+    assert again.proved, again.reason
+    assert again.starts > 0
+    assert not again.gradient_law  # the input matrix is uncertain
+    assert not replace(proved, gamma=0.5 * proved.gamma, starts=()).check(sample=0).proved
     with pytest.raises(NotProved):  # not with a storage function that leaves no room
         certify_tolerances(found, chosen.nominal, ranges(), gamma, step=step, scale=1.0, most_cells=200_000)

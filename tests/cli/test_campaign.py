@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import pickle
+import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +17,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf import report
-from flexhinf.campaign import run_batch
+from flexhinf.campaign import Journal, run_batch
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign
+from flexhinf.design.campaign_gain import stored_gains
 from flexhinf.design.report.campaign_text import percent_text
 
 pytest.importorskip("pyarrow")
@@ -68,6 +72,10 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert (judged / "runs" / "samples.parquet").read_bytes() == table
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
     assert "sample 23: completed; the same bits" in said(capsys)
+    (worst,) = re.findall(r"\(sample (\d+)\)", text)
+    (line,) = re.findall(r"^replay: flexhinf (.*)$", text, re.MULTILINE)
+    assert main(shlex.split(line)) == 0
+    assert f"sample {worst}: completed; the same bits" in said(capsys)
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
@@ -77,12 +85,13 @@ def test_fractions_are_told_from_none_and_all() -> None:
     ]  # fmt: skip
 
 
-def test_lanes_say_what_the_signals_of_each_run_say(judged: Path) -> None:
+def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
     campaign, _ = stored_campaign(judged / "runs")
     assert campaign.laned(campaign.drawn(0))
     slow = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
     travelled = pickle.loads(pickle.dumps(campaign))
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
     lanes, signals = (run_batch(one, 1).columns for one in (travelled, slow))
     for name, values in lanes.items():
         if name == "rise_time_s":
@@ -139,6 +148,49 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
+PROVED = """
+[design]
+robot = "paper"
+penalty = {link_position=75, link_velocity=27, motor_position=90, motor_velocity=27, link_position_integral=330}
+pose = "180deg"
+start = "0"
+degrees = [4]
+draws = 0
+duration = 2.0
+"""
+
+
+@pytest.mark.slow
+def test_the_worst_disturbance_stays_below_the_proved_gamma(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "own.toml").write_text(PROVED)
+    search = ["campaign", "own.toml", "--samples", "4", "--out", "runs", "--worst-case", "--metric", "gain"]
+    assert main(search) in (0, 1)
+    text = said(capsys)
+    assert "of γ² of the synthesis: nominal robot, the true state fed back" in text
+    assert "of the proved γ²: nominal robot" in text
+    path, journal = folder / "runs" / "worst-case" / "disturbance.json", Journal.read(folder / "runs")
+    assert journal is not None
+    rows, kept = stored_gains(journal).rows, path.read_bytes()
+    assert [(row.robot, row.loop, row.pair) for row in rows] == [
+        ("nominal", "true state", "synthesis"), ("worst", "true state", "synthesis"),
+        ("nominal", "estimator", "synthesis"), ("nominal", "true state", "proof"),
+    ]  # fmt: skip
+    nominal, worst, _, proved = rows
+    assert worst.gain >= nominal.gain
+    assert nominal.kept
+    assert proved.claim == "proved"
+    assert 0.3 * proved.gamma < proved.gain <= proved.gamma
+    assert main(["campaign", "replay", "runs", "--worst-case", "gain"]) == 0
+    assert "worst disturbances: the same bits" in said(capsys)
+    path.write_bytes(kept[:-5])
+    assert stored_gains(journal).rows == ()
+    assert main(search) in (0, 1)
+    assert path.read_bytes() == kept
+    assert "Worst disturbance" in (folder / "runs" / "index.html").read_text()
+
+
 def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
     refused([*WORDS, "--worst-case", "--metric", "overshot"], "no metric 'overshot'", judged)
     refused([*WORDS, "--metric", "peak_speed"], "without --worst-case", judged)
@@ -149,6 +201,7 @@ def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -
     refused(["campaign", "replay", "runs", "--sample", "1", "--worst-case", "peak_speed"], "got both", judged)
     refused(["campaign", "replay", "runs", "--worst-case", "peak_speed"], "was not searched", judged)
     refused(["campaign", "replay", "runs", "--worst-case", "../x"], "no metric", judged)
+    refused(["campaign", "replay", "runs", "--worst-case", "gain"], "disturbance was not searched", judged)
 
 
 def test_what_differs_from_sample_to_sample(judged: Path) -> None:

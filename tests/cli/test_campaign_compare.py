@@ -30,11 +30,11 @@ WORDS += ["--out", "both"]
 
 @pytest.fixture
 def judged(folder: Path) -> Path:
-    """Reports of two designs, as far as a campaign needs them: the same linear law behind EKF and UKF."""
+    """Reports of two designs, as far as a campaign needs them: the same linear law behind EKF and a faster UKF."""
     arm = fh.paper_arm()
     law = fh.linear_law(arm.problem(), gamma=math.inf)
-    for name, kind in (("ekf", fh.ExtendedKalmanFilter), ("ukf", fh.UnscentedKalmanFilter)):
-        filter = kind(arm.plant(), 1e-3, 1e-8, 1e-8, np.zeros(4), 1e-6)
+    for name, kind, q in (("ekf", fh.ExtendedKalmanFilter, 1e-8), ("ukf", fh.UnscentedKalmanFilter, 1e-6)):
+        filter = kind(arm.plant(), 1e-3, q, 1e-8, np.zeros(4), 1e-6)
         fh.Controller(law, filter, 1e-3, 48.0, start="bumpless").save(folder / "law")
         files = {"design.toml": DESIGN.format(name), "controller": (folder / "law").read_bytes()}
         report.write(folder / name, files)

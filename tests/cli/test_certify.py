@@ -48,6 +48,19 @@ def test_the_theorem_is_said_with_its_hypotheses_and_what_is_not_proved(
         assert text in out
 
 
+def test_every_cell_is_proved_twice_where_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "certificate.json")
+    CUBIC.save(Path(file))
+    assert run(["certify", "--check", file, "--every-cell"]) == 0
+    assert "Every one of them, and every cell at which the level set ended" in capsys.readouterr().out
+    replace(CUBIC, level=0.1251, starts=()).save(Path(file))
+    assert run(["certify", "--check", file, "--every-cell"]) == 1
+    assert main(["certify", "paper", "--every-cell"]) == 2
+    assert "--every-cell with --check FILE" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "changed",
     [

@@ -77,14 +77,18 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("case", DAMAGE)
-def test_a_damaged_file_is_made_anew(case, folder, assembled):
+def test_a_damaged_file_is_told_and_made_anew(case, folder, assembled, caplog):
     assert works()
     file = only_file(folder)
     right = file.read_bytes()
+    assert works()
+    assert not caplog.records
     file.write_bytes(DAMAGE[case](right))
     assert works()
     assert len(assembled) == 2
     assert only_file(folder).read_bytes() == right
+    (told,) = caplog.messages
+    assert told == f"the compiled code {file} is not used (it is damaged); it is compiled anew."
 
 
 def test_a_file_of_another_program_is_not_taken(folder, assembled):

@@ -52,7 +52,7 @@ def test_the_same_seed_gives_the_same_and_another_seed_others(setup: LoopSetup, 
 
 
 def test_threads_do_not_matter(setup: LoopSetup, drawn: MonteCarlo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.compiled_runs"), "THREADS", 5)
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "THREADS", 5)
     assert np.array_equal(_rows(sampled_steps(setup, 8, 2.0, STEPS)), _rows(drawn))
 
 
@@ -129,9 +129,3 @@ def test_the_kept_positions_are_those_of_the_runs(setup: LoopSetup) -> None:
         over = max(((q[:, j] - setup.goal[j]) / (setup.goal[j] - setup.start[j])).max() for j in range(2))
         assert 100.0 * over <= kept.overshoot[k] + 1e-9
         assert 100.0 * over == pytest.approx(kept.overshoot[k], abs=0.05)
-
-
-def test_progress_is_told_ten_times(setup: LoopSetup) -> None:
-    told: list[str] = []
-    sampled_steps(setup, 20, 0.05, STEPS, progress=told.append)
-    assert told == [f"robots within the tolerances: {k} of 20" for k in range(2, 21, 2)]

@@ -50,13 +50,14 @@ class LinearCase:
         }  # fmt: skip
         return {**values, **changes}
 
-    def map(self, sub_steps):
-        """The Runge–Kutta map x → F x + G u as matrices: Taylor's exponential to order four, per sub-step."""
+    def map(self, stages, sub_steps):
+        """The Runge–Kutta map x → F x + G u as matrices: Taylor's exponential to order four or eight, per sub-step."""
         h, eye = self.period / sub_steps, np.eye(self.n)
-        z = h * self.a
-        one = eye + z @ (eye + z @ (eye / 2 + z @ (eye / 6 + z / 24)))
-        drive = h * (eye + z @ (eye / 2 + z @ (eye / 6 + z / 24))) @ self.b
-        f, g = eye, np.zeros_like(self.b)
+        one = drive = eye
+        for k in range(stages, 0, -1):
+            drive = one
+            one = eye + h / k * self.a @ one
+        f, g, drive = eye, np.zeros_like(self.b), h * drive @ self.b
         for _ in range(sub_steps):
             f, g = one @ f, one @ g + drive
         return f, g

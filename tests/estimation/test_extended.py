@@ -12,7 +12,7 @@ from flexhinf.robot import paper_arm
 def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale):
     case = kalman.case(n, m, p, seed=n, scale=scale)
     ekf = ExtendedKalmanFilter(**case.arguments())
-    f, g = case.map(ekf.sub_steps)
+    f, g = case.map(ekf.stages, ekf.sub_steps)
     mean, covariance = case.mean, case.p0
     for _ in range(60):
         y, u = scale * case.rng.normal(size=p), scale * case.rng.normal(size=m)

@@ -3,10 +3,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
+import flexhinf as fh
+from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.filter import covariance_matrix
-from flexhinf.plant import Estimator
+from flexhinf.plant import Estimator, Plant, eight_stages, rk4_stages
 from flexhinf.robot import paper_arm
 
 KINDS = [UnscentedKalmanFilter, ExtendedKalmanFilter]
@@ -59,10 +61,10 @@ def test_fast_modes_get_sub_steps(kalman):
     case = kalman.case(2, 1, 1, period=0.1)
     case.a = np.array([[-1.0, 30.0], [-30.0, -1.0]])
     ukf = UnscentedKalmanFilter(**case.arguments())
-    assert ukf.sub_steps == 13
+    assert (ukf.stages, ukf.sub_steps) == (8, 3)
     p = ukf.plant.parameters.named(ukf.plant.parameters.vector())
     moved = ukf.transition(np.array([1.0, 0.0]), np.zeros(1), p)
-    np.testing.assert_allclose(moved, expm(0.1 * case.a)[:, 0], atol=2e-4)
+    np.testing.assert_allclose(moved, expm(0.1 * case.a)[:, 0], atol=2e-5)
 
 
 def test_covariances_as_numbers_diagonals_and_matrices():
@@ -135,3 +137,47 @@ def test_a_plain_number_will_do_for_one_signal():
     estimator.correct(0.1)
     estimator.predict(2.0)
     assert 0.0 < estimator.mean[0] < 0.1
+
+
+# Steps of the model between samples ------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("sharp", "period", "steps"),
+    [(False, 0.02, (4, 2)), (False, 0.04, (8, 1)), (False, 0.2, (8, 4)), (True, 0.2, (4, 20))],
+)
+def test_eight_stages_where_they_evaluate_less_and_the_flow_is_smooth(sharp, period, steps):
+    def flow(x, u, d, p):
+        rubbing = np.tanh(x[1]) if sharp else 0.0 * x[1]
+        return np.array([x[1], u[0] - p.stiffness * x[0] - 0.1 * np.sin(x[0]) - 0.1 * rubbing])
+
+    plant = Plant(flow, lambda x, u, p: x[:1], ("q", "v"), ("force",), parameters={"stiffness": 600.0})
+    ukf = UnscentedKalmanFilter(plant, period, 1e-6, 1e-6, [0.0, 0.0], 1e-6)
+    assert (ukf.stages, ukf.sub_steps) == steps
+
+
+def one_period(plant, x, u, method, count, period=1e-3):
+    """States (n, N) after a period, in so many steps."""
+    given = (u, np.zeros(len(plant.disturbances)), plant.parameters.vector())
+    held = [np.tile(vector[:, None], x.shape[1]) for vector in given]
+    for _ in range(count):
+        x = method(DIRECT, lambda x: np.asarray(plant.traced_flow(x, *held)), x, period / count)
+    return x
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_one_step_of_eight_stages_is_as_right_as_five_classical_ones(speed):
+    """Of seven links with ringing springs, in any pose; the joints stand, or turn at 1 rad/s."""
+    robot, rng = fh.load_robot("seven-link"), np.random.default_rng(3)
+    plant = robot.plant()
+    x, u = robot.operating_point()[:2]
+    turned, moving, twisted = rng.normal(size=(3, 7, 12)) * np.array([1.0, speed, 1e-3])[:, None, None]
+    states = x[:, None] + np.vstack([turned, moving, turned + twisted, moving])
+    exact = one_period(plant, states, u, rk4_stages, 60)
+    eight, five, three = (
+        np.sqrt(np.mean((one_period(plant, states, u, *steps) - exact).reshape(4, -1) ** 2, axis=1))
+        for steps in ((eight_stages, 1), (rk4_stages, 5), (rk4_stages, 3))
+    )
+    print(eight, five, three)
+    # Positions and velocities, of links and of motors: the links' velocities alike, the rest better.
+    assert np.all(eight < np.array([0.3, 1.15, 0.3, 1.0]) * five), (eight, five)
+    assert np.all(eight < 0.2 * three)

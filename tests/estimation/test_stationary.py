@@ -27,7 +27,7 @@ def test_gain_is_that_of_the_riccati_solver(goal, q):
 @pytest.mark.parametrize(("n", "p"), [(1, 1), (3, 2), (6, 4)])
 def test_gain_is_that_of_python_control(kalman, n, p):
     case = kalman.case(n, 1, p, seed=n)
-    f, _ = case.map(1)
+    f, _ = case.map(4, 1)
     expected = control.dlqe(f, np.eye(n), case.c, case.q, case.r)[1]  # P of the prediction
     expected = expected @ case.c.T @ np.linalg.inv(case.c @ expected @ case.c.T + case.r)
     assert np.allclose(stationary_gain((f, case.c), case.q, case.r), expected, rtol=1e-9, atol=1e-12)

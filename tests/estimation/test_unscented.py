@@ -19,7 +19,7 @@ SIZES = [(1, 1, 1), (2, 1, 1), (4, 2, 2), (5, 1, 5), (7, 3, 2)]
 def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scaling):
     case = kalman.case(n, m, p, seed=10 * n + p, scale=scale)
     ukf = UnscentedKalmanFilter(**case.arguments(), **scaling)
-    f, g = case.map(ukf.sub_steps)
+    f, g = case.map(ukf.stages, ukf.sub_steps)
     mean, covariance = case.mean, case.p0
     for _ in range(60):
         y, u = scale * case.rng.normal(size=p), scale * case.rng.normal(size=m)
@@ -41,7 +41,7 @@ def test_states_of_different_scales_and_a_singular_process_noise(kalman):
     direction = units @ np.ones(4)
     case.q = np.outer(direction, direction)  # one direction only
     ukf = UnscentedKalmanFilter(**case.arguments())
-    f, g = case.map(ukf.sub_steps)
+    f, g = case.map(ukf.stages, ukf.sub_steps)
     mean, covariance = case.mean, case.p0
     for _ in range(60):
         y, u = case.rng.normal(size=2), case.rng.normal(size=1)
@@ -58,7 +58,7 @@ def test_exactly_known_states(kalman, known):
     case = kalman.case(4, 1, 2, seed=6)
     case.p0[known, :] = case.p0[:, known] = 0.0
     ukf = UnscentedKalmanFilter(**case.arguments())
-    f, g = case.map(ukf.sub_steps)
+    f, g = case.map(ukf.stages, ukf.sub_steps)
     mean, covariance = case.mean, case.p0
     for _ in range(20):
         y = case.rng.normal(size=2)

@@ -158,8 +158,8 @@ class DisturbanceRuns:
             priced = u @ self.problem.r2
             return h[:, 0] + (u * priced).sum(axis=1), by_x[:, 0], 2.0 * priced
 
-    def attained(self, d: np.ndarray) -> Attained:
-        """Of samples d (N, k), commands cut off at the joints' limits."""
+    def attained(self, d: np.ndarray, solution: HJISolution | None = None) -> Attained:
+        """Of samples d (N, k), commands cut off at the joints' limits; V is that of the law, or of a solution."""
         d = self.within(d)
         run, whole = self.run(d)
         x, u = self.deviations(run, d)
@@ -170,10 +170,9 @@ class DisturbanceRuns:
         outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
         begun = outer > BEGUN * outer[-1]
         ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
+        value = self.law if solution is None else solution
         largest = (
-            float(np.max(self.law.value_and_gradient(x)[0]))
-            if isinstance(self.law, HJISolution)
-            else float("nan")
+            float(np.max(value.value_and_gradient(x)[0])) if isinstance(value, HJISolution) else float("nan")
         )
         return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
 

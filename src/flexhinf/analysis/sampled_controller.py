@@ -32,7 +32,7 @@ def model_rows(filter: RecursiveFilter) -> Rows:
     def once(moving: Any, held: Any) -> Any:
         return np.concatenate([np.asarray(filter.sub_step(moving[:n], moving[n:], held)), moving[n:]])
 
-    key = ("model", filter.period, filter.sub_steps, filter.plant.code_key)
+    key = ("model", filter.period, filter.sub_steps, filter.stages, filter.plant.code_key)
     return Rows(key, lambda: trace(once, n + m, size, name="model"), repeated=True)
 
 

@@ -29,7 +29,7 @@ from flexhinf.hinf import HJISolution
 from flexhinf.loop import Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 
-__all__ = ["DisturbanceSearch", "gradient", "small_motions", "worst_disturbance"]
+__all__ = ["DisturbanceSearch", "ascend_inside", "gradient", "small_motions", "worst_disturbance"]
 
 #: Samples whose derivatives are held in memory at a time.
 CHUNK = 2048
@@ -215,9 +215,9 @@ class DisturbanceSearch:
         same = estimator is steady and search_period == period
         self.runs = self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon)
 
-    def attained(self, d: np.ndarray) -> Attained:
-        """Of samples (N, k) at the search's period, run by the loop itself."""
-        return self.runs.attained(self.on(self.runs.times, d))
+    def attained(self, d: np.ndarray, solution: HJISolution | None = None) -> Attained:
+        """Of samples (N, k) at the search's period, run by the loop itself, with V of the law or of a solution."""
+        return self.runs.attained(self.on(self.runs.times, d), solution)
 
     def on(self, times: np.ndarray, d: np.ndarray) -> np.ndarray:
         """Samples of the search, held, at other times."""
@@ -321,21 +321,41 @@ def worst_disturbance(
     if energy is not None:
         return max((_climbed(search, start, energy, turns) for start in first), key=lambda a: a.gain)
     assert level is not None
-    found = [_inside(search, start, level, turns) for start in first]
+    assert isinstance(law, HJISolution)
+    found = [ascend_inside(search, start, level, turns, law) for start in first]
     return max(found, key=lambda a: a.gain)
 
 
-def _climbed(search: DisturbanceSearch, start: np.ndarray, energy: float, turns: int) -> Attained:
+def _climbed(
+    search: DisturbanceSearch,
+    start: np.ndarray,
+    energy: float,
+    turns: int,
+    solution: HJISolution | None = None,
+) -> Attained:
     d = search.ascend(start, energy, turns)
-    return search.attained(search.scaled(start, energy) if d is None else d)
+    return search.attained(search.scaled(start, energy) if d is None else d, solution)
 
 
-def _inside(search: DisturbanceSearch, start: np.ndarray, level: float, turns: int) -> Attained:
-    """The best of all energies tried with which V stayed below the level; the smallest energy if there is none."""
-    gamma = search.runs.law.gamma  # type: ignore[attr-defined]
-    energy, best, grows = 2.0 * level / gamma**2, None, None
+def ascend_inside(
+    search: DisturbanceSearch, start: np.ndarray, level: float, turns: int, solution: HJISolution
+) -> Attained:
+    """The best of all energies tried with which V of a solution stayed below the level; the smallest energy if there
+    is none.
+
+    Parameters
+    ----------
+    search : DisturbanceSearch
+    start : (N, k) array
+        At the search's period, of any size.
+    level : float
+    turns : int
+    solution : HJISolution
+        Whose V, and γ for the first energy.
+    """
+    energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
-        found = _climbed(search, start, energy, turns)
+        found = _climbed(search, start, energy, turns, solution)
         inside = found.largest_value <= level
         if inside and (best is None or found.gain > best.gain):
             best = found

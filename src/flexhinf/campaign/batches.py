@@ -13,15 +13,17 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
+from flexhinf.campaign.fingerprint import DIGITS, fingerprint, is_ours, number_hash, option_text
 from flexhinf.campaign.metrics import chosen_metrics
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Ensemble, Loop, Trajectory, run_many
-from flexhinf.loop.simulation.run_arguments import sample_count
+from flexhinf.loop import Ensemble, Loop, Trajectory
+from flexhinf.loop.simulation.run_arguments import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
 __all__ = [
-    "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "check_counts", "checked_integer",
+    "ALONE", "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "check_counts",
+    "checked_integer",
 ]  # fmt: skip
 
 #: Values of a row's status.
@@ -40,11 +42,17 @@ INSTANTS, TRACED = 200, 10_000
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
 
-#: What a sample may have of its own in the lanes of an ensemble, besides parameters and noise.
+#: The kind of columns that say of a part what another one says of the whole.
+PART = "part metric"
+
+#: The way of samples that run one by one.
+ALONE = "alone"
+
+#: What a sample may have of its own in the lanes of an ensemble, besides parameters, noise and loads.
 _LANED = frozenset({"initial_state", "initial_input"})
 
-#: Samples of the run that tells loops apart, and digits that count.
-PROBE, DIGITS = 100, 6
+#: Samples of the run that tells loops apart.
+PROBE = 100
 
 
 @dataclass(frozen=True)
@@ -54,13 +62,18 @@ class Column:
     Attributes
     ----------
     name : str
-    kind : {"own", "parameter", "metric", "trace"}
+    kind : {"own", "parameter", "metric", "part metric", "trace"}
     unit : str
     """
 
     name: str
     kind: str
     unit: str = ""
+
+    @property
+    def judged(self) -> bool:
+        """Whether it is a metric, of the whole or of a part."""
+        return self.kind in ("metric", PART)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +184,11 @@ class Campaign:
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
             *(Column(name, "parameter", units.get(name, "")) for name in first.row()),
-            *(Column(name, "metric", unit) for one in self.metrics for name, unit in one.units.items()),
+            *(
+                Column(name, PART if name in one.parts else "metric", unit)
+                for one in self.metrics
+                for name, unit in one.units.items()
+            ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
 
@@ -226,45 +243,111 @@ class Campaign:
 
     def run_of(self, index: int, drawn: Sample) -> Trajectory:
         """The run of a plant in its circumstances, with the noise of sample `index`."""
-        return self.loop_of(drawn).run(**self._arguments(index, drawn))
+        return next(self.trajectories([index], [drawn]))
 
     def trajectories(self, indices: Sequence[int], drawn: Sequence[Sample]) -> Iterator[Trajectory]:
-        """The runs of samples, in their order."""
-        if not isinstance(self.loop.true_plant, Plant):
-            yield from map(self.run_of, indices, drawn)
-            return
-        yield from run_many(self.prepared(index, one) for index, one in zip(indices, drawn))
+        """The runs of samples, in their order, with all their signals."""
+        groups: dict[str, list[int]] = {}
+        for place, one in enumerate(drawn):
+            groups.setdefault(self._way(one), []).append(place)
+        alone = groups.pop(ALONE, [])
+        runs: dict[str, Iterator[Trajectory]] = {
+            ALONE: (self.loop_of(drawn[k]).run(**self._arguments(indices[k], drawn[k])) for k in alone)
+        }
+        for way, places in groups.items():
+            given = self.plants([indices[k] for k in places], [drawn[k] for k in places])
+            runs[way] = self._recorder.trajectories(**given)
+        for one in drawn:
+            yield next(runs[self._way(one)])
+
+    def plants(self, indices: Sequence[int], drawn: Sequence[Sample]) -> dict[str, Any]:
+        """What `Ensemble.run` is given for samples of one way: their plants, seeds, starts and loads."""
+        states, controller = self.loop.true_plant.states, self.loop.controller
+        options = [{**self.options, **one.options} for one in drawn]
+        inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
+        channels = self.loop.true_plant.disturbances
+        for unknown in {name for one in drawn for name in one.loads} - set(channels):
+            raise InvalidInput(
+                f"There is no disturbance {unknown!r} that a load could be a factor of.",
+                f"expected names out of {list(channels)}",
+                "one of these names",
+            )
+        loads = [[one.loads.get(name, 1.0) for name in channels] for one in drawn]
+        loaded = self.options.get("disturbance") is not None or any(one.loads for one in drawn)
+        return {
+            "parameters": [one.parameters for one in drawn],
+            "seeds": [sample_seed(self.seed, index) for index in indices],
+            "initial_states": np.array(
+                [starting_state(each.get("initial_state"), states, controller) for each in options]
+            ),
+            "initial_inputs": np.array(inputs) if inputs else None,
+            "loads": np.array(loads) if loaded else None,
+        }
+
+    def _way(self, drawn: Sample) -> str:
+        """How a sample is run: alone, or beside others that all begin from an input of their own, or all do not."""
+        plain = (
+            isinstance(self.loop.true_plant, Plant) and drawn.plant is None and set(drawn.options) <= _LANED
+        )
+        return ("begun" if "initial_input" in drawn.options else "lanes") if plain else ALONE
+
+    def ways(self, drawn: Sequence[Sample]) -> dict[str, list[int]]:
+        """Places of the samples by the way they are run; `ALONE` are those of which signals are needed."""
+        found: dict[str, list[int]] = {}
+        for place, one in enumerate(drawn):
+            if not one.failure:
+                found.setdefault(ALONE if self.ensemble is None else self._way(one), []).append(place)
+        return found
 
     def laned(self, drawn: Sample) -> bool:
-        """Whether a sample runs in the lanes of an ensemble: it has no plant, command or disturbance of its own."""
-        return self.ensemble is not None and drawn.plant is None and set(drawn.options) <= _LANED
+        """Whether only numbers are kept of a sample: it has no plant, command or disturbance of its own."""
+        return ALONE not in self.ways([drawn])
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
         """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
         if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
             return None
+        reductions = [reduction for one in self.metrics for reduction in one.reductions]
+        return self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+
+    @cached_property
+    def _recorder(self) -> Ensemble:
+        """The same runs, of which trajectories are asked for."""
+        return self._ensemble()
+
+    def _ensemble(self, **wanted: Any) -> Ensemble:
         loop = Loop(self.loop.true_plant, self.loop.controller, self.loop.sub_steps)
         loop.channel = self.loop.channel
-        reductions = [reduction for one in self.metrics for reduction in one.reductions]
-        kept, instants = self.signals or (), self.instants
-        return loop.ensemble(**self.options, reductions=reductions, kept=kept, instants=instants)
+        return loop.ensemble(**self.options, **wanted)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without compiled code."""
-        return {name: value for name, value in vars(self).items() if name != "ensemble"}
+        return {name: value for name, value in vars(self).items() if name not in ("ensemble", "_recorder")}
 
     # What it is -------------------------------------------------------------------------------------------
     @cached_property
     def settings(self) -> dict[str, str]:
         """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
-        options = {name: _option_text(value) for name, value in sorted(self.options.items())}
+        options = {name: option_text(value) for name, value in sorted(self.options.items())}
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **dict(self.about), **dict(self.draw.settings), **options,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units),
+            **dict(self.about), **dict(self.draw.settings), **options, "first sample": self._first_numbers,
+            "metrics": ", ".join(name for one in self.metrics for name in one.units), **self._own_metrics,
             "signals": ", ".join(self.signals or ()), **self._probe,
         }  # fmt: skip
+
+    @property
+    def _first_numbers(self) -> str:
+        """Of the first sample: what tells draws apart whose code is the same, as those of two robots."""
+        (first,) = self.draw.samples([0], self.samples, self.seed)
+        return ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in first.row().items())
+
+    @property
+    def _own_metrics(self) -> dict[str, str]:
+        """What tells the code of a user's metrics from another's."""
+        own = [one for one in self.metrics if not is_ours(one.function)]
+        return {f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own}
 
     @cached_property
     def digest(self) -> str:
@@ -277,10 +360,10 @@ class Campaign:
         loop, controller = self.loop, self.loop.controller
         found = {
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": _hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
+            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
         }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
-            found["plant"] = _hash(loop.true_plant.parameters.vector())
+            found["plant"] = number_hash(loop.true_plant.parameters.vector())
         duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
         options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
         run = self.loop_of(Sample()).run(**options)
@@ -307,19 +390,3 @@ def checked_integer(name: str, value: Any, least: int, most: int, example: str) 
             f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
             f"{name}={example}",
         )
-
-
-def _hash(numbers: np.ndarray) -> str:
-    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
-    text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _option_text(value: Any) -> str:
-    """An option of a run; of a signal its name."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {_option_text(part)}" for name, part in value.items())
-    if isinstance(value, np.ndarray):
-        return ", ".join(repr(one) for one in value.ravel().tolist())
-    text = str(getattr(value, "name", None) or getattr(value, "__qualname__", None) or repr(value))
-    return type(value).__qualname__ if " at 0x" in text else text

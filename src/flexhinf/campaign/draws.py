@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.campaign.fingerprint import fingerprint, is_ours
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
@@ -141,6 +142,8 @@ class Sample:
         What the sample's row says; by default the parameters, arrays element by element.
     plant : Plant or BlackBox, optional
         A true plant of its own, for plants without parameters.
+    loads : mapping of str to float
+        Factors of the campaign's disturbance, by channel; 1 where none is named.
     failure : str
         Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run.
     """
@@ -149,6 +152,7 @@ class Sample:
     options: Mapping[str, Any] = field(default_factory=dict)
     numbers: Mapping[str, float] | None = None
     plant: Plant | BlackBox | None = None
+    loads: Mapping[str, float] = field(default_factory=dict)
     failure: str = ""
 
     def row(self) -> dict[str, float]:
@@ -207,9 +211,8 @@ class FunctionDraw(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The name of the function."""
-        name = getattr(self.function, "__qualname__", type(self.function).__name__)
-        return {"draw": f"{getattr(self.function, '__module__', '')}.{name}"}
+        """The name of the function, and what tells its code from another's."""
+        return {"draw": fingerprint(self.function)}
 
 
 def _drawn(value: Any) -> Sample:
@@ -281,8 +284,9 @@ class Tolerances(Draw):
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """The method, and every variable."""
-        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}}
+        """The method, every variable, and what tells the code of a user's `build` from another's."""
+        own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
+        return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:

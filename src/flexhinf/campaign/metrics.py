@@ -34,12 +34,16 @@ class Metrics:
         run are stored, and runs are made one by one or a few at a time.
     reductions : sequence of Reduction, optional
         That `reduced` needs beside those of `Loop.ensemble`.
+    parts : sequence of str
+        Names among `units` that say of a part what another one says of the whole, as the overshoot of one joint. They
+        are judged like others, and reports show them apart.
     """
 
     units: Mapping[str, str]
     function: Callable[[Trajectory], Any]
     reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
     reductions: Sequence[Reduction] = ()
+    parts: Sequence[str] = ()
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
         """The numbers of one run, NaN where it has none.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import COMPLETED, NOT_RUN, Column
+from flexhinf.campaign.batches import COMPLETED, NOT_RUN, PART, Column
 from flexhinf.campaign.metrics import Requirement
 from flexhinf.campaign.results import MergedTable, main_metric, violations
 from flexhinf.campaign.statistics import Interval, success_interval
@@ -24,10 +24,13 @@ from flexhinf.untrusted import value_text
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CONFIDENCE", "McNemar", "PairedCampaigns", "PairedMetric", "compare"]
+__all__ = ["CONFIDENCE", "SAME", "McNemar", "PairedCampaigns", "PairedMetric", "compare"]
 
 #: Of every interval, each by itself.
 CONFIDENCE = 0.95
+
+#: Values that agree to this fraction are equal: a difference of rounding would be significant, and say nothing.
+SAME = 1e-6
 
 #: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
 #: without an integral takes no reference, its goal is its operating point.
@@ -79,9 +82,12 @@ class PairedMetric:
 
     @cached_property
     def differences(self) -> np.ndarray:
-        """b − a of the pairs; infinite where one of them has no finite value."""
+        """b − a of the pairs; infinite where one of them has no finite value, 0 where they agree to `SAME`."""
         a, b = self.a[self.pairs], self.b[self.pairs]
-        equal = a == b
+        finite = np.isfinite(a) & np.isfinite(b)
+        size = np.maximum(np.abs(a), np.abs(b))
+        apart = np.abs(np.subtract(b, a, where=finite, out=np.zeros(len(a))))
+        equal = np.where(finite, apart <= SAME * np.where(finite, size, 0.0), a == b)
         return np.subtract(b, a, where=~equal, out=np.zeros(len(a)))
 
     @property
@@ -232,9 +238,17 @@ class PairedCampaigns:
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        """Names of the metrics that both campaigns have."""
-        there = set(self.b.named("metric"))
-        return tuple(name for name in self.a.named("metric") if name in there)
+        """Names of the metrics that both campaigns have, those of parts excepted."""
+        return self._both("metric")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the metrics of parts, as of single joints, that both have."""
+        return self._both(PART)
+
+    def _both(self, kind: str) -> tuple[str, ...]:
+        there = set(self.b.named(kind))
+        return tuple(name for name in self.a.named(kind) if name in there)
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both.
@@ -244,7 +258,7 @@ class PairedCampaigns:
         InvalidInput
             If not both campaigns have it.
         """
-        if name not in self.metrics:
+        if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",
                 f"expected one of {', '.join(self.metrics) or 'none'}",
@@ -303,7 +317,8 @@ def compare(
     sides = _Side.of(a), _Side.of(b)
     _check_pairs(*sides)
     paired = PairedCampaigns(*sides)
-    checked = tuple(Requirement.of(text, paired.metrics) for text in requirements)
+    known = (*paired.metrics, *paired.parts)
+    checked = tuple(Requirement.of(text, known) for text in requirements)
     return PairedCampaigns(*sides, checked)
 
 

@@ -14,8 +14,8 @@ from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign
 from flexhinf.campaign.journal import TABLE, Journal
 from flexhinf.campaign.metrics import Requirement
 from flexhinf.campaign.samples import run_samples
-from flexhinf.campaign.statistics import Interval, Sensitivity, sensitivity, success_interval
-from flexhinf.campaign.storage import labelled, numpy_column, read_columns
+from flexhinf.campaign.statistics import MOST_ROWS, Interval, Sensitivity, sensitivity, success_interval
+from flexhinf.campaign.storage import StoredColumns, labelled, numpy_column, read_columns
 from flexhinf.loop import Trajectory
 
 if TYPE_CHECKING:
@@ -43,10 +43,9 @@ class MergedTable:
     shards: Mapping[int, Path]
 
     @cached_property
-    def columns(self) -> dict[str, np.ndarray]:
-        """By name, (N,); NaN where a row has no number."""
-        table = read_columns(self.journal.folder / TABLE)
-        return {name: numpy_column(table.column(name)) for name in table.column_names}
+    def columns(self) -> StoredColumns:
+        """By name, (N,); NaN where a row has no number. Each is read from the table when it is asked for."""
+        return StoredColumns(self.journal.folder / TABLE)
 
     def names(self, kind: str) -> tuple[str, ...]:
         """Names of the columns of a kind."""
@@ -160,6 +159,11 @@ class CampaignJudgement:
             return None
         return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
 
+    @property
+    def worst_of_all(self) -> int | None:
+        """The worst sample of the main metric; None without any."""
+        return self.worst(self.main) if self.main else None
+
     def quantiles(self, metric: str) -> np.ndarray:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)
@@ -172,8 +176,12 @@ class CampaignJudgement:
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
         """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
-        names = self.table.names("parameter")
-        return sensitivity(names, np.column_stack([self.column(name) for name in names]), self.column(metric))
+        names, values = self.table.names("parameter"), self.column(metric)
+        rows = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
+        numbers = [self.column(name)[rows] for name in names]
+        return sensitivity(
+            names, np.column_stack(numbers) if numbers else np.empty((len(rows), 0)), values[rows]
+        )
 
     def numbers(self, sample: int) -> dict[str, float]:
         """What is special about a sample, by name."""

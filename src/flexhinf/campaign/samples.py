@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.campaign.batches import (
+    ALONE,
     COMPLETED,
     DIVERGED,
     NOT_RUN,
@@ -20,7 +21,6 @@ from flexhinf.campaign.batches import (
 from flexhinf.campaign.draws import Sample, sample_seed
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import EnsembleResult, Trajectory
-from flexhinf.loop.simulation.run_arguments import starting_state
 
 __all__ = ["Rows", "rows_of", "run_batch", "run_samples"]
 
@@ -76,16 +76,13 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
     table = _Table(campaign, indices)
     for place, (index, one) in enumerate(zip(indices, drawn)):
         table.describe(place, index, one)
-    run = [place for place, one in enumerate(drawn) if not one.failure]
-    laned = [place for place in run if campaign.laned(drawn[place])]
-    begun = [place for place in laned if "initial_input" in drawn[place].options]
-    alone = [place for place in run if not campaign.laned(drawn[place])]
-    place = 0
+    ways = campaign.ways(drawn)
+    alone, place = ways.pop(ALONE, []), 0
     try:
-        for some in (begun, [place for place in laned if place not in set(begun)]):
-            if some:
-                found = _in_lanes(campaign, [indices[k] for k in some], [drawn[k] for k in some])
-                table.fill(np.array(some), found)
+        for some in ways.values():
+            assert campaign.ensemble is not None
+            given = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
+            table.fill(np.array(some), campaign.ensemble.run(**given))
         runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
         for place in alone:
             table.judge(place, next(runs))
@@ -96,25 +93,6 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
             "a draw and metrics that fit every sample",
         ) from error
     return Rows(table.columns)
-
-
-def _in_lanes(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> EnsembleResult:
-    """Numbers of samples that run side by side; a run does not depend on the others, nor on how many there are.
-
-    Either all of them have an initial input of their own, or none has.
-    """
-    ensemble = campaign.ensemble
-    assert ensemble is not None
-    states, controller = ensemble.plant.states, campaign.loop.controller
-    options = [{**campaign.options, **one.options} for one in drawn]
-    starts = [starting_state(each.get("initial_state"), states, controller) for each in options]
-    inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
-    return ensemble.run(
-        [one.parameters for one in drawn],
-        [sample_seed(campaign.seed, index) for index in indices],
-        np.array(starts),
-        initial_inputs=np.array(inputs) if inputs else None,
-    )
 
 
 class _Table:

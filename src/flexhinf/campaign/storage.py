@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "FORMAT", "check_installed", "disk_refusals", "labelled", "numpy_column", "parquet_bytes", "publish_whole",
-    "read_columns", "write_whole",
+    "FORMAT", "StoredColumns", "check_installed", "disk_refusals", "labelled", "numpy_column", "parquet_bytes",
+    "publish_whole", "read_columns", "write_whole",
 ]  # fmt: skip
+
+#: Columns of a file that are held in memory at once: what one figure or table compares.
+HELD = 6
 
 FORMAT: dict[str, Any] = {
     "compression": "zstd",
@@ -88,6 +91,41 @@ def _arrow(column: Column, values: np.ndarray) -> pa.Array:
     return pa.array(values)
 
 
+class StoredColumns(Mapping[str, np.ndarray]):
+    """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory.
+
+    Parameters
+    ----------
+    path : path
+    """
+
+    def __init__(self, path: Any) -> None:
+        import pyarrow.parquet as pq
+
+        self.path, self.names = path, tuple(pq.read_schema(path).names)
+        self._held: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column; do not write into it."""
+        if name not in self.names:
+            raise KeyError(name)
+        found = self._held.pop(name, None)
+        if found is None:
+            found = numpy_column(read_columns(self.path, [name]).column(name))
+        self._held[name] = found  # the last one is the youngest
+        while len(self._held) > HELD:
+            del self._held[next(iter(self._held))]
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        """Names."""
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.names)
+
+
 def numpy_column(column: Any) -> np.ndarray:
     """A column (N,), or (N, T) of lists; NaN for what is missing."""
     import pyarrow as pa
@@ -95,8 +133,10 @@ def numpy_column(column: Any) -> np.ndarray:
     whole = column.combine_chunks()
     if pa.types.is_fixed_size_list(whole.type):
         return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
-    if pa.types.is_string(whole.type) or pa.types.is_dictionary(whole.type):
-        return np.array(whole.to_pylist(), dtype=object)
+    if pa.types.is_string(whole.type):
+        coded = whole.dictionary_encode()  # a table has few texts: one object for each
+        texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+        return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
     return np.array(whole.to_numpy(zero_copy_only=False))
 
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.box_search import climb, corners
 from flexhinf.campaign.batches import COMPLETED, Campaign, checked_integer
-from flexhinf.campaign.box_search import climb, corners
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.metrics import known_metric
 from flexhinf.campaign.samples import rows_of, run_batch
@@ -181,7 +181,7 @@ def worst_case(
         For a draw without intervals, an unknown metric, or one that no sample has.
     """
     box = _box(campaign)
-    known_metric(metric, campaign.named("metric"))
+    known_metric(metric, [column.name for column in campaign.columns if column.judged])
     check_starts(starts)
     seed = campaign.seed if seed is None else seed
     checked_integer("seed", seed, 0, 2**63 - 1, "0")

@@ -80,7 +80,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             raise ValueError("it is of another campaign")
         return found
     except FileNotFoundError:
-        known = [path.stem for path in sorted((journal.folder / FOLDER).glob("*.json"))]
+        known = [case.metric for case in stored_worsts(journal)]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
@@ -98,7 +98,7 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Everything that was found and can be read, in the order of the metrics."""
     found = []
     for column in journal.columns:
-        if column.kind == "metric" and _path(journal, column.name).exists():
+        if column.judged and _path(journal, column.name).exists():
             try:
                 found.append(stored_worst(journal, column.name))
             except InvalidInput:
@@ -107,7 +107,7 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
 
 
 def _path(journal: Journal, metric: str) -> Path:
-    known_metric(metric, [column.name for column in journal.columns if column.kind == "metric"])
+    known_metric(metric, [column.name for column in journal.columns if column.judged])
     return journal.folder / FOLDER / f"{metric}.json"
 
 

@@ -16,9 +16,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
-from flexhinf.certify.checker.march import Refusal
 from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.starts import check_start
+from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Start
 from flexhinf.errors import InvalidInput
@@ -37,7 +37,7 @@ class Certificate(Summarised, Claim):
     """On the component of {V ≤ level} around 0 the dissipation inequality holds; see `Claim` for the attributes."""
 
     def check(
-        self, *, threads: int = 2, sample: int = 10, tick: Callable[[int], None] = lambda cells: None
+        self, *, threads: int = 2, sample: int | None = 10, tick: Callable[[int], None] = lambda cells: None
     ) -> Verification:
         """Prove it again from its data alone; see `flexhinf.certify.checker`.
 
@@ -45,7 +45,8 @@ class Certificate(Summarised, Claim):
         ----------
         threads : int
         sample : int
-            Cells per face that are proved a second time, in rationals and balls.
+            Cells per face that are proved a second time, in rationals and balls; None: every cell, which takes a
+            minute of CPU for degree 2 and hours for degree 6.
         tick : callable
             Gets the number of cells that were just looked at.
         """

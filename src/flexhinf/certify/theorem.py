@@ -189,11 +189,14 @@ def verification_text(found: Verification) -> str:
     """How the checker ended, in a few lines."""
     if not found.proved:
         return f"NOT PROVED: {found.reason}"
+    again = f"{found.resampled:,} cells, drawn at random, were"
+    if found.every_cell:
+        again = f"Every one of them, and every cell at which the level set ended ({found.resampled:,} in all), was"
     return (
         f"PROVED again from the certificate's data alone: {found.cells:,} cells on {found.faces} faces, "
         f"{found.accepted:,} accepted, {found.with_level:,} of them by V <= c; rounding is allowed "
         f"{found.rounding:.1e} in r/rho^2.\n"
-        f"{found.resampled} cells, drawn at random, were proved a second time in rationals and balls; "
+        f"{again} proved a second time in rationals and balls; "
         f"{found.starts:,} intervals of starts in balls. {found.cpu_s:.0f} s of CPU."
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -140,7 +141,8 @@ def run(
     metric: Annotated[
         list[str],
         typer.Option(
-            help="What --worst-case makes as large as it can; again for more. Default: all that a requirement limits.",
+            help="What --worst-case makes as large as it can, `gain` for the worst disturbance; again for more. "
+            "Default: all that a requirement limits, and gain.",
             show_default=False,
         ),
     ] = [],  # noqa: B006
@@ -159,6 +161,7 @@ def run(
     """
     from flexhinf.campaign import Requirement, Shard, drive
     from flexhinf.design import CampaignOptions, DesignCampaign, open_campaign
+    from flexhinf.design.campaign_gain import searches_gain
 
     part = Shard.read(shard) if shard else Shard()
     options = CampaignOptions(
@@ -169,7 +172,8 @@ def run(
     asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
     executor = chosen_executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
-    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked)
+    gain = worst_case and searches_gain(asked)
+    wanted = WorstSearch.of(worst_case, metric, starts, list(asked.metrics.units), checked, gain)
     with design_stages() as stage:
         campaign, journal = open_campaign(asked, out, _words(context), stage)
     try:
@@ -189,7 +193,7 @@ def run(
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return
     if wanted is not None:
-        search(campaign, table, wanted, design_stages)
+        search(campaign, asked, table, wanted, design_stages)
     _finish(table, checked)
 
 
@@ -310,7 +314,7 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
     """Of the option, or those that the campaign was made with."""
     from flexhinf.campaign import Requirement
 
-    metrics = [column.name for column in journal.columns if column.kind == "metric"]
+    metrics = [column.name for column in journal.columns if column.judged]
     return [Requirement.of(text, metrics) for text in given or journal.about.get("requirements", [])]
 
 
@@ -330,6 +334,9 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
     kept = say_worst(table, requirements)
     typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
     typer.echo(f"report: {table.journal.folder / 'index.html'}")
+    if judged.worst_of_all is not None:
+        folder = shlex.quote(str(table.journal.folder))
+        typer.echo(f"replay: flexhinf campaign replay {folder} --sample {judged.worst_of_all}")
     if judged.failures or not kept:
         raise typer.Exit(NOT_MET)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,8 +16,12 @@ from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
     from flexhinf.campaign import Campaign, MergedTable, Requirement
+    from flexhinf.design import DesignCampaign
 
 __all__ = ["WorstSearch", "replay_worst", "say_worst", "search"]
+
+#: What --metric calls the worst disturbance: √(∫|z|²/∫|d|²).
+GAIN = "gain"
 
 Stages = Callable[[], AbstractContextManager[Callable[[str], None]]]
 
@@ -30,10 +35,13 @@ class WorstSearch:
     metrics : tuple of (str, bool)
         Each metric, and whether small values are the bad ones.
     starts : int
+    gain : bool
+        Whether the worst disturbance is searched for too.
     """
 
     metrics: tuple[tuple[str, bool], ...]
     starts: int
+    gain: bool
 
     @staticmethod
     def of(
@@ -42,8 +50,9 @@ class WorstSearch:
         starts: int,
         known: Sequence[str],
         requirements: Sequence[Requirement],
+        gain: bool,
     ) -> WorstSearch | None:
-        """None where nothing is asked for.
+        """None where nothing is asked for; `gain`: the disturbance is searched for where no metric is named.
 
         Raises
         ------
@@ -61,18 +70,19 @@ class WorstSearch:
                 )
             return None
         check_starts(starts)
-        names = tuple(
-            dict.fromkeys(
-                [known_metric(one, known) for one in metrics] or [one.metric for one in requirements]
-            )
-        )
+        chosen = [known_metric(one, [*known, GAIN]) for one in metrics]
+        chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
         least = {one.metric for one in requirements if not one.at_most}
-        return WorstSearch(tuple((name, name in least) for name in names), starts)
+        names = dict.fromkeys(name for name in chosen if name != GAIN)
+        return WorstSearch(tuple((name, name in least) for name in names), starts, GAIN in chosen)
 
 
-def search(campaign: Campaign, table: MergedTable, wanted: WorstSearch, stages: Stages) -> None:
-    """The worst plant for each metric; what is in the folder already is not searched again."""
+def search(
+    campaign: Campaign, asked: DesignCampaign, table: MergedTable, wanted: WorstSearch, stages: Stages
+) -> None:
+    """The worst plant for each metric, and the worst disturbance; what is in the folder is not searched again."""
     from flexhinf.campaign import search_worst
+    from flexhinf.design.campaign_gain import search_gain
     from flexhinf.design.report import metric_text
 
     nominal = table.journal.about.get("nominal", {})
@@ -86,18 +96,29 @@ def search(campaign: Campaign, table: MergedTable, wanted: WorstSearch, stages: 
                 campaign, table.journal, metric, table.columns,
                 least=least, starts=wanted.starts, nominal=nominal, progress=progress,
             )  # fmt: skip
+        if wanted.gain:
+            search_gain(asked, table.journal, stage)
 
 
 def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
     """A line for each metric that was searched, with the command that runs it again; whether all keep their limits."""
     from flexhinf.campaign import stored_worsts
-    from flexhinf.design.report import missed_by, worst_text
+    from flexhinf.design.campaign_gain import stored_gains
+    from flexhinf.design.report import gain_text, missed_by, worst_text
 
     missed = False
     for case in stored_worsts(table.journal):
         typer.echo(worst_text(case))
-        typer.echo(f"replay: flexhinf campaign replay {table.journal.folder} --worst-case {case.metric}")
+        folder = shlex.quote(str(table.journal.folder))
+        typer.echo(f"replay: flexhinf campaign replay {folder} --worst-case {case.metric}")
         missed |= bool(missed_by(case, requirements))
+    found = stored_gains(table.journal)
+    for row in found.rows:
+        typer.echo(gain_text(row, table.journal.about.get("nominal", {})))
+    if found.unproved:
+        note(f"no γ is proved of this law: {found.unproved}")
+    if found.rows:
+        typer.echo(f"replay: flexhinf campaign replay {table.journal.folder} --worst-case {GAIN}")
     return not missed
 
 
@@ -107,6 +128,14 @@ def replay_worst(folder: Path, metric: str, out: Path | None) -> Any:
     from flexhinf.design import stored_campaign
     from flexhinf.design.report import worst_table
 
+    if metric == GAIN:
+        if out is not None:
+            raise InvalidInput(
+                "The worst disturbances are several runs.",
+                "got --out",
+                "disturbance.json in the campaign's folder",
+            )
+        return _replay_gain(folder)
     campaign, journal = stored_campaign(folder)
     case = stored_worst(journal, metric)
     if out is not None:
@@ -115,3 +144,22 @@ def replay_worst(folder: Path, metric: str, out: Path | None) -> Any:
     if again != case.found:
         note("the numbers differ in their last bits: another kind of processor, or other versions, searched")
     return worst_table(case, again)
+
+
+def _replay_gain(folder: Path) -> Any:
+    """The worst disturbances, run again."""
+    from flexhinf.design import stored_campaign
+    from flexhinf.design.campaign_folder import stored_request
+    from flexhinf.design.campaign_gain import GainSearch, stored_gains
+    from flexhinf.design.report import gain_replay_table
+
+    _, journal = stored_campaign(folder)
+    rows = stored_gains(journal).rows
+    if not rows:
+        raise InvalidInput(
+            "The worst disturbance was not searched in this campaign.",
+            f"expected worst-case/disturbance.json, whole, in {folder}",
+            f"the campaign's command with --worst-case --metric {GAIN}",
+        )
+    made = GainSearch.of(stored_request(journal), float(journal.settings["duration"]), lambda text: None)
+    return gain_replay_table(rows, [made.again(row) for row in rows])

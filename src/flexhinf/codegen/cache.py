@@ -3,13 +3,14 @@
 The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder; a user
 without a home has none. A file is named by its key in hexadecimal digits and holds a magic line, the key, the SHA-256
 of the object code, and the object code. It is used only if it is a regular file of the user, all three agree, and the
-code can be loaded; it is written under another name and then renamed, so that no reader sees half of it. Whatever
-else lies in the folder is not ours and stays.
+code can be loaded; it is written under another name and then renamed, so that no reader sees half of it. A file that is
+not used is told through `logging`, and replaced. Whatever else lies in the folder is not ours and stays.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import re
 import stat
@@ -21,6 +22,8 @@ from typing import Any
 from flexhinf.files import part_file
 
 __all__ = ["cached", "folder"]
+
+_LOGGER = logging.getLogger("flexhinf.codegen")
 
 _MAGIC = b"flexhinf object code 1\n"
 _DIGEST = 32
@@ -47,11 +50,13 @@ def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[by
     """
     key, directory = _key(parts), folder()
     path = None if directory is None else directory / f"{key.hex()}.o"
-    if path is not None and (image := _read(path, key)) is not None:
+    if path is not None:
         try:
-            return load(image)
-        except Exception:  # whatever is wrong with the file, what is made anew is right, or tells
-            image = None
+            if (image := _read(path, key)) is not None:
+                return load(image)
+        except Exception as reason:  # whatever is wrong with the file, what is made anew is right, or tells
+            wrong = " ".join(str(reason).split())[:100]
+            _LOGGER.warning("the compiled code %s is not used (%s); it is compiled anew.", path, wrong)
     image = make()
     code = load(image)
     if path is not None:
@@ -84,18 +89,27 @@ def _key(parts: tuple[str, ...]) -> bytes:
 
 
 def _read(path: Path, key: bytes) -> bytes | None:
+    """The code in a file; None where there is no file.
+
+    Raises
+    ------
+    OSError, ValueError
+        What is wrong with it.
+    """
     try:
         with open(path, "rb", opener=_without_waiting) as file:
             info = os.fstat(file.fileno())
-            if not _is_ours(info) or info.st_size > _LARGEST:
-                return None
+            if not _is_ours(info):
+                raise ValueError("it is no file of this user alone")
+            if info.st_size > _LARGEST:
+                raise ValueError("it is too large")
             content = file.read()
-    except OSError:
+    except FileNotFoundError:
         return None
     head = _MAGIC + key
     image = content[len(head) + _DIGEST :]
     if not image or content[: len(head) + _DIGEST] != head + hashlib.sha256(image).digest():
-        return None
+        raise ValueError("it is damaged")
     return image
 
 

@@ -24,7 +24,7 @@ from flexhinf.loop import Controller, load_controller
 from flexhinf.report import unchanged
 from flexhinf.untrusted import checked_path, read_toml
 
-__all__ = ["open_campaign", "open_pair", "stored_campaign"]
+__all__ = ["open_campaign", "open_pair", "stored_campaign", "stored_request"]
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, DESIGN_FILE, CONTROLLER = "setup", "design.toml", "controller"
@@ -151,12 +151,17 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
             f"expected a folder that `flexhinf campaign` wrote, got {folder}",
             "its --out; a campaign from Python replays with Campaign(...).replay(sample)",
         )
+    asked = stored_request(journal)
+    journal.refuse_other(asked.stated, partly=True)
+    return reopened(asked, journal), journal
+
+
+def stored_request(journal: Journal) -> DesignCampaign:
+    """The design and the campaign of a folder."""
     known = CampaignOptions.__dataclass_fields__
     stored = {name: value for name, value in journal.about["options"].items() if name in known}
     stored["tolerances"] = tuple((name, spread) for name, spread in stored["tolerances"])
-    asked = DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), CampaignOptions(**stored))
-    journal.refuse_other(asked.stated, partly=True)
-    return reopened(asked, journal), journal
+    return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), CampaignOptions(**stored))
 
 
 # Two campaigns on the same samples --------------------------------------------------------------------------

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from flexhinf.campaign import Metrics
 from flexhinf.design.joint_limits import JointLimits
+from flexhinf.design.monte_carlo import step_reductions
 from flexhinf.design.responses import Response
-from flexhinf.loop import EnsembleResult, Instant, Reduction, Trajectory
-from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.loop import EnsembleResult, Trajectory
 from flexhinf.robot.signals import signal_names
-from flexhinf.scalars import maximum, where
 
 __all__ = ["StepMetrics"]
 
@@ -40,7 +38,29 @@ class StepMetrics:
             "peak_input": effort, "peak_speed": speed, "estimation_error": position,
         }  # fmt: skip
         found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
-        return found | ({"speed_limit_use": ""} if self.limits.limits_speed else {})
+        found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
+        return found | {name: unit for name, (_, _, unit) in self._joints.items()}
+
+    @property
+    def moving(self) -> list[int]:
+        """Joints that the step moves."""
+        return [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
+
+    @property
+    def _joints(self) -> dict[str, tuple[str, int, str]]:
+        """Figures of single joints, where there are several: what it is, of which joint, and its unit."""
+        every, limits = list(range(len(self.goal))), self.limits
+        percent, seconds = ["%"] * len(every), ["s"] * len(every)
+        kinds = (
+            ("overshoot_percent", self.moving, percent), ("settling_time_s", self.moving, seconds),
+            ("rise_time_s", self.moving, seconds), ("steady_state_error", every, limits.position_units),
+            ("peak_input", every, limits.effort_units), ("peak_speed", every, limits.speed_units),
+        )  # fmt: skip
+        return {
+            f"{kind}_{limits.joints[k]}": (kind, k, units[k])
+            for kind, joints, units in kinds
+            for k in (joints if len(every) > 1 else ())
+        }
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
         """Of one run."""
@@ -63,6 +83,8 @@ class StepMetrics:
         )
         found["input_limit_use"] = self.limits.input_use(response).share
         found["speed_limit_use"] = self.limits.speed_use(response).share
+        for name, (kind, k, _) in self._joints.items():
+            found[name] = np.inf if (value := response.metrics[k][kind]) is None else value
         return {name: found.get(name, np.nan) for name in self.units}
 
     # In lanes -----------------------------------------------------------------------------------------
@@ -74,27 +96,14 @@ class StepMetrics:
         states, estimated : sequence of str
             Of the true plant and of the estimate.
         """
-        n = len(self.goal)
-        moving = [k for k in range(n) if self.start[k] != self.goal[k]]
-        steps = [step_reduction(k, float(self.start[k]), float(self.goal[k])) for k in moving]
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        return Metrics(
-            self.units,
-            self,
-            partial(self._reduced, bool(pairs)),
-            [
-                *(_named(step, f"{k} ") for k, step in zip(moving, steps)),
-                Reduction(
-                    (*self.goal.tolist(), *[0.0] * (3 * n + 1)), partial(_largest, n, pairs), partial(_sizes, n),
-                    ("largest of a step", n, pairs),
-                ),
-            ],
-        )  # fmt: skip
+        reductions = step_reductions(self.start, self.goal, pairs)
+        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions, tuple(self._joints))
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
         """As of one run, of N runs."""
-        kept, moving = found.common, [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
+        kept, moving = found.common, self.moving
         values = {
             name: np.max([kept[f"{k} {name}"] for k in moving], axis=0) if moving else np.full(len(found.codes), np.nan)
             for name in ("overshoot_percent", "settling_time_s", "rise_time_s")
@@ -106,36 +115,9 @@ class StepMetrics:
             "peak_input": effort.max(axis=1),
             "input_limit_use": (effort / self.limits.peak).max(axis=1),
         }
-        return values | {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
-
-
-def _named(one: Reduction, before: str) -> Reduction:
-    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
-    return replace(one, result=partial(_renamed, one.result, before))
-
-
-def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {before + name: values for name, values in result(kept, command).items()}
-
-
-def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    """Goals (n), then the largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
-    goal, late, effort, speed, estimate = (
-        kept[:n],
-        kept[n : 2 * n],
-        kept[2 * n : 3 * n],
-        kept[3 * n : -1],
-        kept[-1],
-    )
-    errors = [abs(now.state[k] - goal[k]) for k in range(n)]
-    late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
-    effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
-    speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
-    for one, other in pairs:
-        estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
-    return np.array([*goal, *late, *effort, *speed, estimate])
-
-
-def _sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
-    return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
+        values |= {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
+        columns = {"steady_state_error": late, "peak_input": effort, "peak_speed": speed}
+        return values | {
+            name: columns[kind][:, k] if kind in columns else kept[f"{k} {kind}"]
+            for name, (kind, k, _) in self._joints.items()
+        }

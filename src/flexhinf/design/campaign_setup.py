@@ -101,14 +101,11 @@ class RobotDraw:
         Where the estimator believes it, rad or m.
     extras : tuple of str
         Of the true plant.
-    load_at : float
-        When torques on the links begin, s.
     """
 
     robot: Robot
     start: np.ndarray
     extras: tuple[str, ...]
-    load_at: float
 
     def __call__(self, numbers: Mapping[str, float]) -> Sample:
         """The sample; a robot that no input holds where it starts is refused, which is the sample's failure."""
@@ -117,13 +114,10 @@ class RobotDraw:
         errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
         x, u = self.robot.operating_point(self.start + errors, self.extras, values)
         options: dict[str, Any] = {"initial_state": x, "initial_input": u}
-        torques = {
-            name: numbers[name] for name in signal_names(TORQUE, self.robot.joint_names) if name in numbers
-        }
-        if torques:
-            options["disturbance"] = {name: Step(size, at=self.load_at) for name, size in torques.items()}
+        torques = signal_names(TORQUE, self.robot.joint_names)
+        loads = {name: numbers[name] for name in torques if name in numbers}
         plant = self.robot.plant(extras=self.extras)
-        return Sample(plant.parameters.known(values), options, numbers)
+        return Sample(plant.parameters.known(values), options, numbers, loads=loads)
 
 
 ERROR, TORQUE = "initial_error", "link_torque"
@@ -176,7 +170,20 @@ class DesignCampaign:
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start and goal of the step (n,), rad or m."""
+        """Start and goal of the step (n,), rad or m.
+
+        Raises
+        ------
+        InvalidInput
+            For a design that is judged along a move: samples make a step, and would say nothing of it.
+        """
+        if self.specification.move is not None:
+            raise InvalidInput(
+                "The design is judged along a move, and a campaign runs steps.",
+                "expected a design without `move`, got one with waypoints",
+                "the same design file without its move, and with start and goal of a step; or in Python "
+                "fh.run_campaign(loop, robot.draw, 1000, reference=move) with the loop and the move of your own",
+            )
         s, robot, n = self.specification, self.request.robot, len(self.request.robot.joint_names)
         goal = robot.operating_point(s.pose)[0][:n]
         return (
@@ -253,9 +260,10 @@ class DesignCampaign:
         command = step_command(self.request.robot, s, start, goal) if has_integrals(controller.law) else None
         options |= {} if command is None else {"reference": command}
         options |= {} if plants.noise is None else {"noise": plants.noise}
-        draw = Tolerances(
-            self.variables, self.options.method, RobotDraw(robot, start, s.extras, LOAD_START * duration)
-        )
+        if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
+            torques = signal_names(TORQUE, robot.joint_names)
+            options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
+        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, start, s.extras))
         return Campaign(
             loop, draw, self.options.samples, self.options.seed, options,
             self.metrics.metrics(plant.states, controller.states),

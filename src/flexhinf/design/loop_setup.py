@@ -23,7 +23,7 @@ from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.plans import has_integrals, step_command
 from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
-from flexhinf.loop import Controller, Loop, Moving, Step, run_many
+from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Step
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot.signals import signal_names
 
@@ -283,12 +283,10 @@ class LoopSetup(LoopPlants):
         x, u = self.equilibrium(self.goal)
         enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
-        given = {"duration": duration, "initial_input": u, "seed": self.specification.seed}
-        noise = None if self.quiet else self.noise
-        runs = run_many(
-            loop.prepared(noise=noise, initial_state=start, **given) for start in x + (enter * impulses).T
-        )
-        return (Response(run, self.goal, self.goal, self.joints) for run in runs)
+        runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration, initial_input=u)
+        starts, own = x + (enter * impulses).T, [{}] * len(self.goal)
+        for run in runs.trajectories(own, self.specification.seed, starts):
+            yield Response(run, self.goal, self.goal, self.joints)
 
     def move(
         self,
@@ -305,8 +303,8 @@ class LoopSetup(LoopPlants):
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
-        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, jump: bool = False
-    ) -> Iterator[Response]:
+        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, jump: bool = False, **options: Any
+    ) -> EnsembleResult:  # fmt: skip
         """The step, or the jump, of each robot, with noise of its own.
 
         Parameters
@@ -318,18 +316,19 @@ class LoopSetup(LoopPlants):
         sub_steps : int
             Of the true plants: the nominal one's, so that all runs share one kernel.
         jump : bool
+        **options
+            Of `Loop.ensemble`: what is said of the runs.
         """
         controller = self.tracking_controller if jump else self.bumpless_controller
-        options = {} if jump or self.command is None else {"reference": self.command}
+        options |= {} if jump or self.command is None else {"reference": self.command}
         return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
 
     def moves(
-        self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None
-    ) -> Iterator[Move]:
+        self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None, **options: Any
+    ) -> EnsembleResult:  # fmt: skip
         """The planned move of each robot, parameters as for `steps`."""
-        controller, begin, duration, options = self._moved(plan, rest)
-        runs = self._run_many(controller, begin, robots, duration, sub_steps, **options)
-        return (Move.along(plan, response) for response in runs)
+        controller, begin, duration, reference = self._moved(plan, rest)
+        return self._run_many(controller, begin, robots, duration, sub_steps, **reference, **options)
 
     def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, float, dict[str, Any]]:
         """Controller, pose (n,) at which it takes over, duration, and other arguments of a run along a plan."""
@@ -373,14 +372,16 @@ class LoopSetup(LoopPlants):
         duration: float,
         sub_steps: int,
         **options: Any,
-    ) -> Iterator[Response]:
-        """From a pose (n,), each with a seed of its own."""
-        begun = [self._begun(at, duration, values, 1 + k) for k, values in enumerate(robots)]
-        runs = run_many(
-            self.loop(controller, self._plant_with(values), sub_steps).prepared(**given, **options)
-            for values, (_, given) in zip(robots, begun)
+    ) -> EnsembleResult:
+        """From a pose (n,), in equilibrium there, each with a seed of its own."""
+        begun = [self.equilibrium(at, values) for values in robots]
+        loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
+        return loop.ensemble(noise=self.noise, duration=duration, **options).run(
+            [self.true_plant.parameters.known(values) for values in robots],
+            range(seed, seed + len(robots)),
+            np.array([x for x, _ in begun]),
+            initial_inputs=np.array([u for _, u in begun]),
         )
-        return (Response(run, self.goal, begin, self.joints) for (begin, _), run in zip(begun, runs))
 
     def _plant_with(self, values: Mapping[str, Any]) -> Plant:
         return self.true_plant.with_parameters(**self.true_plant.parameters.known(values))

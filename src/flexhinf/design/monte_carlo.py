@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.responses import worst_of
+from flexhinf.loop import Instant, Reduction
+from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.scalars import maximum, where
 
-__all__ = ["MonteCarlo", "move_errors", "sampled_runs"]
+__all__ = ["MonteCarlo", "move_errors", "sampled_runs", "step_reductions"]
 
 #: At most so many instants of each run are kept.
 KEPT = 400
@@ -90,7 +93,6 @@ def sampled_runs(
     duration: float,
     sub_steps: int,
     jump: bool = False,
-    progress: Callable[[str], None] = lambda text: None,
 ) -> MonteCarlo:
     """The step, or the jump, of each robot, with noise of its own.
 
@@ -105,37 +107,33 @@ def sampled_runs(
         Of the true plants: the nominal one's, so that all runs share one kernel.
     jump : bool
         The whole command at once with integrals at zero; otherwise the step as deployed.
-    progress : callable
     """
-    count, period = len(robots), setup.specification.period
-    time = _kept(duration, period)
-    positions = np.full((count, len(time), len(setup.goal)), np.nan)
-    inputs, speeds = (np.full((count, len(setup.goal)), np.inf) for _ in range(2))
-    overshoots, settlings, peaks = [], [], []
-    for k, response in enumerate(setup.steps(robots, duration, sub_steps, jump)):
-        overshoots.append(response.overshoot)
-        settlings.append(response.settling)
-        peaks.append(response.peak)
-        if response.diverged_at is None:
-            inputs[k], speeds[k] = (np.abs(x).max(axis=0) for x in (response.inputs, response.velocities))
-        passed = int(np.searchsorted(time, response.run.time[-1] + 0.5 * period))
-        at = np.searchsorted(response.run.time, time[:passed] - 0.5 * period)
-        positions[k, :passed] = response.positions[at]
-        if (k + 1) % max(1, count // 10) == 0:
-            progress(f"robots within the tolerances: {k + 1} of {count}")
-    return MonteCarlo(
-        tuple(robots),
-        np.array([worst.value for worst in overshoots]),
-        np.array([worst.value for worst in settlings]),
-        np.array([worst.value for worst in peaks]),
-        tuple(worst.joint for worst in overshoots),
-        tuple(worst.joint for worst in settlings),
-        tuple(worst.joint for worst in peaks),
-        inputs,
-        speeds,
-        time,
-        positions,
+    n, instants = len(setup.goal), _kept(round(duration / setup.specification.period))
+    found = setup.steps(
+        robots, duration, sub_steps, jump, reductions=step_reductions(setup.start, setup.goal),
+        kept=setup.true_plant.states[:n], instants=instants,
+    )  # fmt: skip
+    numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in found.common.items()}
+    moving = np.flatnonzero(setup.start != setup.goal).tolist()
+    moved, completed = tuple(setup.joints[k] for k in moving), found.completed
+    overshoot, settling = (
+        _worst([numbers[f"{k} {name}"] for k in moving], moved, completed)
+        for name in ("overshoot_percent", "settling_time_s")
     )
+    peak = _worst(numbers["effort"].T, setup.joints, completed)
+    return MonteCarlo(
+        tuple(robots), overshoot[0], settling[0], peak[0], overshoot[1], settling[1], peak[1], numbers["effort"],
+        numbers["speed"], setup.specification.period * instants, found.kept,
+    )  # fmt: skip
+
+
+def _worst(rows: Any, joints: Sequence[str], completed: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The largest of all joints' values (n, N) for each run, and its joint; as `worst_of` of the metrics of a
+    `Response`."""
+    if not joints:
+        return np.where(completed, 0.0, np.inf), ("",) * len(completed)
+    largest: list[int] = np.argmax(rows, axis=0).tolist()
+    return np.max(rows, axis=0), tuple(joints[k] if fine else "" for k, fine in zip(largest, completed))
 
 
 def move_errors(
@@ -146,11 +144,83 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    moves = setup.moves(robots, plan, sub_steps, rest)
-    return np.array([worst_of(move.metrics, "largest_error").value for move in moves])
+    commanded = setup.tracking_controller.commanded
+    columns = tuple(commanded.index(name) for name in setup.true_plant.states[: len(setup.goal)])
+    follow = Reduction((0.0,), partial(_follow, columns), _followed, ("follow", columns))
+    found = setup.moves(robots, plan, sub_steps, rest, reductions=[follow]).common["error"]
+    return np.where(np.isnan(found), np.inf, found)
 
 
-def _kept(duration: float, period: float) -> np.ndarray:
-    """Instants of samples (T,), evenly apart."""
-    samples = round(duration / period)
-    return period * np.arange(0, samples, max(1, -(-samples // KEPT)))
+def _follow(columns: Sequence[int], kept: Any, now: Instant) -> Any:
+    largest = kept[0]
+    for k, column in enumerate(columns):
+        largest = maximum(largest, abs(now.state[k] - now.reference[column]))
+    return np.array([largest])
+
+
+def _followed(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"error": kept[0]}
+
+
+# Numbers of a step ----------------------------------------------------------------------------------------
+def step_reductions(
+    start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
+) -> list[Reduction]:
+    """What is said of the step of all joints while it runs.
+
+    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of all
+    joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n); and
+    ``estimate``, the largest error of the estimates, (N,).
+
+    Parameters
+    ----------
+    start, goal : (n,)
+        Link positions, rad or m.
+    pairs : sequence of (int, int)
+        Columns of an estimated position, and of the true one.
+    """
+    n, moving = len(goal), np.flatnonzero(start != goal).tolist()
+    return [
+        *(_named(step_reduction(k, float(start[k]), float(goal[k])), f"{k} ") for k in moving),
+        Reduction(
+            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_largest, n, pairs), partial(_sizes, n),
+            ("largest of a step", n, pairs),
+        ),
+    ]  # fmt: skip
+
+
+def _named(one: Reduction, before: str) -> Reduction:
+    """The same with other names of its numbers; campaigns travel to other processes, so it is no closure."""
+    return replace(one, result=partial(_renamed, one.result, before))
+
+
+def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {before + name: values for name, values in result(kept, command).items()}
+
+
+def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+    """Goals (n), then the largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
+    goal, late, effort, speed, estimate = (
+        kept[:n],
+        kept[n : 2 * n],
+        kept[2 * n : 3 * n],
+        kept[3 * n : -1],
+        kept[-1],
+    )
+    errors = [abs(now.state[k] - goal[k]) for k in range(n)]
+    late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
+    effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
+    speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
+    for one, other in pairs:
+        estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
+    return np.array([*goal, *late, *effort, *speed, estimate])
+
+
+def _sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
+    return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
+
+
+def _kept(samples: int) -> np.ndarray:
+    """Numbers (T,) of samples, evenly apart."""
+    return np.arange(0, samples, max(1, -(-samples // KEPT)))

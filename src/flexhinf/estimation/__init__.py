@@ -8,12 +8,13 @@ from flexhinf.estimation.constant_gain import (
     stationary_gain,
 )
 from flexhinf.estimation.extended import ExtendedKalmanFilter
-from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.estimation.unscented import UnscentedKalmanFilter
 
 __all__ = [
+    "MODEL_STEP",
     "ConstantGainBelief",
     "ConstantGainFilter",
     "ExtendedKalmanFilter",

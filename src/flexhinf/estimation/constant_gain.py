@@ -67,7 +67,7 @@ class ConstantGainFilter(Estimator):
     @property
     def estimator_key(self) -> str:
         """What distinguishes its code from another's."""
-        return f"constant gain {self.period!r} {self.filter.sub_steps}"
+        return f"constant gain {self.period!r} {self.filter.sub_steps} x {self.filter.stages}"
 
     def initial_at(self, mean: np.ndarray) -> Any:
         """The initial belief with another mean (n,)."""

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-__all__ = ["linear", "nonzero", "switches", "varying"]
+__all__ = ["elementary", "linear", "nonzero", "switches", "varying"]
 
 #: Points per radius, and the radii about the origin, at which entries are compared.
 POINTS, RADII = 8, (0.3, 1.0, 3.0)
@@ -25,6 +25,12 @@ ROUNDING = 1e-13
 COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
 STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT}
 PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
+
+#: What moves numbers, arithmetic, sines and cosines.
+ELEMENTARY = {
+    ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_NEG,
+    ca.OP_TWICE, ca.OP_SQ, ca.OP_INV, ca.OP_SIN, ca.OP_COS,
+}  # fmt: skip
 
 
 def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
@@ -56,6 +62,11 @@ def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[function.instruction_output(k)[0]] = value
     return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+
+
+def elementary(function: ca.Function) -> bool:
+    """Whether a traced function has nothing but arithmetic, sines and cosines."""
+    return all(function.instruction_id(k) in ELEMENTARY for k in range(function.n_instructions()))
 
 
 def linear(function: ca.Function) -> bool:

@@ -25,13 +25,13 @@ class ExtendedKalmanFilter(RecursiveFilter):
     @property
     def estimator_key(self) -> str:
         """Method, period and sub-steps: constants of the traced code."""
-        return f"ekf {self.period!r} {self.sub_steps}"
+        return f"ekf {self.period!r} {self.sub_steps} x {self.stages}"
 
     @property
     def operations(self) -> int:
         """Roughly, the operations of both updates as one trace: derivatives along every state through F."""
         n = self.plant.n
-        return n * (8 * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
+        return n * (2 * self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
     @cached_property
     def _tangent(self) -> Any:

@@ -85,7 +85,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Method, period, sub-steps, scaling and bounds: constants of the traced code."""
         sigma = self.sigma
         scaling = (sigma.alpha, sigma.beta, sigma.kappa)
-        return f"ukf {self.period!r} {self.sub_steps} {scaling} {self.redraw} {sorted(self.bounds.items())}"
+        steps, bounds = f"{self.sub_steps} x {self.stages}", sorted(self.bounds.items())
+        return f"ukf {self.period!r} {steps} {scaling} {self.redraw} {bounds}"
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,), which must be inside the bounds; its points too."""
@@ -106,7 +107,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def operations(self) -> int:
         """Roughly, the operations of both updates as one trace: sigma points through F, and covariances."""
         n, points = self.plant.n, 2 * self.plant.n + 1
-        return points * (4 * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
+        return points * (self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""

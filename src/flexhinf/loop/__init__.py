@@ -12,8 +12,9 @@ from flexhinf.loop.signals.references import Constant, Quintic, Samples, Signal,
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.loop.signals.waypoints import Waypoints
 from flexhinf.loop.simulation.closed_loop import Loop
-from flexhinf.loop.simulation.compiled_runs import PreparedRun, run_many
-from flexhinf.loop.simulation.ensemble import Ensemble, EnsembleResult
+from flexhinf.loop.simulation.compiled_runs import PreparedRun
+from flexhinf.loop.simulation.ensemble import Ensemble
+from flexhinf.loop.simulation.ensemble_result import EnsembleResult
 from flexhinf.loop.simulation.metrics import StepShape, load_metrics, step_metrics, step_shape
 from flexhinf.loop.simulation.reductions import Instant, Reduction
 from flexhinf.loop.simulation.trajectory import Trajectory
@@ -43,7 +44,6 @@ __all__ = [
     "Waypoints",
     "load_controller",
     "load_metrics",
-    "run_many",
     "step_metrics",
     "step_shape",
 ]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.loop import Sine, Step, Trajectory, load_metrics, run_many
+from flexhinf.loop import Sine, Step, Trajectory, load_metrics
 from flexhinf.paper.loop_setup import SAMPLED_PLANTS, PaperSetup
 from flexhinf.plant import Law
 
@@ -64,18 +64,6 @@ class ToleranceRun:
     command: float
     changes: str
 
-    @staticmethod
-    def of(values: dict[str, float], run: Trajectory, changes: str) -> ToleranceRun:
-        """Keep what is needed of a run."""
-        stride = max(1, round(TOLERANCE_DURATION / run.settings["period"] / SAMPLES))
-        kept = [
-            np.degrees(run.signal(kind, "link_position")[::stride])
-            for kind in ("output", "estimate", "reference")
-        ]
-        time = run.time[::stride]
-        command = float(kept[2][-1])
-        return ToleranceRun(values, run.metrics(), run.diverged_at, time, kept[0], kept[1], command, changes)
-
 
 class Experiments:
     """Runs of the laws by name: "nonlinear" (the paper's) and "linear"."""
@@ -112,23 +100,26 @@ class Experiments:
     @cached_property
     def sampled_plants(self) -> list[ToleranceRun]:
         """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
-        population = self.setup.population
-        setup, values = self.setup, [dict(population.values[k]) for k in range(SAMPLED_PLANTS)]
-        runs = run_many(
-            setup.prepared(
-                setup.nonlinear,
-                Step(math.pi / 2),
-                TOLERANCE_DURATION,
-                true_values=each,
-                inductance=True,
-                seed=setup.seed(k),
-            )
-            for k, each in enumerate(values)
-        )
-        return [
-            ToleranceRun.of(each, run, population.describe(k))
-            for k, (each, run) in enumerate(zip(values, runs, strict=True))
-        ]
+        setup, period = self.setup, self.setup.settings.period
+        values = [dict(setup.population.values[k]) for k in range(SAMPLED_PLANTS)]
+        command, stride = Step(math.pi / 2), max(1, round(TOLERANCE_DURATION / period / SAMPLES))
+        kept = np.arange(0, round(TOLERANCE_DURATION / period) + 1, stride)
+        found = setup.ensemble(
+            setup.nonlinear, command, TOLERANCE_DURATION, inductance=True,
+            kept=("output.link_position", "estimate.link_position"), instants=kept,
+        ).run(values, [setup.seed(k) for k in range(SAMPLED_PLANTS)])  # fmt: skip
+        runs = []
+        for k, each in enumerate(values):
+            whole = ~np.isnan(found.kept[k]).any(axis=1)
+            output, estimate = np.degrees(found.kept[k, whole].T)
+            diverged_at = None if found.completed[k] else float(found.diverged_at[k])
+            runs.append(
+                ToleranceRun(
+                    each, found.metrics_of(k), diverged_at, period * kept[whole], output, estimate, 90.0,
+                    setup.population.describe(k),
+                )
+            )  # fmt: skip
+        return runs
 
     def load_response(
         self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"

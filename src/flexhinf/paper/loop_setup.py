@@ -15,7 +15,7 @@ from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Loop, PreparedRun, Trajectory
+from flexhinf.loop import Controller, Ensemble, Loop, Trajectory
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
@@ -135,14 +135,7 @@ class PaperSetup:
         )
 
     # Runs -------------------------------------------------------------------------------------------------------
-    def run(self, law: Law, reference: Any, duration: float, **options: Any) -> Trajectory:
-        """Simulate one closed loop from the hanging rest, with the options of `prepared`.
-
-        A run that diverges says so in its status.
-        """
-        return self.prepared(law, reference, duration, **options).alone()
-
-    def prepared(
+    def run(
         self,
         law: Law,
         reference: Any,
@@ -154,24 +147,39 @@ class PaperSetup:
         estimator: Any = "settings",
         noise: bool = True,
         seed: int | None = None,
-    ) -> PreparedRun:
-        """A run before it is made, for `flexhinf.loop.run_many`."""
-        s = self.settings
-        chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
-        loop = self.loop(law, chosen, inductance, true_values)
-        deviation = math.sqrt(s.measurement_noise) if noise and chosen is not None else None
-        return loop.prepared(
-            reference, disturbance, deviation, duration, None, s.seed if seed is None else seed
-        )
+    ) -> Trajectory:
+        """Simulate one closed loop from the hanging rest; a run that diverges says so in its status."""
+        loop, deviation = self._loop(law, estimator, inductance, noise)
+        if true_values is not None:
+            loop = Loop(self._true_plants[inductance].with_parameters(**true_values), loop.controller)
+        seed = self.settings.seed if seed is None else seed
+        return loop.run(reference, disturbance, deviation, duration, None, seed)
 
-    def loop(
-        self, law: Law, estimator: Any, inductance: bool = False, values: Mapping[str, float] | None = None
-    ) -> Loop:
+    def ensemble(
+        self,
+        law: Law,
+        reference: Any,
+        duration: float,
+        *,
+        inductance: bool = False,
+        disturbance: Any = None,
+        estimator: Any = "settings",
+        noise: bool = True,
+        **wanted: Any,
+    ) -> Ensemble:
+        """The same of many plants; `wanted` is what `Loop.ensemble` keeps of them."""
+        loop, deviation = self._loop(law, estimator, inductance, noise)
+        return loop.ensemble(reference, disturbance, deviation, duration, **wanted)
+
+    def _loop(self, law: Law, estimator: Any, inductance: bool, noise: bool) -> tuple[Loop, float | None]:
+        """With the deviation of the measurement noise; "settings" is the estimator of the settings."""
+        chosen = self.estimator() if isinstance(estimator, str) and estimator == "settings" else estimator
+        deviation = math.sqrt(self.settings.measurement_noise) if noise and chosen is not None else None
+        return self.loop(law, chosen, inductance), deviation
+
+    def loop(self, law: Law, estimator: Any, inductance: bool = False) -> Loop:
         """A loop around the true plant."""
-        plant = self._true_plants[inductance]
-        if values is not None:
-            plant = plant.with_parameters(**values)
-        return Loop(plant, Controller(law, estimator, self.settings.period))
+        return Loop(self._true_plants[inductance], Controller(law, estimator, self.settings.period))
 
     @cached_property
     def _true_plants(self) -> dict[bool, Plant]:

@@ -2,7 +2,7 @@
 
 from flexhinf.plant.equilibrium import equilibrium
 from flexhinf.plant.from_control import plant_from_control
-from flexhinf.plant.integration import fastest_modes, rk4_stages, rk4_step, sub_steps
+from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
 from flexhinf.plant.linear import linear_plant
 from flexhinf.plant.model_code import StoredCode
 from flexhinf.plant.parameters import Parameters, ParameterTable
@@ -26,6 +26,7 @@ __all__ = [
     "PolynomialPlant",
     "ProblemLaw",
     "StoredCode",
+    "eight_stages",
     "equilibrium",
     "fastest_modes",
     "linear_plant",

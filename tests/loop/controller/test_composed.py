@@ -261,10 +261,10 @@ def test_the_law_of_seven_links_is_the_solutions(seven):
 @pytest.mark.slow
 @pytest.mark.oracle
 def test_seven_links_from_the_cache_are_the_same(seven, tmp_path, monkeypatch):
-    """Five sub-steps, interpreted, compiled afresh and taken from the cache."""
+    """A step of eight stages, interpreted, compiled afresh and taken from the cache."""
     solution, estimator, point, _ = seven
     composed = Controller(solution, estimator(period=1e-3), 1e-3)
-    assert composed.estimator.sub_steps == 5
+    assert (composed.estimator.stages, composed.estimator.sub_steps) == (8, 1)
     program = program_of(composed)
     monkeypatch.setenv("FLEXHINF_CACHE", str(tmp_path))
     results = []

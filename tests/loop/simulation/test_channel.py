@@ -1,5 +1,7 @@
 """Quantised measurements and delayed inputs."""
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,6 @@ from flexhinf.codegen import interpret
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import BlackBox, Controller, Loop, Step
 from flexhinf.loop.simulation.channel import LONGEST, Channel, check_delay
-from flexhinf.loop.simulation.compiled_runs import _side_by_side
 from flexhinf.robot import paper_arm
 
 STEP = 2 * np.pi / 4096
@@ -137,17 +138,20 @@ def test_two_motors_wait_for_their_own_inputs(made):
 
 
 @pytest.mark.parametrize("samples", [0, 1, 7, 60])
-def test_interpreter_and_lanes_delay_alike(made, samples):
+def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     """Machine code for one run and for eight, and CasADi's evaluator."""
+    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
     alone, kernel = prepared.alone(), interpret(loop.kernel.program)
-    outputs = {name: array.ravel() for name, array in prepared.outputs([prepared]).items()}
+    outputs = prepared.outputs
     status = kernel.run({**prepared.inputs, **outputs}, prepared.counts)
     walked = prepared.trajectory(outputs, int(status.code), int(status.step))
-    eight = [loop.prepared(Step(0.5 + 0.1 * k), duration=0.05, initial_input=[0.1 * k]) for k in range(8)]
     for name in ("state", "input", "output"):
         np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
-    for run, wide in zip(eight, _side_by_side(eight), strict=True):
+    inputs = 0.1 * np.arange(9.0)[:, None]
+    wide = loop.ensemble(Step(0.5), duration=0.05).trajectories([{}] * 9, initial_inputs=inputs)
+    for held, run in zip(inputs, wide, strict=True):
+        one = loop.run(Step(0.5), duration=0.05, initial_input=held)
         for name in ("state", "input", "output"):
-            np.testing.assert_array_equal(wide.signals[name], run.alone().signals[name])
+            np.testing.assert_array_equal(run.signals[name], one.signals[name])

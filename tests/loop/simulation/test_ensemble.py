@@ -1,5 +1,7 @@
 """Many plants in lanes: each run is that of `Loop.run`, bit by bit, whatever the lanes, the threads and the others."""
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,18 @@ from flexhinf.scalars import maximum
 
 #: Runs; the third is of an arm that is so soft that it is torn apart.
 COUNT, TORN, DURATION = 11, 2, 0.3
+
+
+#: Ways to make the runs: few of them alone, or as many as are worth it in lanes.
+MANY, FEW = 0, 10**9
+
+
+@pytest.fixture(autouse=True)
+def worth(monkeypatch, request):
+    """Also these few runs go in lanes, unless a test says otherwise."""
+    module = importlib.import_module("flexhinf.loop.simulation.ensemble")
+    monkeypatch.setattr(module, "WORTH", MANY)
+    return lambda value: monkeypatch.setattr(module, "WORTH", value)
 
 
 def stiffness(k):

@@ -15,15 +15,22 @@ state feedback u = k(x) in continuous time without limits,
 7. with an observer of energy ε: the starts of 6. have V ≤ c − ε, and for u = k̂(x̂) with the stated observer, 2. holds
    with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and 3. with e too.
 
-**How.** r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV is formed in exact rationals (`algebra`). Elementary
-functions become Taylor polynomials with remainders from ball arithmetic (`quotient`). Cells march along rays from 0; on
-each, ∂V/∂ρ > 0 and r/ρ² < 0, or r/ρ² + λ(c − V) < 0, follow from a centred form and an a-priori bound of all rounding
-(`tables`, `inequality`, `march`). A random sample of cells is proved again in rationals and balls (`second_route`),
-paths of starts in balls (`starts`), and an observer in rationals (`observer`). docs/certificate.md has the proof, of
-every inequality that is relied on here.
+**How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
-What both share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no arithmetic
-from here: it calls the finished checker for its starts and its observer, so that what it states will be proved.
+1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
+2. `quotient`: elementary functions become Taylor polynomials with remainders from ball arithmetic.
+3. `taylor`: polynomials about the centres of cells, and an upper bound of them there.
+4. `bounds`: V, its growth along rays, and r on cells, with an a-priori bound of all rounding.
+5. `march`: cells follow each other along rays from 0 until V exceeds the level.
+6. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
+
+`steering` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
+again in rationals and balls, without 2. to 4.; or every cell: then 1., 5., 6. and `second_route` are all that has to be
+read. `starts` and `observer` prove 6. and 7. of the theorem, where they are claimed.
+docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
+
+What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
+arithmetic from here: it calls the finished checker for its starts and its observer, so that what it states is proved.
 """
 
 from __future__ import annotations
@@ -36,23 +43,21 @@ from dataclasses import dataclass
 import numpy as np
 from flint import ctx, fmpq_mat
 
-from flexhinf.certify.checker.algebra import as_rational
-from flexhinf.certify.checker.inequality import FaceInequality, Inequality
-from flexhinf.certify.checker.march import Marched, Refusal, march_face
+from flexhinf.certify.checker.bounds import BITS, Face, Proof
+from flexhinf.certify.checker.march import Marched, march_face
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.second_route import cell_holds
+from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start
+from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 
 __all__ = ["Verification", "verify"]
 
-_BITS = 128
 _MOST_KINDS = 64
 _MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
-_LEAST_LEVEL, _LEAST_REACH = (
-    1e-100,
-    1e-50,
-)  # from here on no product of the march falls below the normal doubles
+_LEAST_LEVEL = 1e-100
+_LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
@@ -69,6 +74,8 @@ class Verification:
         Cells that were looked at, that were accepted, and of these the ones that needed V ≤ c.
     resampled : int
         Cells that were proved a second time, in rationals and balls.
+    every_cell : bool
+        Whether these are all of them, and all at which the level set ended.
     faces : int
         Of the cube: n where V and r are even but for rounding, else 2n.
     starts : int
@@ -86,6 +93,7 @@ class Verification:
     accepted: int = 0
     with_level: int = 0
     resampled: int = 0
+    every_cell: bool = False
     faces: int = 0
     starts: int = 0
     gradient_law: bool = False
@@ -93,31 +101,35 @@ class Verification:
     cpu_s: float = 0.0
 
 
+@ctx.workprec(BITS)
 def verify(
     claim: Claim,
     *,
     threads: int = 2,
-    sample: int = 10,
+    sample: int | None = 10,
     seed: int = 0,
     tick: Callable[[int], None] = lambda cells: None,
 ) -> Verification:
-    """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at."""
+    """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at.
+
+    `sample` cells of each face are proved a second time, or every cell (None).
+    """
     began = time.process_time()
     try:
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        inequality = Inequality(claim)
+        proof = Proof(claim)
         if claim.observer is not None:
-            check_observer(claim, claim.observer, inequality.exact.gradient_law)
+            check_observer(claim, claim.observer, proof.exact.gradient_law)
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(_face, inequality, face, sample, seed, tick) for face in inequality.faces]
+            jobs = [pool.submit(_face, proof, face, sample, seed, tick) for face in proof.faces]
             try:
                 marched = [job.result() for job in jobs]
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        resampled = _second(inequality, marched, seed)
+        again = _again(proof, [cell for face in marched for cell in face.sample], seed)
     except OverflowError:
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
@@ -128,10 +140,11 @@ def verify(
         cells=sum(m.cells for m in marched),
         accepted=sum(m.accepted for m in marched),
         with_level=sum(m.with_level for m in marched),
-        resampled=resampled,
+        resampled=again + sum(m.again for m in marched),
+        every_cell=sample is None,
         faces=len(marched),
         starts=starts,
-        gradient_law=inequality.exact.gradient_law,
+        gradient_law=proof.exact.gradient_law,
         rounding=max(m.rounding for m in marched),
         cpu_s=time.process_time() - began,
     )
@@ -149,7 +162,7 @@ def _check_sizes(claim: Claim) -> None:
     uncertain = sum(p.low < p.high for p in claim.parameters)
     if uncertain > _MOST_UNCERTAIN:
         raise Refusal(f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}")
-    if not (claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= 1 / _LEAST_REACH):
+    if not (claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= _LARGEST_REACH):
         raise Refusal(
             f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit"
         )
@@ -173,24 +186,19 @@ def _check_matrices(claim: Claim) -> None:
 
 
 def _face(
-    inequality: Inequality, face: tuple[int, int], sample: int, seed: int, tick: Callable[[int], None]
+    proof: Proof, face: tuple[int, int], sample: int | None, seed: int, tick: Callable[[int], None]
 ) -> Marched:
-    claim = inequality.claim
     with np.errstate(all="ignore"):  # what is not finite is not accepted
-        bounds = FaceInequality(inequality, face)
-        return march_face(bounds, inequality.n, claim.level, claim.reach, sample=sample, seed=seed, tick=tick)
+        chosen = EveryCell(proof, face) if sample is None else Sample(face, sample, seed)
+        return march_face(Face(proof, face), chosen, tick=tick)
 
 
-def _second(inequality: Inequality, marched: list[Marched], seed: int) -> int:
+def _again(proof: Proof, cells: list[Cell], seed: int) -> int:
+    """Prove a sample of cells, or their opposites, at random corners of the parameters."""
     rng = np.random.default_rng(seed)
-    cells = [cell for face in marched for cell in face.sample]
-    with ctx.workprec(_BITS):
-        for cell in cells:
-            corner = int(rng.integers(len(inequality.exact_corners)))
-            if inequality.even and rng.integers(2):
-                cell = cell.opposite()
-            if not cell_holds(inequality, cell, corner):
-                raise Refusal(f"rationals and balls do not confirm {cell}")
+    for cell in cells:
+        corner = int(rng.integers(len(proof.exact_corners)))
+        confirm(proof, cell.opposite() if proof.even and rng.integers(2) else cell, [corner])
     return len(cells)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
-from flexhinf.certify.checker.algebra import as_rational, polynomial_of, rounded
-from flexhinf.certify.checker.march import Refusal
+from flexhinf.certify.checker.residual import as_rational, polynomial_of, rounded
+from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Observer, Term, Terms
 

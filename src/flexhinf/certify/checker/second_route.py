@@ -1,70 +1,105 @@
-"""Single cells proved again on another route: exact rational substitution, ball arithmetic, no table and no rounding.
+"""Single cells proved on another route: exact rational substitution, ball arithmetic, no table and no rounding.
 
-The variables of the polynomials are reused: the first becomes ρ and then s_0, the others t_i and then s_i.
+A random sample of the march's cells is proved here again, or every one of them: then nothing of `taylor` and `bounds`
+has to be believed. The variables of the polynomials are reused: the first becomes ρ and then s_0, the others t_i and
+then s_i.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from flint import arb, arb_series, fmpq
 
-from flexhinf.certify.checker.algebra import as_rational
-from flexhinf.certify.checker.inequality import Inequality
-from flexhinf.certify.checker.march import Cell
+from flexhinf.certify.checker.bounds import Bounds, Proof
 from flexhinf.certify.checker.quotient import offset_of, series_of
+from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.terms import Function
 
-__all__ = ["cell_holds"]
+__all__ = ["Cell", "EveryCell", "Sample", "cell_ended", "cell_holds", "confirm"]
 
-_ORDER = 6  # of the Taylor polynomials of S: not that of the first route
+_ORDER = 5  # of the Taylor polynomials of S: not that of the first route
 _PIECES = 32  # in which a bound of a derivative is looked for
 
 
-def cell_holds(inequality: Inequality, cell: Cell, corner: int) -> bool:
+@dataclass(frozen=True)
+class Cell:
+    """An accepted cell: face z_f = sign · ρ, t ± h, begin ≤ ρ ≤ end, and λ."""
+
+    face: tuple[int, int]
+    t: tuple[float, ...]
+    h: tuple[float, ...]
+    begin: float
+    end: float
+    multiplier: float
+
+    def opposite(self) -> Cell:
+        """The cell at −z."""
+        return replace(self, face=(self.face[0], -self.face[1]), t=tuple(-t for t in self.t))
+
+
+def cell_of(face: tuple[int, int], cells: np.ndarray, i: int, bounds: Bounds, reach: float) -> Cell:
+    """One of a batch; λ is 0 where r < 0 is shown without it."""
+    n = len(cells) // 2
+    t, h, (begin, end) = (part.tolist() for part in np.split(cells[:, i], [n - 1, 2 * n - 2]))
+    multiplier = 0.0 if bounds.largest[i] < 0 else float(bounds.multiplier[i])
+    return Cell(face, tuple(t), tuple(h), begin * reach, end * reach, multiplier)
+
+
+def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
     """Whether V grows and r < 0 (or r/ρ² + λ(c − V) < 0) on a cell, at one corner of the box of parameters."""
-    claim, exact = inequality.claim, inequality.exact
-    n, context = inequality.n, exact.value.context()
-    rational = [as_rational(v) for v in (cell.begin, cell.end)]
-    middle, half = (rational[0] + rational[1]) / 2, (rational[1] - rational[0]) / 2
-    places = [context.constant(middle) + half * context.gens()[0]]
-    for t, h, s in zip(cell.t, cell.h, context.gens()[1:], strict=True):
-        places.append(context.constant(as_rational(t)) + as_rational(h) * s)
-
-    def on_face(polynomial: Any, lift: int, weight: int = 0) -> Any:
-        """Σ_k k^weight ρ^(k−2+lift) P_k(t) in the variables s."""
-        terms: dict[tuple[int, ...], fmpq] = {}
-        f, sign = cell.face
-        for powers, value in polynomial.to_dict().items():
-            e = [int(p) for p in powers]
-            row = (sum(e) - 2 + lift, *e[:f], *e[f + 1 :])
-            terms[row] = terms.get(row, fmpq(0)) + value * sign ** e[f] * sum(e) ** weight
-        return context.from_dict(terms).compose(*places, ctx=context)
-
-    zero = context.constant(0)
-    growth = -on_face(exact.value, 0, weight=1)
-    if not _upper(growth, n) < 0:
+    exact, n, context = proof.exact, proof.n, proof.exact.value.context()
+    begin, end = as_rational(cell.begin), as_rational(cell.end)
+    places = _places(context, cell, (begin + end) / 2, (end - begin) / 2)
+    if not _upper(_on_face(-exact.value, cell, places, 0, growth=True), n) < 0:
         return False
-    weights = dict(zip(inequality.products, inequality.exact_corners[corner], strict=True))
-    total = sum((weights[p] * on_face(a, 0) for p, a in exact.plain.items()), zero)
+    zero, weights = context.constant(0), proof.exact_corners[corner]
+    total = _on_face(sum((w * a for w, a in zip(weights, exact.plain, strict=True)), zero), cell, places, 0)
     remainder = arb(0)
-    for j, function in enumerate(claim.functions):
-        factor = sum((weights[p] * on_face(b, 0) for (i, p), b in exact.factors.items() if i == j), zero)
-        argument = on_face(exact.arguments[j], 2)
-        center, radius = argument.to_dict().get((0,) * n, fmpq(0)), arb(0)
-        for powers, value in argument.to_dict().items():
-            radius += abs(arb(value)) if any(powers) else 0
-        polynomial, rest = _taylor(function, center, radius)
-        power, shifted = context.constant(1), argument - context.constant(center)
-        for coefficient in polynomial:
-            total += coefficient * power * factor
-            power *= shifted
+    for function, argument, row in zip(proof.claim.functions, exact.arguments, exact.factors, strict=True):
+        factor = _on_face(sum((w * b for w, b in zip(weights, row, strict=True)), zero), cell, places, 0)
+        s = _on_face(argument, cell, places, 2)
+        center = s.to_dict().get((0,) * n, fmpq(0))
+        polynomial, rest = _taylor(function, center, _magnitude(s - context.constant(center)))
+        quotient = zero
+        for coefficient in reversed(polynomial):
+            quotient = quotient * (s - context.constant(center)) + coefficient
+        total += quotient * factor
         remainder += rest * _magnitude(factor)
     if cell.multiplier:
-        total += as_rational(cell.multiplier) * (
-            context.constant(as_rational(claim.level)) - on_face(exact.value, 2)
-        )
+        level = context.constant(as_rational(proof.claim.level))
+        total += as_rational(cell.multiplier) * (level - _on_face(exact.value, cell, places, 2))
     return bool(_upper(total, n) + remainder < 0)
+
+
+def cell_ended(proof: Proof, cell: Cell) -> bool:
+    """Whether V > c at the inner end of a cell, in all its directions."""
+    context = proof.exact.value.context()
+    places = _places(context, cell, as_rational(cell.begin), fmpq(0))
+    level = context.constant(as_rational(proof.claim.level))
+    return bool(_upper(level - _on_face(proof.exact.value, cell, places, 2), proof.n) < 0)
+
+
+def _places(context: Any, cell: Cell, middle: fmpq, half: fmpq) -> list[Any]:
+    """ρ and t as polynomials of s."""
+    boxes = [(middle, half), *zip(map(as_rational, cell.t), map(as_rational, cell.h), strict=True)]
+    return [context.constant(m) + r * s for (m, r), s in zip(boxes, context.gens(), strict=True)]
+
+
+def _on_face(polynomial: Any, cell: Cell, places: list[Any], lift: int, growth: bool = False) -> Any:
+    """Σ_k ρ^(k−2+lift) P_k(t) in the variables s; each part times k for the growth along rays."""
+    f, sign = cell.face
+    terms: dict[tuple[int, ...], fmpq] = {}
+    for powers, value in polynomial.to_dict().items():
+        e = [*map(int, powers)]
+        row = (sum(e) - 2 + lift, *e[:f], *e[f + 1 :])
+        terms[row] = terms.get(row, fmpq(0)) + value * sign ** e[f] * (sum(e) if growth else 1)
+    context = polynomial.context()
+    return context.from_dict(terms).compose(*places, ctx=context)
 
 
 def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], arb]:
@@ -92,31 +127,64 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
 
 
 def _magnitude(polynomial: Any) -> arb:
-    return sum((abs(arb(value)) for value in polynomial.to_dict().values()), arb(0))
+    return sum((abs(arb(value)) for value in polynomial.coeffs()), arb(0))
 
 
 def _upper(polynomial: Any, n: int) -> arb:
     """Bound (8): constant, slopes with their squares, pairs shared between squares, and the rest."""
-    slopes, squares = [arb(0)] * n, [fmpq(0)] * n
-    total, pairs = arb(0), [arb(0)] * n
-    for exponents, value in polynomial.to_dict().items():
-        e = [int(p) for p in exponents]
-        touched = [i for i in range(n) if e[i]]
-        if not touched:
-            total += arb(value)
-        elif sum(e) == 1:
-            slopes[touched[0]] = abs(arb(value))
-        elif sum(e) == 2 and len(touched) == 1:
-            squares[touched[0]] = value
-        elif sum(e) == 2:
-            for i in touched:
-                pairs[i] += abs(arb(value)) / 2
-        else:
-            total += abs(arb(value))
-    for g, q, p in zip(slopes, squares, pairs, strict=True):
-        square = arb(q) + p
-        if -2 * square > g:
-            total += g * g / (-4 * square)
+    low = {e: v for e, v in polynomial.to_dict().items() if sum(e) <= 2}
+    unit = [tuple(int(i == j) for j in range(n)) for i in range(n)]
+    total = low.get((0,) * n, fmpq(0)) + _magnitude(polynomial)
+    total -= sum((abs(arb(value)) for value in low.values()), arb(0))
+    for i, e in enumerate(unit):
+        twice = tuple(2 * one for one in e)
+        slope, square = abs(arb(low.get(e, fmpq(0)))), arb(low.get(twice, fmpq(0)))
+        square += sum((abs(arb(v)) / 2 for f, v in low.items() if f[i] == 1 and sum(f) == 2), arb(0))
+        if -2 * square > slope:
+            total += slope * slope / (-4 * square)
         else:  # at s = 1; where the balls do not tell, what holds in any case
-            total += g + square if -2 * square < g else g + abs(square)
+            total += slope + square if -2 * square < slope else slope + abs(square)
     return total
+
+
+# What the march found ---------------------------------------------------------------------------------
+def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
+    """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
+    if not (cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)):
+        raise Refusal(f"rationals and balls do not confirm {cell}")
+
+
+class Sample:
+    """A random sample of the accepted cells of a face, by reservoir: each has the same chance."""
+
+    def __init__(self, face: tuple[int, int], size: int, seed: int) -> None:
+        self.face, self.size, self.cells, self.count = face, size, list[Cell](), 0
+        self._rng, self._seen = np.random.default_rng([seed, face[0], face[1] + 1]), 0
+
+    def offer(
+        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: Bounds, reach: float
+    ) -> None:
+        """Cells of one batch, as columns of t, h and ends of ρ, and which of them are accepted and finished."""
+        for i in np.flatnonzero(good):
+            self._seen += 1
+            place = len(self.cells) if len(self.cells) < self.size else int(self._rng.integers(self._seen))
+            if place < self.size:
+                self.cells[place : place + 1] = [cell_of(self.face, cells, int(i), bounds, reach)]
+
+
+class EveryCell:
+    """Every accepted or finished cell of a face, and its opposite where that has no face of its own, at all corners."""
+
+    def __init__(self, proof: Proof, face: tuple[int, int]) -> None:
+        self.proof, self.face, self.cells, self.count = proof, face, list[Cell](), 0
+
+    def offer(
+        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: Bounds, reach: float
+    ) -> None:
+        """Cells of one batch, as columns of t, h and ends of ρ, and which of them are accepted and finished."""
+        for chosen in (good, finished):
+            for i in np.flatnonzero(chosen):
+                cell = cell_of(self.face, cells, int(i), bounds, reach)
+                for one in (cell, cell.opposite()) if self.proof.even else (cell,):
+                    confirm(self.proof, one, range(len(self.proof.exact_corners)), ended=chosen is finished)
+                    self.count += 1

@@ -14,9 +14,9 @@ from typing import Any
 
 from flint import arb, arb_series, ctx, fmpq
 
-from flexhinf.certify.checker.algebra import as_rational
-from flexhinf.certify.checker.march import Refusal
 from flexhinf.certify.checker.quotient import offset_of, series_of
+from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Start
 

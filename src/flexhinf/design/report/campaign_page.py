@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
-from flexhinf.campaign.batches import DIVERGED, NOT_RUN, TRACE
+from flexhinf.campaign.batches import DIVERGED, NOT_RUN, PART, TRACE
+from flexhinf.design.campaign_gain import stored_gains
+from flexhinf.design.report.campaign_disturbance import gain_section, gain_statuses
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
     WORDS,
@@ -20,7 +22,7 @@ from flexhinf.design.report.campaign_text import (
     reasons_text,
     value_text,
 )
-from flexhinf.design.report.campaign_worst import Runs, worst_section, worst_statuses, worst_verdict
+from flexhinf.design.report.campaign_worst import Runs, campaign_statuses, worst_section, worst_verdict
 from flexhinf.design.report.drawing import DASHED, figure_block, panels
 from flexhinf.design.report.sections.monte_carlo import histogram_bins
 from flexhinf.files import write_file
@@ -37,7 +39,6 @@ from flexhinf.report import (
     Section,
     Setting,
     Settings,
-    Status,
     Table,
     house_style,
     label,
@@ -92,10 +93,12 @@ def campaign_page(
 ) -> Page:
     """Everything on one page; arguments as `write_campaign`."""
     journal, settings = judged.table.journal, judged.table.journal.settings
+    gains = stored_gains(journal)
     with house_style():
         parts = (
             Section("Success", _success(judged), "success"),
             worst_section(judged, worst, plant_run),
+            gain_section(judged, gains),
             Section("Signals", _bands(judged, run), "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
@@ -105,14 +108,13 @@ def campaign_page(
         journal.about.get("title", "Campaign"), _asked(judged), worst_verdict(judged, worst),
         tuple(section for section in parts if section.blocks), Settings(_settings(settings)),
         Provenance(tuple(journal.manifest.get("command", ())), int(settings["seed"])), _key_numbers(judged),
-        _status(judged, worst),
+        [*campaign_statuses(judged, worst), *gain_statuses(gains)],
     )  # fmt: skip
 
 
 def _asked(judged: CampaignJudgement) -> str:
     settings = judged.table.journal.settings
-    names = judged.table.names("parameter")
-    method = settings.get("method")
+    names, method = judged.table.names("parameter"), settings.get("method")
     spread = {
         "random": "independently",
         "latin-hypercube": "by a Latin hypercube",
@@ -123,15 +125,6 @@ def _asked(judged: CampaignJudgement) -> str:
         f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
         f"noise and with {len(names)} numbers of its own{how}."
     )
-
-
-def _status(judged: CampaignJudgement, worst: Sequence[WorstCase]) -> list[Status]:
-    found = worst_statuses(worst, judged.requirements)
-    if judged.failures:
-        return [Status("not met", f"{judged.failures} of {judged.count} samples fail."), *found]
-    searched = " and the worst robot found by search" if worst else ""
-    text = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
-    return found or [Status("met", text)]
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
@@ -189,7 +182,7 @@ def _bands(judged: CampaignJudgement, run: Callable[[int], Trajectory] | None) -
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
     if not ended.any():
         return []
-    time, worst = judged.table.journal.time, judged.worst(judged.main) if judged.main else None
+    time, worst = judged.table.journal.time, judged.worst_of_all
     lines = [
         None if worst is None else _line(worst, name, trace, ended, time, run)
         for name, trace in zip(names, traces)
@@ -245,26 +238,24 @@ def _line(
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
     names = [name for name in judged.table.names("metric") if judged.worst(name) is not None]
+    figure = _histograms(judged, names)
+    whole = _quantiles(judged, names, "Metrics over all samples that have them", "table-metrics")
+    parts = [name for name in judged.table.names(PART) if judged.worst(name) is not None]
+    joints = _quantiles(judged, parts, "Joint by joint", "table-joints")
+    return [*([] if figure is None else [figure]), *whole, *joints]
+
+
+def _quantiles(judged: CampaignJudgement, names: Sequence[str], title: str, anchor: str) -> list[Any]:
+    """A table of metrics; none without any."""
     rows = []
     for name in names:
         unit, values = judged.table.unit(name), judged.quantiles(name)
         cells = ["never" if np.isinf(value) else number(float(value), 3) for value in values]
         rows.append((metric_text(name), unit, *cells, judged.worst(name)))
     columns = (
-        "",
-        "unit",
-        "least",
-        "5 % are below",
-        "median",
-        "95 % are below",
-        "largest",
-        "sample of the worst",
-    )
-    found: list[Any] = (
-        [Table(columns, rows, "Metrics over all samples that have them", "table-metrics")] if rows else []
-    )
-    figure = _histograms(judged, names)
-    return [*([] if figure is None else [figure]), *found]
+        "", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst",
+    )  # fmt: skip
+    return [Table(columns, rows, title, anchor)] if rows else []
 
 
 def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> Any:
@@ -353,7 +344,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
 def _failures(judged: CampaignJudgement) -> list[Any]:
     folder = shlex.quote(judged.table.journal.folder.name)
     replay = f"flexhinf campaign replay {folder} --sample"
-    worst = judged.worst(judged.main) if judged.main else None
+    worst = judged.worst_of_all
     if not judged.failures:
         if worst is None:
             return [Paragraph("No sample fails.")]

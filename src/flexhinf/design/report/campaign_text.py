@@ -46,7 +46,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     found = judged.success
     failed = f"{judged.failures} of {judged.count} failed"
     text = f"{failed}; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
-    worst = judged.worst(judged.main) if judged.main else None
+    worst = judged.worst_of_all
     if worst is not None:
         value = float(judged.column(judged.main)[worst])
         shown = value_text(value, judged.table.unit(judged.main))
@@ -55,7 +55,10 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
 
 
 def metric_text(metric: str) -> str:
-    """A metric in a sentence."""
+    """A metric in a sentence; of a joint with its name behind it."""
+    whole = next((name for name in WORDS if metric.startswith(f"{name}_")), "")
+    if whole and metric not in WORDS:
+        return f"{WORDS[whole]} {metric.removeprefix(f'{whole}_').replace('_', ' ')}"
     return WORDS.get(metric, metric.replace("_", " "))
 
 

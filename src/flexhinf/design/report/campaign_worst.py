@@ -38,10 +38,10 @@ from flexhinf.report import (
 )
 
 __all__ = [
+    "campaign_statuses",
     "found_text",
     "missed_by",
     "worst_section",
-    "worst_statuses",
     "worst_table",
     "worst_text",
     "worst_verdict",
@@ -86,17 +86,22 @@ def worst_verdict(judged: CampaignJudgement, cases: Sequence[WorstCase]) -> str:
     return text if case is None else f"{text} Search: {worst_text(case)}"
 
 
-def worst_statuses(cases: Sequence[WorstCase], requirements: Sequence[Requirement]) -> list[Status]:
-    """Requirements that a plant found misses."""
-    return [
+def campaign_statuses(judged: CampaignJudgement, cases: Sequence[WorstCase]) -> list[Status]:
+    """How many samples fail, and which requirements a robot that was found misses."""
+    found = [
         Status(
             "not met",
             f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
             f"({limit_text(one, case.unit)}).",
         )
         for case in cases
-        for one in missed_by(case, requirements)
+        for one in missed_by(case, judged.requirements)
     ]
+    if judged.failures:
+        return [Status("not met", f"{judged.failures} of {judged.count} samples fail."), *found]
+    searched = " and the worst robot found by search" if cases else ""
+    text = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
+    return found or [Status("met", text)]
 
 
 def _ordered(case: WorstCase) -> list[str]:
@@ -153,7 +158,7 @@ def worst_section(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: R
     text = worst_text(case)
     return Section("Worst case", [
         Paragraph(_method(cases)),
-        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case"),
+        Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
         *([] if runs is None else _figure(judged, case, runs)),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(f"flexhinf campaign replay {folder} --worst-case {case.metric}"),

@@ -104,8 +104,8 @@ def _slice(given: Certificate, one: Slice, scale: float) -> tuple[Canvas, Axes]:
 def _edges(one: Slice, level: float) -> list[float]:
     """Three values of r/V between the bands of a slice, round numbers from the fastest to the slowest."""
     inside = one.rate[(one.value <= level) & (one.rate < 0.0)]
-    shares = np.quantile(inside, [0.15, 0.45, 0.8]) if inside.size else np.array([-3.0, -2.0, -1.0])
-    return sorted({float(f"{value:.1g}") for value in shares})
+    fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
+    return [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]
 
 
 def _said_of(given: Certificate, one: Slice) -> list[str]:

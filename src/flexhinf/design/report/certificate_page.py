@@ -343,4 +343,8 @@ def _check(given: Certificate) -> list[Any]:
         "The certificate's file has every number of the theorem exactly, and nothing of the search. A second program, "
         "which shares no code with the search, proves it again and says what it proved and what not:"
     )
-    return [Paragraph(text), Listing("flexhinf certify --check certificate.json")]
+    every = (
+        "It trusts a bound of its own rounding in doubles, but for a random sample of cells. With `--every-cell` it "
+        "proves all of them in exact rationals and balls too: minutes for V of degree 2, hours for degree 6."
+    )
+    return [Paragraph(text), Listing("flexhinf certify --check certificate.json"), Paragraph(every)]

@@ -198,10 +198,11 @@ def _differences(result: PairResult) -> list[Any]:
         "statistics (the sign test inverted, which asks for no symmetry), and in how many pairs either is better, by "
         "Clopper and Pearson: the one with the smaller value, or the larger one where a requirement states a least "
         "value. Each interval holds with 95 % by itself, not all of them together. A run that does not "
-        f"reach its end is worse than one that does; pairs of two such runs are left out.{caution}"
+        f"reach its end is worse than one that does; pairs of two such runs are left out. Values that agree to six "
+        f"digits are equal.{caution}"
     )
     rows = []
-    for name in result.paired.metrics:
+    for name in (*result.paired.metrics, *result.paired.parts):
         one = result.paired.metric(name)
         if len(one.pairs):
             a, b = one.medians

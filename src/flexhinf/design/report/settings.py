@@ -16,6 +16,7 @@ from flexhinf.design.report.sections.weights import effort_unit, state_weights
 from flexhinf.design.result import Comparison, Design
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis
+from flexhinf.estimation import MODEL_STEP
 from flexhinf.report import Section, Setting, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
@@ -219,7 +220,8 @@ def _simulation(e: LawEvaluation) -> list[Setting]:
         (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
     ]  # fmt: skip
     if filter is not None:
-        rows.append((steps, filter.sub_steps, "", "estimator's model: step × fastest mode ≤ 0.25"))
+        most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
+        rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))
     return [Setting(*row) for row in rows]
 
 

@@ -268,36 +268,21 @@ class Loop(Summarised):
         *,
         multi_turn: bool = False,
     ) -> PreparedRun:
-        """What `run` would run on a `Plant`, ready to be made alone or with others (`run_many`); arguments as there."""
+        """What `run` would run on a `Plant`, before it is made; arguments as there."""
         plant, controller, parts, code = self.true_plant, self.controller, self.sub_steps, self.code
         assert isinstance(plant, Plant)
         times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
-        samples, period, before = len(times), controller.period, controller.input_before(initial_input)
-        x = starting_state(initial_state, plant.states, controller)
-        d = sample_disturbance(
-            by_name(disturbance, plant), period, samples, parts, plant.disturbances, code.sizes.capacity
-        )
-        arrays = {
-            "x": x, "u": before.copy(),
+        start = {
+            "x": starting_state(initial_state, plant.states, controller),
+            "held": controller.input_before(initial_input).copy(),
             "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
-            "truth": np.concatenate([[period / parts], plant.parameters.vector()]),
-            "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
-            "disturbance": code.undisturbed(samples) if disturbance is None else d.ravel(),
-            "held": before.copy(),
+            "parameters": plant.parameters.vector(),
         }  # fmt: skip
-        recorded = {"reference": signals["reference"], "disturbance": d[:, 0, 0].copy()}
-        return PreparedRun(
-            code,
-            plant,
-            controller,
-            times,
-            arrays,
-            recorded,
-            parts,
-            self.channel.delay,
-            settings,
-            disturbed=disturbance is not None,
-        )
+        acting = None
+        if disturbance is not None:
+            given, room = by_name(disturbance, plant), code.sizes.capacity
+            acting = sample_disturbance(given, controller.period, len(times), parts, plant.disturbances, room)
+        return PreparedRun.of(code, start, signals, acting, parts, settings)
 
     def ensemble(
         self,
@@ -322,7 +307,8 @@ class Loop(Summarised):
         reductions : sequence of Reduction
             Numbers of a user's own beside the metrics of `Trajectory.metrics`.
         kept : sequence of str
-            States or measured signals that are kept at some samples.
+            Signals that are kept at some samples: ``state.NAME``, ``estimate.NAME``, ``output.NAME`` or ``input.NAME``.
+            A name alone is that of a state or of a measured signal.
         instants : (T,) array of int
             These samples.
 
@@ -351,6 +337,7 @@ class Loop(Summarised):
             (disturbance, noise, initial_state, initial_input),
             (reductions, kept, instants),
             self._asked_sub_steps,
+            self._settings(reference, disturbance, noise, 0, 0),
         )
 
     def _sampled(
@@ -364,12 +351,17 @@ class Loop(Summarised):
             "reference": self._commanded(held, times, multi_turn or reference is None),
             "noise": sample_noise(noise, seed, samples, self.controller.measured),
         }
-        settings = {
+        return times, signals, self._settings(reference, disturbance, noise, seed, self.sub_steps)
+
+    def _settings(
+        self, reference: Any, disturbance: Any, noise: Any, seed: int, sub_steps: int
+    ) -> dict[str, Any]:
+        """What a trajectory names."""
+        return {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": seed,
-            "period": self.controller.period, "sub_steps": self.sub_steps, **self.channel.settings(),
+            "period": self.controller.period, "sub_steps": sub_steps, **self.channel.settings(),
         }  # fmt: skip
-        return times, signals, settings
 
     def _commanded(self, reference: Any, times: np.ndarray, multi_turn: bool) -> np.ndarray:
         """The command (N, k): by name, what is not named stays at the operating point."""

@@ -1,13 +1,10 @@
-"""Runs on compiled kernels, alone or side by side in the lanes of vector registers, with the same bits."""
+"""One run on a compiled kernel, with its signals stored; many plants are run by `flexhinf.loop.Ensemble`."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -20,19 +17,7 @@ from flexhinf.loop.simulation.program import LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 
-__all__ = ["LANES", "THREADS", "LoopCode", "PreparedRun", "capacity", "run_many"]
-
-#: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
-LANES = 8
-
-#: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
-WORTH = 50_000
-
-#: Runs that are prepared at a time.
-WINDOW = 32
-
-#: Runs at a time where they are made alone: compiled code lets the other thread go on.
-THREADS = 2
+__all__ = ["LoopCode", "PreparedRun", "capacity"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +51,15 @@ class LoopCode:
         key = ("loop", plant.code_key, controller.code_key, sizes, channel.quanta)
         return cls(key, sizes, plant, controller, channel)
 
-    def kernel(self, lanes: int = 1, shared: tuple[str, ...] = ()) -> Kernel:
-        """The whole run, of so many loops at once; of some buffers all lanes read one copy."""
-        return share((*self.key, lanes, shared), lambda: compile_program(self._sharing(shared), lanes))
+    def kernel(self) -> Kernel:
+        """The whole run."""
+        return share((*self.key, "run"), lambda: compile_program(self.program))
 
     @property
     def program(self) -> Program:
         """What runs."""
         build = lambda: loop_program(self.plant, self.controller, self.sizes, self.channel)  # noqa: E731
         return share((*self.key, "program"), build)
-
-    def _sharing(self, names: tuple[str, ...]) -> Program:
-        buffers = (replace(buffer, shared=buffer.name in names) for buffer in self.program.buffers)
-        return replace(self.program, buffers=tuple(buffers)) if names else self.program
 
     def undisturbed(self, samples: int) -> np.ndarray:
         """No disturbance, as one array for all runs: pages that are never written take no memory."""
@@ -92,8 +73,6 @@ class PreparedRun:
     Attributes
     ----------
     code : LoopCode
-    plant, controller
-        Of this run.
     times : (N,) array
         s.
     arrays : mapping of str to array
@@ -102,39 +81,56 @@ class PreparedRun:
         Signals that are known before the run.
     parts : int
         Runge–Kutta steps per period.
-    delay : int
-        Samples between an input and its effect.
     settings : mapping
         For the trajectory.
-    disturbed : bool
-        Without a disturbance, runs side by side read one array of zeros, most of what they would read otherwise.
     """
 
     code: LoopCode
-    plant: Plant
-    controller: Controller
     times: np.ndarray
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
     parts: int
-    delay: int
     settings: dict[str, Any]
-    disturbed: bool
 
-    @property
-    def fits(self) -> tuple[object, ...]:
-        """Runs for which this is equal can be made side by side."""
-        return self.code.key, len(self.times), self.parts, self.delay, self.disturbed
+    @classmethod
+    def of(
+        cls,
+        code: LoopCode,
+        start: Mapping[str, np.ndarray],
+        signals: Mapping[str, np.ndarray],
+        disturbance: np.ndarray | None,
+        parts: int,
+        settings: dict[str, Any],
+    ) -> PreparedRun:
+        """Of a loop of this code.
 
-    @property
-    def shared(self) -> tuple[str, ...]:
-        """Buffers of which runs side by side read one copy."""
-        return () if self.disturbed else ("disturbance",)
+        Parameters
+        ----------
+        code : LoopCode
+        start : mapping of str to array
+            x, held (the input that acts before the first sample), memory, data, and the parameters of the true plant.
+        signals : mapping of str to array
+            reference (N, r), noise (N, p).
+        disturbance : (N, capacity, 3, d) array or None
+            See `flexhinf.loop.signals.sampling.sample_disturbance`.
+        parts : int
+        settings : mapping
+        """
+        samples, period, sizes = len(signals["reference"]), code.controller.period, code.sizes
+        arrays = {
+            **start, "u": start["held"].copy(), "truth": np.concatenate([[period / parts], start["parameters"]]),
+            "noise": signals["noise"].ravel(), "reference": signals["reference"].ravel(),
+            "disturbance": code.undisturbed(samples) if disturbance is None else disturbance.ravel(),
+        }  # fmt: skip
+        acting = np.zeros((samples, sizes.d)) if disturbance is None else disturbance[:, 0, 0].copy()
+        recorded = {"reference": signals["reference"], "disturbance": acting}
+        return cls(code, np.arange(samples) * period, arrays, recorded, parts, settings)
 
     @property
     def counts(self) -> dict[str, int]:
         """Turns of the kernel's loops, and elements of the inputs that wait."""
-        return {"steps": len(self.times), "parts": self.parts, "late": self.delay * self.code.sizes.u}
+        late = self.code.channel.delay * self.code.sizes.u
+        return {"steps": len(self.times), "parts": self.parts, "late": late}
 
     @property
     def _outputs(self) -> dict[str, tuple[str, int]]:
@@ -155,104 +151,34 @@ class PreparedRun:
                 found[buffer.name] = given.copy() if buffer.role == "state" else given
         return found
 
-    @staticmethod
-    def outputs(runs: Sequence[PreparedRun]) -> dict[str, np.ndarray]:
-        """Arrays for what is recorded of runs that fit, by buffer and lane; before the inputs those that wait."""
-        first = runs[0]
-        late = first.counts["late"]
-        rows = {name: len(first.times) * width for name, (_, width) in first._outputs.items()}
-        arrays = {name: np.zeros((count, len(runs))) for name, count in rows.items() if name != "inputs"}
-        arrays["inputs"] = np.zeros((late + rows["inputs"], len(runs)))
-        for lane, run in enumerate(runs):
-            arrays["inputs"][:late, lane] = np.tile(run.arrays["held"], run.delay)
-        return arrays
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """New arrays for what is recorded, by buffer; before the inputs stand those that wait."""
+        count = len(self.times)
+        arrays = {name: np.zeros(count * width) for name, (_, width) in self._outputs.items()}
+        waiting = np.tile(self.arrays["held"], self.code.channel.delay)
+        return {**arrays, "inputs": np.concatenate([waiting, arrays["inputs"]])}
 
     def alone(self) -> Trajectory:
         """Make this run."""
-        outputs = {name: array.ravel() for name, array in self.outputs([self]).items()}
-        status = self.code.kernel().run({**self.inputs, **outputs}, self.counts)
-        return self.trajectory(outputs, int(status.code), int(status.step))
+        return self.outcome()[0]
 
-    def trajectory(self, outputs: dict[str, np.ndarray], code: int, last: int) -> Trajectory:
+    def outcome(self) -> tuple[Trajectory, int, int]:
+        """Make this run; its trajectory, and the code and the last sample of its `Status`."""
+        outputs = self.outputs
+        status = self.code.kernel().run({**self.inputs, **outputs}, self.counts)
+        code, last = int(status.code), int(status.step)
+        return self.trajectory(outputs, code, last), code, last
+
+    def trajectory(self, outputs: Mapping[str, np.ndarray], code: int, last: int) -> Trajectory:
         """What the run recorded, up to its end; the inputs stand behind those that waited before."""
-        count = len(self.times)
+        count, (plant, controller) = len(self.times), (self.code.plant, self.code.controller)
         recorded = {
             signal: outputs[name][outputs[name].size - count * width :].reshape(count, -1)
             for name, (signal, width) in self._outputs.items()
         }
         signals = {**recorded, **self.recorded}
-        return Trajectory.until(self.plant, self.controller, self.times, signals, self.settings, code, last)
-
-
-def run_many(runs: Iterable[PreparedRun]) -> Iterator[Trajectory]:
-    """Make many runs, in their order: what `PreparedRun.alone` gives for each, bit by bit, in less time.
-
-    Runs of the same code, length and sub-steps are made side by side in `LANES` lanes, where there are enough of them,
-    on `THREADS` threads. The runs may be prepared on the way: `WINDOW` of them are asked for at a time.
-    """
-    rest, worth = iter(runs), set()
-    with ThreadPoolExecutor(THREADS) as pool:
-        while window := list(islice(rest, WINDOW)):
-            yield from _in_order(window, _batches(window, worth), pool)
-
-
-def _batches(window: Sequence[PreparedRun], worth: set[tuple[object, ...]]) -> list[list[int]]:
-    """Places of the runs that are made together; kinds of runs that lanes are worth are kept for later windows."""
-    alike: dict[tuple[object, ...], list[int]] = {}
-    for place, run in enumerate(window):
-        alike.setdefault(run.fits, []).append(place)
-    found = []
-    for fits, places in alike.items():
-        if len(places) >= LANES and len(places) * len(window[places[0]].times) >= WORTH:
-            worth.add(fits)
-        width = LANES if fits in worth else 1
-        found += [places[k : k + width] for k in range(0, len(places), width)]
-    return sorted(found)
-
-
-def _in_order(
-    window: Sequence[PreparedRun], batches: Sequence[Sequence[int]], pool: ThreadPoolExecutor
-) -> Iterator[Trajectory]:
-    """The runs of a window, while at most `THREADS` batches are being made: a run takes megabytes."""
-    rest, begun = iter(batches), deque()
-    made: dict[int, Trajectory] = {}
-
-    def begin() -> None:
-        for batch in islice(rest, THREADS - len(begun)):
-            begun.append((batch, pool.submit(_together, [window[place] for place in batch])))
-
-    for place in range(len(window)):
-        while place not in made:
-            begin()
-            batch, runs = begun.popleft()
-            made.update(zip(batch, runs.result(), strict=True))
-            begin()
-        yield made.pop(place)
-
-
-def _together(runs: Sequence[PreparedRun]) -> list[Trajectory]:
-    return [runs[0].alone()] if len(runs) == 1 else _side_by_side(runs)
-
-
-def _side_by_side(runs: Sequence[PreparedRun]) -> list[Trajectory]:
-    """Up to `LANES` runs at once; lanes without a run repeat the last one."""
-    first = runs[0]
-    filled = (*runs, *[runs[-1]] * (LANES - len(runs)))
-    each = [run.inputs for run in filled]
-    inputs = {
-        name: each[0][name] if name in first.shared else np.stack([one[name] for one in each], axis=-1)
-        for name in each[0]
-    }
-    outputs = PreparedRun.outputs(filled)
-    status = first.code.kernel(LANES, first.shared).run({**inputs, **outputs}, first.counts)
-    codes, steps = np.broadcast_to(status.code, LANES), np.broadcast_to(status.step, LANES)
-    rows = {name: np.ascontiguousarray(outputs.pop(name).T) for name in list(outputs)}
-    return [
-        run.trajectory(
-            {name: array[lane] for name, array in rows.items()}, int(codes[lane]), int(steps[lane])
-        )
-        for lane, run in enumerate(runs)
-    ]
+        return Trajectory.until(plant, controller, self.times, signals, self.settings, code, last)
 
 
 def capacity(sub_steps: int) -> int:

@@ -3,13 +3,15 @@
 The runs go side by side in the lanes of vector registers, on several threads; noise is made and metrics are reduced
 inside the compiled code. Memory grows neither with the plants that have gone nor, unless signals are kept, with the
 samples. The numbers of a plant do not depend on the other plants, on the lanes or on the threads, bit by bit, and
-`Loop.run` of the same plant and seed makes the same run.
+`Loop.run` of the same plant and seed makes the same run. Few runs are not worth a kernel of their own: they are made on
+that of a single run, and their signals are reduced afterwards, to the same bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,11 +22,13 @@ from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
-from flexhinf.loop.signals.sampling import by_name, check_seed, checked_deviation, sample_disturbance
+from flexhinf.loop.signals.sampling import by_name, checked_deviation, sample_disturbance, sample_noise
 from flexhinf.loop.simulation.channel import Channel
-from flexhinf.loop.simulation.compiled_runs import LANES, THREADS, LoopCode, capacity
+from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun, capacity
+from flexhinf.loop.simulation.ensemble_plants import EnsemblePlants
+from flexhinf.loop.simulation.ensemble_result import EnsembleResult, named_numbers
 from flexhinf.loop.simulation.lane_runs import Recorded, Task
-from flexhinf.loop.simulation.program import EnsembleOptions, ensemble_program
+from flexhinf.loop.simulation.program import EnsembleOptions, ensemble_program, reduction_program
 from flexhinf.loop.simulation.reductions import (
     Command,
     Place,
@@ -33,67 +37,23 @@ from flexhinf.loop.simulation.reductions import (
     tracking_reductions,
 )
 from flexhinf.loop.simulation.run_arguments import starting_state
-from flexhinf.plant import Plant, fastest_modes, sub_steps
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.loop.simulation.trajectory import Trajectory
+from flexhinf.plant import Plant
+from flexhinf.untrusted import value_text
 
-__all__ = ["Ensemble", "EnsembleResult", "prepared_ensemble"]
+__all__ = ["LANES", "THREADS", "WORTH", "Ensemble", "prepared_ensemble"]
 
+#: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
+LANES = 8
 
-@dataclass(frozen=True, eq=False)
-class EnsembleResult:
-    """Numbers of N runs.
+#: Threads by default: compiled code lets the others go on.
+THREADS = 2
 
-    Attributes
-    ----------
-    codes : (N,) array of int
-        0 for a run that came to its end; `CONTROL_FAILED` or `PLANT_FAILED` of `flexhinf.loop.simulation.program`
-        where the controller's or the plant's numbers are no longer finite.
-    diverged_at : (N,) array
-        The time of the last sample of a run that diverged, s; NaN for the others.
-    sub_steps : (N,) array of int
-        Runge–Kutta steps per period.
-    judged : tuple of str
-        Tracked states, see `Controller.judged`.
-    by_state : mapping of str to mapping of str to array
-        For each of them its metrics, (N,).
-    common : mapping of str to array
-        Metrics of the whole run, (N,) or (N, j).
-    kept : (N, T, k) array
-        Signals that were asked for, at the instants that were asked for; NaN after a run diverged.
-    """
+#: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
+WORTH = 50_000
 
-    codes: np.ndarray
-    diverged_at: np.ndarray
-    sub_steps: np.ndarray
-    judged: tuple[str, ...]
-    by_state: Mapping[str, Mapping[str, np.ndarray]]
-    common: Mapping[str, np.ndarray]
-    kept: np.ndarray
-
-    @property
-    def completed(self) -> np.ndarray:
-        """Which runs came to their end, (N,) of bool."""
-        return self.codes == 0
-
-    def metrics(self, name: str | None = None) -> dict[str, np.ndarray]:
-        """Metrics (N,) of the first (or the named) tracked state, by the names of `Trajectory.metrics`.
-
-        Where `Trajectory.metrics` has None they are NaN: for a command that is no step, and for runs that diverged. A
-        settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
-        `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
-
-        Raises
-        ------
-        InvalidInput
-            If this state is not tracked.
-        """
-        if name is None and self.judged:
-            name = self.judged[0]
-        if name is not None and name not in self.by_state:
-            raise InvalidInput(
-                f"{name!r} is not tracked.", f"expected one of {list(self.judged)}", "one of these names"
-            )
-        return {**(self.by_state[name] if name is not None else {}), **self.common}
+#: Values of the disturbance by the number of sub-steps; empty without one.
+Disturbances = Mapping[int, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +75,13 @@ class Ensemble:
         Of each judged state.
     common : tuple of Reduction
     kept : tuple of (str, int)
-        Signals that are kept: "state" or "output", and the column.
+        Signals that are kept, see `EnsembleOptions`.
     instants : (T,) array of int
         Samples at which they are.
     sub_steps : int or None
         Of all plants, instead of the number that each one's fastest mode asks for.
+    settings : mapping
+        What trajectories name, besides seed and sub-steps.
     """
 
     plant: Plant
@@ -134,6 +96,7 @@ class Ensemble:
     kept: tuple[tuple[str, int], ...]
     instants: np.ndarray
     sub_steps: int | None
+    settings: Mapping[str, Any]
 
     def run(
         self,
@@ -143,8 +106,8 @@ class Ensemble:
         loads: Any = None,
         *,
         initial_inputs: Any = None,
-        threads: int = THREADS,
-        lanes: int = LANES,
+        threads: int | None = None,
+        lanes: int | None = None,
     ) -> EnsembleResult:
         """Make N runs.
 
@@ -162,27 +125,156 @@ class Ensemble:
             Factors of the disturbance, by channel.
         initial_inputs : (N, m) array, optional
             Of each run, as `initial_input` for `Loop.run`.
-        threads, lanes : int
-            Results do not depend on them.
+        threads, lanes : int, optional
+            Results do not depend on them. By default `THREADS`, and `LANES` where the runs are worth a kernel of them.
 
         Raises
         ------
         InvalidInput
             For arrays that do not fit, and for a plant that is too fast for this period.
         """
-        own = self._own(parameters, seeds, initial_states, loads)
-        own |= self._begun(initial_inputs, len(own["truth"]))
-        parts = self._parts(own["truth"])
-        own["truth"] = np.column_stack([self.command.period / parts, own["truth"]])
-        found = Recorded.of(len(parts), self.remembered, len(self.instants), len(self.kept))
-        for number in np.unique(parts).tolist():
-            start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
+        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
+        threads = THREADS if threads is None else threads
+        if lanes is None and self._few(plants):
+            found = self._alone(plants, threads)
+        else:
+            found = self._in_lanes(plants, LANES if lanes is None else lanes, threads)
+        return named_numbers(found, plants.parts, self.command, self.tracking, self.common)
+
+    def trajectories(
+        self,
+        parameters: Any,
+        seeds: Any = 0,
+        initial_states: Any = None,
+        loads: Any = None,
+        *,
+        initial_inputs: Any = None,
+    ) -> Iterator[Trajectory]:
+        """The same runs with all their signals, a few at a time, for what no reduction says; arguments as for `run`."""
+        plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
+        disturbances = self._disturbances(plants)
+        if self._few(plants):
+            with ThreadPoolExecutor(THREADS) as pool:
+                runs = pool.map(lambda k: self._prepared(plants, disturbances, k).alone(), range(len(plants)))
+                yield from runs
+            return
+        kept = [(kind, k) for kind, names in self._names.items() for k in range(len(names))]
+        everything = np.arange(self.command.samples)
+        whole = replace(self, tracking={}, common=(), kept=tuple(kept), instants=everything)
+        for first in range(0, len(plants), THREADS * LANES):
+            some = plants.some(slice(first, first + THREADS * LANES))
+            found = whole._in_lanes(some, LANES, THREADS, disturbances)
+            yield from (self._trajectory(some, disturbances, found, k) for k in range(len(some)))
+
+    # Ways to run ----------------------------------------------------------------------------------
+    def _few(self, plants: EnsemblePlants) -> bool:
+        """Whether they are not worth a kernel of their own."""
+        return len(plants) < LANES or len(plants) * self.command.samples < WORTH
+
+    def _in_lanes(
+        self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
+    ) -> Recorded:
+        """Side by side, on a kernel that reduces."""
+        truth = np.column_stack([self.command.period / plants.parts, plants.truth])
+        own = {**plants.own, "truth": truth}
+        if "deviation" in self.shared:
+            own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
+        found = Recorded.of(len(plants), self.remembered, len(self.instants), len(self.kept))
+        start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
+        values = self._disturbances(plants) if disturbances is None else disturbances
+        for number in np.unique(plants.parts).tolist():
+            shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
             task = Task(
-                self.kernel(number, lanes), {**self.shared, **self._disturbance(number)}, start, own,
-                self.command.samples, number, self.channel.delay, self.instants,
+                self.kernel(number, lanes), shared, start, own, self.command.samples, number, self.channel.delay,
+                self.instants,
             )  # fmt: skip
-            task.run(np.flatnonzero(parts == number), found, threads)
-        return self._result(found, parts)
+            task.run(np.flatnonzero(plants.parts == number), found, threads)
+        return found
+
+    def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
+        """Each on the kernel of a single run, its signals reduced afterwards."""
+        found = Recorded.of(len(plants), self.remembered, len(self.instants), len(self.kept))
+        disturbances = self._disturbances(plants)
+        with ThreadPoolExecutor(threads) as pool:
+            runs = pool.map(lambda k: self._prepared(plants, disturbances, k).outcome(), range(len(plants)))
+            for k, (run, code, last) in enumerate(runs):
+                found.codes[k], found.steps[k] = code, last
+                if code == 0:
+                    found.remembered[:, k] = self._reduced(run)
+                passed = self.instants < len(run.time)
+                found.kept[k, ~passed] = np.nan
+                for j, (kind, column) in enumerate(self.kept):
+                    found.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
+        return found
+
+    def _prepared(self, plants: EnsemblePlants, disturbances: Disturbances, k: int) -> PreparedRun:
+        """The k-th run, alone."""
+        parts = int(plants.parts[k])
+        code = LoopCode.of(self.plant, self.controller, self.channel, parts)
+        own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
+        measured, deviation = self.controller.measured, self.shared.get("deviation")
+        noise = sample_noise(deviation, plants.seeds[k], self.command.samples, measured)
+        start = {name: own[name] for name in ("x", "held", "memory")}
+        start |= {"data": self.shared["data"], "parameters": plants.truth[k]}
+        acting = disturbances[parts] * own["load"] if disturbances else None
+        signals = {"reference": self._commands, "noise": noise}
+        return PreparedRun.of(code, start, signals, acting, parts, self._settings(plants, k))
+
+    def _trajectory(
+        self, plants: EnsemblePlants, disturbances: Disturbances, found: Recorded, k: int
+    ) -> Trajectory:
+        """Of a run of which all signals were kept."""
+        ends = np.cumsum([len(names) for names in self._names.values()])[:-1]
+        recorded = dict(zip(self._names, np.split(found.kept[k], ends, axis=1)))
+        acting = np.zeros((self.command.samples, len(self.plant.disturbances)))
+        if disturbances:
+            acting = disturbances[int(plants.parts[k])][:, 0, 0] * plants.own["load"][k]
+        signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
+        signals |= {"reference": self._commands, "disturbance": acting}
+        times = np.arange(self.command.samples) * self.command.period
+        return Trajectory.until(
+            self.plant, self.controller, times, signals, self._settings(plants, k), int(found.codes[k]),
+            int(found.steps[k]),
+        )  # fmt: skip
+
+    def _reduced(self, run: Trajectory) -> np.ndarray:
+        """What the reductions remember of a whole run."""
+        remembered = self.remembered.copy()
+        if len(remembered):
+            signals = {name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")}
+            arrays = {**self.shared, **signals, "remembered": remembered, "step": np.zeros(1)}
+            names = [buffer.name for buffer in self._reducer.program.buffers]
+            self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
+        return remembered
+
+    # What the runs have -----------------------------------------------------------------------------
+    def _plants(self, *given: Any) -> EnsemblePlants:
+        disturbed = self.disturbance is not None
+        return EnsemblePlants.of(self.plant, self.controller, self.start, self.sub_steps, given, disturbed)
+
+    def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
+        """For each number of sub-steps see `sample_disturbance`; empty without a disturbance."""
+        if self.disturbance is None:
+            return {}
+        command, names = self.command, self.plant.disturbances
+        return {
+            parts: sample_disturbance(
+                self.disturbance, command.period, command.samples, parts, names, capacity(parts)
+            )
+            for parts in np.unique(plants.parts).tolist()
+        }
+
+    def _settings(self, plants: EnsemblePlants, k: int) -> dict[str, Any]:
+        return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k])}
+
+    @property
+    def _commands(self) -> np.ndarray:
+        """The command (N, r)."""
+        return self.shared.get("reference", np.zeros(0)).reshape(self.command.samples, -1)
+
+    @property
+    def _names(self) -> dict[str, tuple[str, ...]]:
+        return _signal_names(self.plant, self.controller)
 
     # What is compiled -----------------------------------------------------------------------------
     @cached_property
@@ -210,118 +302,13 @@ class Ensemble:
         updates = tuple(one.code_key for one in self.reductions)
         return share((*code.key, "ensemble", options, updates, lanes), build)
 
-    # Arrays ---------------------------------------------------------------------------------------
-    def _own(self, parameters: Any, seeds: Any, initial_states: Any, loads: Any) -> dict[str, np.ndarray]:
-        """What each run has of its own, by buffer: rows of N."""
-        truth = self._parameters(parameters)
-        count = len(truth)
-        own = {"truth": truth, "x": self._rows("initial states", initial_states, count, self.start["x"])}
-        if "deviation" in self.shared:
-            own["key"] = _keys(seeds, count)
-        if self.disturbance is not None:
-            own["load"] = self._rows("loads", loads, count, np.ones(len(self.plant.disturbances)))
-        elif loads is not None:
-            raise InvalidInput(
-                "There is no disturbance that loads could be factors of.",
-                "expected loads=None",
-                "a disturbance in Loop.ensemble",
-            )
-        return own
-
-    def _begun(self, inputs: Any, count: int) -> dict[str, np.ndarray]:
-        """The inputs before the first sample and the controller's memory of them, where each run has its own."""
-        if inputs is None:
-            return {}
-        rows = self._rows("initial inputs", inputs, count, self.start["held"])
-        before = np.array([self.controller.input_before(row) for row in rows]).reshape(rows.shape)
-        memory = [self.controller.initial_memory(input=row) for row in rows]
-        return {"held": before, "memory": np.array(memory).reshape(count, -1)}
-
-    def _parameters(self, parameters: Any) -> np.ndarray:
-        table = self.plant.parameters
-        if isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters):
-            return table.vectors(parameters)
-        rows = real_array(parameters)
-        if rows.ndim != 2 or rows.shape[1] != table.size or not np.all(np.isfinite(rows)):
-            raise InvalidInput(
-                "The parameters do not fit the plant.",
-                f"expected rows of {table.size} finite numbers for {list(table.names)}, got {value_text(parameters)}",
-                "plant.parameters.vectors([...]), or mappings by name",
-            )
-        return rows
-
-    def _rows(self, what: str, given: Any, count: int, default: np.ndarray) -> np.ndarray:
-        if given is None:
-            return np.broadcast_to(default, (count, len(default)))
-        rows = real_array(given)
-        if rows.shape != (count, len(default)) or not np.all(np.isfinite(rows)):
-            raise InvalidInput(
-                f"The {what} do not fit the plants.",
-                f"expected finite numbers of shape {(count, len(default))}, got {value_text(given)}",
-                "one row for each plant",
-            )
-        return rows
-
-    def _parts(self, truth: np.ndarray) -> np.ndarray:
-        """Sub-steps of each plant, (N,): those of a `Loop` of this plant alone."""
-        if self.sub_steps is not None:
-            return np.full(len(truth), self.sub_steps)
-        point = starting_state(None, self.plant.states, self.controller)
-        modes = fastest_modes(self.plant, truth, point, self.controller.law.operating_input)
-        return np.array([sub_steps(self.controller.period, mode) for mode in modes.tolist()], dtype=int)
-
-    def _disturbance(self, parts: int) -> dict[str, np.ndarray]:
-        if self.disturbance is None:
-            return {}
-        command, names = self.command, self.plant.disturbances
-        values = sample_disturbance(
-            self.disturbance, command.period, command.samples, parts, names, capacity(parts)
-        )
-        return {"disturbance": values.ravel()}
-
-    def _result(self, found: Recorded, parts: np.ndarray) -> EnsembleResult:
-        failed = found.codes != 0
-        diverged_at = np.where(failed, found.steps * self.command.period, np.nan)
-        found.remembered[:, failed] = np.nan
-        results, start = [], 0
-        for reduction in self.reductions:
-            some = found.remembered[start : start + len(reduction.start)]
-            results.append(
-                {
-                    name: _blank(values, failed)
-                    for name, values in reduction.result(some, self.command).items()
-                }
-            )
-            start += len(reduction.start)
-        rest = iter(results)
-        by_state = {
-            name: {key: value for _ in several for key, value in next(rest).items()}
-            for name, several in self.tracking.items()
-        }
-        common = {key: value for result in rest for key, value in result.items()}
-        return EnsembleResult(
-            found.codes, diverged_at, parts, tuple(self.tracking), by_state, common, found.kept
-        )
-
-
-def _blank(values: np.ndarray, failed: np.ndarray) -> np.ndarray:
-    values = np.array(values, dtype=float)
-    values[failed] = np.nan
-    return values
-
-
-def _keys(seeds: Any, count: int) -> np.ndarray:
-    """Sample and words of the seed of each run, (N, 3); the sample is zero, as in `Loop.run`."""
-    given = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
-    for seed in given[:1] if np.ndim(seeds) == 0 else given:
-        check_seed(seed)
-    if len(given) != count:
-        raise InvalidInput(
-            "The seeds do not fit the plants.",
-            f"expected {count} integers, got {len(given)}",
-            "one for each plant",
-        )
-    return np.array([(0, *seed_key(int(seed))) for seed in given], dtype=float).reshape(count, 3)
+    @cached_property
+    def _reducer(self) -> Kernel:
+        """The reductions alone, of one run's signals."""
+        sizes = LoopCode.of(self.plant, self.controller, self.channel, 1).sizes
+        updates = tuple(one.code_key for one in self.reductions)
+        build = lambda: compile_program(reduction_program(sizes, self.reductions))  # noqa: E731
+        return share(("reductions", sizes, updates), build)
 
 
 def prepared_ensemble(
@@ -332,6 +319,7 @@ def prepared_ensemble(
     run: tuple[Any, Any, Any, Any],
     wanted: tuple[Sequence[Reduction], Sequence[str], Any],
     asked_sub_steps: int | None,
+    settings: Mapping[str, Any],
 ) -> Ensemble:
     """See `Loop.ensemble`.
 
@@ -344,6 +332,8 @@ def prepared_ensemble(
     wanted : tuple
         A user's reductions, names of signals that are kept, and samples at which they are.
     asked_sub_steps : int or None
+    settings : mapping
+        What trajectories name.
     """
     disturbance, noise, initial_state, initial_input = run
     command = Command.of(commands, controller.period)
@@ -366,25 +356,35 @@ def prepared_ensemble(
     return Ensemble(
         plant, controller, channel, command, start, shared, disturbance, tracking,
         (*common_reductions(known), *reductions), tuple(_signal(plant, controller, name) for name in names),
-        _instants(instants, command.samples), asked_sub_steps,
+        _instants(instants, command.samples), asked_sub_steps, settings,
     )  # fmt: skip
+
+
+def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
+    """What can be kept of a run, by the kinds of `Trajectory.signals`."""
+    return {
+        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.states),
+        "input": tuple(controller.law.input_names),
+    }  # fmt: skip
 
 
 def _place(plant: Plant, controller: Controller, name: str) -> Place:
     """As `Trajectory.tracked` finds a tracked state."""
-    names = {"state": plant.states, "output": controller.measured, "estimate": controller.states}
-    kind = next((kind for kind, several in names.items() if name in several), "state")
-    return Place(kind, tuple(names[kind]).index(name), controller.commanded.index(name))
+    names = _signal_names(plant, controller)
+    kind = next((kind for kind in ("state", "output", "estimate") if name in names[kind]), "state")
+    return Place(kind, names[kind].index(name), controller.commanded.index(name))
 
 
-def _signal(plant: Plant, controller: Controller, name: str) -> tuple[str, int]:
-    for kind, names in (("state", plant.states), ("output", controller.measured)):
-        if name in names:
-            return kind, tuple(names).index(name)
+def _signal(plant: Plant, controller: Controller, text: str) -> tuple[str, int]:
+    names = _signal_names(plant, controller)
+    kind, _, name = text.rpartition(".")
+    for one in [kind] if kind in names else ["state", "output"]:
+        if name in names[one]:
+            return one, names[one].index(name)
     raise InvalidInput(
-        f"There is no signal {name!r}.",
+        f"There is no signal {text!r}.",
         f"expected states and measured signals out of {[*plant.states, *controller.measured]}",
-        "one of these",
+        f"one of these, or estimate.{controller.states[0]}, or input.{names['input'][0]}",
     )
 
 

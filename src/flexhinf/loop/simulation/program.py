@@ -25,6 +25,7 @@ __all__ = [
     "ensemble_program",
     "loop_program",
     "measure_function",
+    "reduction_program",
     "rk4_function",
 ]
 
@@ -153,7 +154,7 @@ class EnsembleOptions:
     noisy, disturbed, delayed : bool
         Whether there are measurement noise, a disturbance, and a delay of the inputs.
     kept : tuple of (str, int)
-        Signals that are recorded at every sample: "state" or "output", and the column.
+        Signals that are recorded at every sample: "state", "output", "estimate" or "input", and the column.
     """
 
     noisy: bool
@@ -198,9 +199,11 @@ def ensemble_program(
     body.append(
         Call(drop_empty(measure_function(plant, controller, channel)), (*x, *held, *noise, *truth), y)
     )
+    body += control
     if options.kept:
-        body.append(Call(_kept_function(sizes, options.kept), (*x, *y), _row("kept", len(options.kept))))
-    body += [*control, Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
+        observed = (*x, *y, *estimate, u[0])
+        body.append(Call(_kept_function(sizes, options.kept), observed, _row("kept", len(options.kept))))
+    body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
     observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
     body.append(Call(reduce, (*observed, Slice("facts", size=1 + 3 * sizes.r)), (*remembered, *step)))
     if options.delayed:
@@ -250,28 +253,55 @@ def _ensemble_buffers(sizes: LoopSizes, remembered: int, options: EnsembleOption
     return buffers
 
 
+def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Program:
+    """The reductions of `ensemble_program` alone, of the recorded signals of one run."""
+    signals = {
+        "state": sizes.x,
+        "estimate": sizes.estimate,
+        "output": sizes.y,
+        "input": sizes.u,
+        "reference": sizes.r,
+    }
+    rows = [piece for name, size in signals.items() for piece in _row(name, size)]
+    own = {"step": 1, "remembered": sum(len(reduction.start) for reduction in reductions)}
+    step, remembered, facts = (
+        *(Slice(name, size=size) for name, size in own.items()),
+        Slice("facts", size=1 + 3 * sizes.r),
+    )
+    reduce = Call(
+        drop_empty(_reduce_function(sizes, reductions)), (step, remembered, *rows, facts), (remembered, step)
+    )
+    buffers = [Buffer(name, None, "in") for name, size in signals.items() if size]
+    buffers += [
+        Buffer("facts", 1 + 3 * sizes.r, "in"),
+        *(Buffer(name, size, "state") for name, size in own.items()),
+    ]
+    return Program("reductions", tuple(buffers), (Repeat("steps", (reduce,)),), ("steps",))
+
+
 def _product_function(size: int, times: int) -> ca.Function:
     """(times rows of numbers, factors) → the rows times the factors, rounded before anything is added to them."""
     return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
 
 
 def _kept_function(sizes: LoopSizes, kept: Sequence[tuple[str, int]]) -> ca.Function:
-    """(x, y) → what is kept of a sample."""
+    """(x, y, estimate, u) → what is kept of a sample."""
 
-    def keep(x: Any, y: Any) -> Any:
-        return np.array([{"state": x, "output": y}[kind][column] for kind, column in kept])
+    def keep(x: Any, y: Any, estimate: Any, u: Any) -> Any:
+        signals = {"state": x, "output": y, "estimate": estimate, "input": u}
+        return np.array([signals[kind][column] for kind, column in kept])
 
-    return trace(keep, sizes.x, sizes.y, name="keep")
+    return drop_empty(trace(keep, sizes.x, sizes.y, sizes.estimate, sizes.u, name="keep"))
 
 
 def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Function:
-    """(step, remembered, x, estimate, y, u, command, facts) → remembered, and the next step."""
+    """(step, remembered, x, estimate, y, u, command, facts) → remembered, if anything is, and the next step."""
     r = sizes.r
 
     def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
         rows = (facts[1 + k * r : 1 + (k + 1) * r] for k in range(3))
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
-        return update_all(reductions, kept, now), step + 1.0
+        return (update_all(reductions, kept, now), step + 1.0) if reductions else step + 1.0
 
     remembered = sum(len(reduction.start) for reduction in reductions)
     widths = (1, remembered, sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)

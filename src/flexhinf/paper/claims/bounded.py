@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.hinf import HJISolution
-from flexhinf.loop import Sine, Step, Trajectory, run_many
+from flexhinf.loop import Sine, Step, Trajectory
 from flexhinf.paper.claims.judgement import NOT_BY_THE_PENALTY, Judged, damped_law, repair_by_damping
 from flexhinf.paper.experiments import STEP_DURATION, Experiments
 from flexhinf.paper.loop_setup import LONG, PaperSetup, affordable
@@ -114,12 +114,8 @@ def _runs(
 ) -> list[Trajectory]:
     law = setup.nonlinear if law is None else law
     ukf = setup.estimator("ukf")
-    return list(
-        run_many(
-            setup.prepared(law, command, LONG, disturbance=disturbance, estimator=ukf, seed=setup.seed(k))
-            for k in range(count)
-        )
-    )
+    ensemble = setup.ensemble(law, command, LONG, disturbance=disturbance, estimator=ukf)
+    return list(ensemble.trajectories([{}] * count, [setup.seed(k) for k in range(count)]))
 
 
 def _errors(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ must agree with the growth rates of the linear one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from flexhinf.analysis import GrowthRates
 from flexhinf.hinf import HJISolution
-from flexhinf.loop import PreparedRun, Step, Trajectory, run_many
+from flexhinf.loop import Step, Trajectory
 from flexhinf.paper.claims.judgement import Judged
 from flexhinf.paper.claims.tolerance_repair import Repair, cost_table, find_repairs, left_unstable
 from flexhinf.paper.experiments import STEP_DURATION
@@ -225,28 +225,28 @@ class Agreement:
         return text + (f" (within {number(self.error, 2)}/s)." if math.isfinite(self.error) else ".")
 
 
-def growth_rate(run: Trajectory) -> tuple[float, float]:
-    """(rate in 1/s, late RMS in rad/s) of the link's velocity; both infinite if the run diverged."""
-    if run.diverged_at is not None:
+def growth_rate(velocity: np.ndarray) -> tuple[float, float]:
+    """(rate in 1/s, late RMS in rad/s) of the link's velocity (N,) in a run of `LONG`; both infinite if it diverged."""
+    if np.isnan(velocity).any():
         return np.inf, np.inf
-    velocity, end = run.signal("state", "link_velocity"), run.time[-1]
-    sizes = []
-    for first, last in (EARLY, LATE):
-        part = velocity[(run.time >= first * end) & (run.time <= last * end)]
-        sizes.append(max(float(np.sqrt(np.mean(part**2))), 1e-300))
-    return float(np.log(sizes[1] / sizes[0]) / (end * (LATE[0] - EARLY[0]))), sizes[1]
+    fractions = np.linspace(0.0, 1.0, len(velocity))
+    sizes = [
+        max(float(np.sqrt(np.mean(velocity[(fractions >= first) & (fractions <= last)] ** 2))), 1e-300)
+        for first, last in (EARLY, LATE)
+    ]
+    return float(np.log(sizes[1] / sizes[0]) / (LONG * (LATE[0] - EARLY[0]))), sizes[1]
 
 
 def _growth_rates(
-    setup: PaperSetup, law: HJISolution, jobs: Iterable[tuple[float, int]]
+    setup: PaperSetup, law: HJISolution, goal: float, plants: Sequence[int]
 ) -> list[tuple[float, float]]:
-    """`growth_rate` of runs without noise to these goals, with these plants of the population."""
-    return [growth_rate(run) for run in run_many(_prepared(setup, law, goal, k) for goal, k in jobs)]
-
-
-def _prepared(setup: PaperSetup, law: HJISolution, goal: float, k: int) -> PreparedRun:
-    values = setup.population.values[k]
-    return setup.prepared(law, Step(goal), LONG, true_values=values, inductance=True, noise=False)
+    """`growth_rate` of runs without noise to a goal, with these plants of the population."""
+    samples = np.arange(round(LONG / setup.settings.period) + 1)
+    ensemble = setup.ensemble(
+        law, Step(goal), LONG, inductance=True, noise=False, kept=["state.link_velocity"], instants=samples
+    )
+    found = ensemble.run([setup.population.values[k] for k in plants])
+    return [growth_rate(velocity) for velocity in found.kept[:, :, 0]]
 
 
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> Agreement:
@@ -258,7 +258,11 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> Agreement:
         plants = dict.fromkeys([*np.argsort(-rates)[:WORST], *np.flatnonzero(kinds == "single"), *sampled])
         jobs += [(goal, int(k), float(rates[k])) for k in plants]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
-    found = _growth_rates(setup, setup.nonlinear, [job[:2] for job in jobs])
+    found = [
+        rate
+        for goal in GOALS
+        for rate in _growth_rates(setup, setup.nonlinear, goal, [k for at, k, _ in jobs if at == goal])
+    ]
     agree, errors = 0, [0.0]
     for (_, _, expected), (measured, size) in zip(jobs, found, strict=True):
         decayed = size < ROUNDING and expected < 0.0
@@ -277,7 +281,7 @@ def _repair_text(setup: PaperSetup, study: ToleranceStudy, repairs: Sequence[Rep
         grown = 0
         for goal in GOALS:
             worst = np.argsort(-study.chosen[goal].rates)[: affordable(WORST, setup.settings.period)]
-            runs = _growth_rates(setup, found.law, [(goal, int(k)) for k in worst])
+            runs = _growth_rates(setup, found.law, goal, worst.tolist())
             grown += sum(rate >= 0.0 and size > ROUNDING for rate, size in runs)
         confirmed = (
             "the worst plants' runs decay" if not grown else f"{grown} of the worst plants' runs still grow"
@@ -336,7 +340,8 @@ def _worst_figure(setup: PaperSetup, study: ToleranceStudy, repairs: Sequence[Re
         **{f"s = {r.scale:.2f}, repaired for {r.name}".replace("R^v", "Rᵛ"): r.law for r in repairs},
     }
     figure, panels = new_figure(len(laws), height=1.0 + 1.5 * len(laws))
-    errors = {name: _error(_prepared(setup, law, goal, k).alone(), goal) for name, law in laws.items()}
+    plant = {"true_values": setup.population.values[k], "inductance": True, "noise": False}
+    errors = {name: _error(setup.run(law, Step(goal), LONG, **plant), goal) for name, law in laws.items()}
     reach = min(95.0, 1.1 * max(float(np.abs(error).max()) for _, error in errors.values()))
     for axes, (name, (time, error)), colour in zip(panels, errors.items(), SERIES, strict=False):
         axes.plot(time, np.clip(error, -reach, reach), color=colour, linewidth=1.0)

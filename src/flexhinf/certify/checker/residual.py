@@ -1,0 +1,176 @@
+"""The residual r of a claim in exact rationals: equation (3) as it stands, then in z (x = T z) and sorted."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from flint import Ordering, fmpq, fmpq_mpoly_ctx
+
+from flexhinf.certify.claim import Claim
+from flexhinf.certify.terms import Polynomial, Terms
+
+__all__ = [
+    "Exponents",
+    "Residual",
+    "as_rational",
+    "parameter_corners",
+    "polynomial_of",
+    "residual",
+    "rounded",
+]
+
+#: A product of powers of parameters: (name, exponent) pairs.
+Exponents = tuple[tuple[str, int], ...]
+
+
+def as_rational(value: float) -> fmpq:
+    """A double as the rational that it is."""
+    return fmpq(*float(value).as_integer_ratio())
+
+
+def rounded(value: fmpq) -> float:
+    """The nearest double: Python's division of integers is correctly rounded."""
+    return int(value.p) / int(value.q)
+
+
+def polynomial_of(polynomial: Polynomial, context: Any) -> Any:
+    """A claim's polynomial as an exact one."""
+    return context.from_dict({powers: as_rational(value) for powers, value in polynomial})
+
+
+@dataclass(frozen=True)
+class Residual:
+    """r(z, p) = Σ over products π of parameters: π(p) · (A_π(z) + Σ_j S_j(ℓ_jᵀTz) B_{π,j}(z)).
+
+    S_j(s) = (φ_j(o + s) − φ_j(o))/s, and B_j has the factor s = ℓ_jᵀTz.
+
+    Attributes
+    ----------
+    value : fmpq_mpoly
+        V(Tz).
+    products : list of Exponents
+    plain, factors : lists of fmpq_mpoly by product; and for each function j
+        A_π and B_{π,j}.
+    arguments : list of fmpq_mpoly
+        ℓ_jᵀTz.
+    gradient_law : bool
+        Whether g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding of the coefficients: for the budget of the theorem.
+    """
+
+    value: Any
+    products: list[Exponents]
+    plain: list[Any]
+    factors: list[list[Any]]
+    arguments: list[Any]
+    gradient_law: bool
+
+
+def residual(claim: Claim) -> Residual:
+    """V_x (f + g2 k) + ½ hᵀh + ½ kᵀR2 k + |V_x g1|²/(2γ²) + αV, in x, and then with x = T z."""
+    n, free = len(claim.states), [p.name for p in claim.parameters if p.low < p.high]
+    fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
+    after, end = n + len(free), n + len(free) + len(claim.functions)
+    names = [
+        *(f"z{i + 1}" for i in range(n)),
+        *(f"p{i}" for i in range(n, after)),
+        *(f"S{i}" for i in range(after, end)),
+    ]
+    ring = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
+    gens = ring.gens()
+
+    def total(parts: Iterable[Any]) -> Any:
+        return sum(parts, ring.constant(0))
+
+    def linear(row: Iterable[float]) -> Any:
+        return total(as_rational(a) * one for a, one in zip(row, gens[:n], strict=True))
+
+    def polynomial(given: Polynomial) -> Any:
+        return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in given})
+
+    def field(
+        terms: Terms,
+    ) -> Any:  # (2); an uncertain p^e is one variable, since p stands with no other exponent
+        result = ring.constant(0)
+        for term in terms:
+            product = polynomial(((term.powers, term.coefficient),))
+            for name, exponent in term.parameters:
+                if exponent:
+                    product *= gens[n + free.index(name)] if name in free else fixed[name] ** exponent
+            if term.function is not None:
+                product *= gens[after + term.function] * s[term.function]
+            result += product
+        return result
+
+    s = [linear(function.slope) for function in claim.functions]
+    v, k, h = polynomial(claim.value), [*map(polynomial, claim.law)], [*map(polynomial, claim.penalty)]
+    v_x = [v.derivative(i) for i in range(n)]
+    f, g1, g2 = [*map(field, claim.drift)], _matrix(claim.g1, field), _matrix(claim.g2, field)
+    v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
+    priced = [total(a * one for a, one in zip(row, k, strict=True)) for row in _matrix(claim.r2, as_rational)]
+    half, gamma = fmpq(1, 2), as_rational(claim.gamma)
+    r = total(a * b for a, b in zip(v_x, f, strict=True)) + total(a * b for a, b in zip(v_g2, k, strict=True))
+    r += half * total(a * a for a in h) + half * total(a * b for a, b in zip(k, priced, strict=True))
+    r += half / gamma**2 * total(a * a for a in v_g1) + as_rational(claim.decay) * v
+
+    places = [*map(linear, claim.coordinates), *gens[n:]]
+    r, v, *s = (one.compose(*places, ctx=ring) for one in (r, v, *s))
+    parts: dict[tuple[int, ...], list[dict[Any, fmpq]]] = {(0,) * len(free): [{} for _ in range(1 + len(s))]}
+    for powers, coefficient in r.to_dict().items():
+        e = tuple(map(int, powers))
+        part = parts.setdefault(e[n:after], [{} for _ in range(1 + len(s))])
+        part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
+    in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
+    plain, *factors = map(list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True))
+    certain = not any(any(powers[n:]) for one in v_g2 for powers in one.to_dict())
+    gradient = certain and all(_opposite(a, b) for a, b in zip(priced, v_g2, strict=True))
+    v, *s = (in_z.from_dict({e[:n]: a for e, a in one.to_dict().items()}) for one in (v, *s))
+    return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
+
+
+def _matrix(rows: Iterable[Iterable[Any]], entry: Any) -> list[list[Any]]:
+    return [[entry(one) for one in row] for row in rows]
+
+
+def _named(claim: Claim, free: list[str], products: Iterable[tuple[int, ...]]) -> list[Exponents]:
+    """Products of the variables θ = p^e, as powers of the parameters."""
+    plant = [t for row in (claim.drift, *claim.g1, *claim.g2) for terms in row for t in terms]
+    exponent = {name: e for term in plant for name, e in term.parameters if e}
+    return [
+        tuple((p, e * exponent[p]) for p, e in zip(free, powers, strict=True) if e) for powers in products
+    ]
+
+
+def _opposite(one: Any, other: Any) -> bool:
+    """Whether the sum of two polynomials is rounding: below 1e-12 of the largest coefficient of their degree."""
+    largest: dict[int, fmpq] = {}
+    for powers, value in other.to_dict().items():
+        degree = sum(map(int, powers))
+        largest[degree] = max(largest.get(degree, fmpq(0)), abs(value))
+    rest = (one + other).to_dict().items()
+    return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
+
+
+def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
+    """Each product of parameters (columns) at the corners of the box (rows).
+
+    Between them each product stays between its values there, because no parameter of another exponent than 1 vanishes;
+    for the squares that |V_x g1|² brings, a parameter that may vanish has 0 as a third end.
+    """
+    used = {name for product in products for name, _ in product}
+    box = [
+        (p.low, p.high, *([0.0] if p.low < 0 < p.high else [])) for p in claim.parameters if p.name in used
+    ]
+    names = [p.name for p in claim.parameters if p.name in used]
+    rows = []
+    for corner in itertools.product(*map(sorted, map(set, box))):
+        at, row = dict(zip(names, map(as_rational, corner), strict=True)), []
+        for product in products:
+            weight = fmpq(1)
+            for name, exponent in product:
+                weight *= at[name] ** exponent
+            row.append(weight)
+        rows.append(row)
+    return rows

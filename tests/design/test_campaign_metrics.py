@@ -1,0 +1,63 @@
+"""Figures of a design's campaign: the worst of all joints, and of each one; what samples are not for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.campaign import Campaign, run_batch
+from flexhinf.design import CampaignOptions, DesignCampaign, DesignRequest, Specification
+from flexhinf.errors import InvalidInput
+
+ROBOT = "planar-two-link"
+
+
+def asked(**fields: Any) -> DesignCampaign:
+    specification = Specification(estimator="none", **fields)
+    return DesignCampaign(
+        DesignRequest(fh.load_robot(ROBOT), specification, ROBOT), CampaignOptions(8, batch=8)
+    )
+
+
+def campaign_of(one: DesignCampaign) -> Campaign:
+    robot = one.request.robot
+    law = fh.linear_law(robot.problem(pose=one.specification.pose), math.inf)
+    return one.campaign(fh.Controller(law, None, 1e-3, start="bumpless"), 4.0)
+
+
+def test_each_joint_has_figures_of_its_own() -> None:
+    campaign = campaign_of(asked(pose=(0.3, 0.2), start=(0.2, 0.1)))
+    found = run_batch(campaign, 0).columns
+    kinds = {column.name: (column.kind, column.unit) for column in campaign.columns}
+    assert kinds["overshoot_percent"] == ("metric", "%")
+    assert kinds["peak_speed_elbow"] == ("part metric", "rad/s")
+    for name in ("overshoot_percent", "settling_time_s", "steady_state_error", "peak_input", "peak_speed"):
+        shoulder, elbow = (found[f"{name}_{joint}"] for joint in ("shoulder", "elbow"))
+        np.testing.assert_array_equal(np.maximum(shoulder, elbow), found[name], name)
+        assert name in ("overshoot_percent", "settling_time_s") or not np.array_equal(shoulder, elbow)
+    signals = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
+    for name, values in run_batch(signals, 0).columns.items():
+        if name.startswith("rise_time_s"):
+            np.testing.assert_allclose(values, found[name], rtol=1e-12)
+        else:
+            np.testing.assert_array_equal(values, found[name], name)
+
+
+def test_a_joint_that_does_not_move_has_no_step() -> None:
+    names = asked(pose=(0.3, 0.2), start=(0.3, 0.1)).metrics.units
+    assert "overshoot_percent_elbow" in names
+    assert "overshoot_percent_shoulder" not in names
+    assert "peak_input_shoulder" in names
+
+
+def test_a_design_that_is_judged_along_a_move_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "move.csv"
+    file.write_text("time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,10,10\n2,20,10\n")
+    with pytest.raises(InvalidInput, match="judged along a move"):
+        _ = asked(move=str(file)).stated
