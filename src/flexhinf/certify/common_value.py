@@ -157,7 +157,7 @@ class _Constraints:
 
     @classmethod
     def gain(cls, a: np.ndarray, b: np.ndarray, q: np.ndarray) -> _Constraints:
-        """Minus (15) at every vertex; y is the upper triangle of P, then γ². With Q > 0, P > 0 follows from A_v stable."""
+        """Minus (15) at every vertex; y is the upper triangle of P, then γ². P > 0 follows from stable A_v."""
         count, n, w = b.shape
         base = np.zeros((count, n + w, n + w))
         base[:, :n, :n] = -q

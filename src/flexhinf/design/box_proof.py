@@ -1,8 +1,8 @@
-"""The proof of one law for every robot within its tolerances: the smallest gain that sampling does not refuse, then that
-gain with some room proved for the whole box.
+"""The proof of one law for every robot within its tolerances, on a region that holds a step.
 
-The gain is from the disturbances to the z of `measured_problem`, which is the same for all laws of a robot. The storage
-function is a multiple of the law's V, on the level that holds the step of every robot without a jump of its input.
+The gain is from the disturbances to the z of `measured_problem`, which is the same for all laws of a robot. For a
+linear law the storage function is a common quadratic V, see `flexhinf.certify.common_value`; for others it is a
+multiple of the law's own. Its level holds the step of every robot without a jump of its input.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -79,9 +79,11 @@ class BoxProof:
     certificate: Certificate | None = None
     cpu_seconds: float = 0.0
 
-    def value(self, x: np.ndarray) -> float:
-        """The storage function at a deviation x (n,) from the goal."""
-        return self.scale * float(self.solution.value(x)) if self.p is None else 0.5 * float(x @ self.p @ x)
+    def value(self, x: np.ndarray) -> Any:
+        """The storage function at deviations (n,) or (N, n) from the goal."""
+        return (
+            self.scale * self.solution.value(x) if self.p is None else 0.5 * np.sum((x @ self.p) * x, axis=-1)
+        )
 
     @property
     def inner_level(self) -> float:
@@ -89,7 +91,9 @@ class BoxProof:
         assert self.certificate is not None
         if self.p is None:
             return self.certificate.level / self.scale
-        return self.certificate.level / float(np.linalg.eigvals(np.linalg.solve(self.solution.P, self.p)).real.max())
+        return self.certificate.level / float(
+            np.linalg.eigvals(np.linalg.solve(self.solution.P, self.p)).real.max()
+        )
 
 
 Law = TypeVar("Law", bound=BoxProof)

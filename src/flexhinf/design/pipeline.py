@@ -186,7 +186,7 @@ def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float:
         return float("nan")
     law, proved = synthesis.solution, synthesis.proved
     x = setup.departure(law)
-    return float(law.value(x)) if proved is None else proved.value(x)
+    return float(law.value(x)) if proved is None else float(proved.value(x))
 
 
 def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:
