@@ -41,7 +41,7 @@ def test_without_functions_and_tolerances_it_is_the_gain_of_the_linear_loop() ->
         square = (1.2 * found.smallest) ** 2
         assert (
             p**2 / square - 2.0 * low * p + 1.0 < 0.0
-        )  # (15) by Schur's complement, inside and not at its edge
+        )  # (17) by Schur's complement, inside and not at its edge
 
 
 def test_no_sample_of_the_whole_box_refuses_it() -> None:

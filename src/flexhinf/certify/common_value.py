@@ -4,7 +4,7 @@ V = ½ xᵀPx need not be the V that the law was made from. With ẋ = A_v x + B
 slopes of the elementary functions, the law inside A_v, V̇ ≤ ½γ²|d|² − ½|z|² is
 
     [A_vᵀP + P A_v + Q   P B_v]
-    [B_vᵀP               −γ² I] ≤ 0,    Q = hᵀh + kᵀR2 k,                                                       (15)
+    [B_vᵀP               −γ² I] ≤ 0,    Q = hᵀh + kᵀR2 k,                                                       (17)
 
 which is linear in P and γ². The smallest γ², and then the P in the middle of those with a larger γ², are found by
 Newton's method with logarithmic barriers [boyd1994]. It proves nothing: P and γ are proved by the search afterwards.
@@ -116,7 +116,7 @@ def _units(n: int) -> list[np.ndarray]:
 
 
 def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-    """Upper triangle of some P, and γ², that satisfy (15) at all vertices; None where no P decreases along all A_v."""
+    """Upper triangle of some P, and γ², that satisfy (17) at all vertices; None where no P decreases along all A_v."""
     n = a.shape[1]
     decay = _Constraints.decay(a)
     half = 0.5 * np.eye(n)
@@ -157,7 +157,7 @@ class _Constraints:
 
     @classmethod
     def gain(cls, a: np.ndarray, b: np.ndarray, q: np.ndarray) -> _Constraints:
-        """Minus (15) at every vertex; y is the upper triangle of P, then γ². P > 0 follows from stable A_v."""
+        """Minus (17) at every vertex; y is the upper triangle of P, then γ². P > 0 follows from stable A_v."""
         count, n, w = b.shape
         base = np.zeros((count, n + w, n + w))
         base[:, :n, :n] = -q
