@@ -153,12 +153,68 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
             marks=pytest.mark.slow,
         ),
         (["certify", "planar-two-link", "--degrees", "2"], "at most 5 states"),
+        (["certify", "paper", "--tolerances", "--observer", "10"], "--tolerances and --observer contradict"),
+        (["certify", "paper", "--tolerances", "--decay", "0.1"], "--tolerances and --decay contradict"),
+        (["certify", "arm.toml", "--tolerances"], "states no tolerances"),
+        pytest.param(
+            ["certify", "paper", "--goal", "180deg", "--degrees", "2", "--tolerances"],
+            "at some corner of the tolerances the inequality holds with no γ",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ["certify", "paper", "--goal", "90deg", "--degrees", "4", "--tolerances"],
+            "try: --preset proved, or --degrees 2",
+            marks=pytest.mark.slow,
+        ),
         (["certify", "--check", "missing.json"], "missing.json"),
     ],
 )
 def test_what_cannot_be_certified_is_told_and_nothing_is_written(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], text: str
+    folder: Path, arm: str, capsys: pytest.CaptureFixture[str], words: list[str], text: str
 ) -> None:
+    (folder / "arm.toml").write_text(arm, encoding="utf-8")
     assert main(words) == 2
     assert text in " ".join(capsys.readouterr().err.split())
-    assert list(folder.iterdir()) == []
+    assert [path.name for path in folder.iterdir()] == ["arm.toml"]
+
+
+@pytest.mark.slow
+def test_a_step_is_proved_for_all_tolerances_and_checked(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "--goal",
+        "90deg",
+        "--from-pose",
+        "80deg",
+        "--preset",
+        "damped",
+        "--degrees",
+        "2",
+        "--damping",
+        "0.4",
+    ]
+    assert main(["certify", "paper", *words, "--tolerances"]) == 0
+    shown = capsys.readouterr().out
+    for text in ("all parameters within the", "the whole box and not only its corners", "input unchanged"):
+        assert text in shown, text
+    given = load_certificate(folder / "certificate.json")
+    assert given.step_amplitude == pytest.approx(0.1745, abs=1e-4)
+    assert {p.name for p in given.parameters if p.low < p.high} >= {"mass", "stiffness", "resistance"}
+    page = (folder / "certificate.html").read_text(encoding="utf-8")
+    assert "all robots of the stated box of parameters" in page
+    assert "½∫vᵀR2v" not in page  # the square does not complete where kt/R is uncertain
+    assert given.check(threads=2).proved
+
+
+@pytest.mark.slow
+def test_an_observer_is_proved_and_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
+    assert main(["certify", "design.toml", "--degree", "2", "--observer", "10"]) == 0
+    assert "observer" in capsys.readouterr().out
+    given = load_certificate(folder / "certificate.json")
+    assert given.feedback == "output injection observer"
+    assert "the observer's estimates" in (folder / "certificate.html").read_text(encoding="utf-8").replace(
+        "&#x27;", "'"
+    )
+    assert main(["certify", "--check", "certificate.json"]) == 0

@@ -20,7 +20,7 @@ from flexhinf.certify.box import parameter_groups
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.terms import Polynomial, Term
 
-__all__ = ["SampledGain", "sampled_gain"]
+__all__ = ["SampledGain", "box_vertices", "quadratic_part", "sampled_gain", "term_weight"]
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -52,7 +52,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     """
     rng = np.random.default_rng(seed)
     fields = _Fields(statement)
-    root = np.linalg.inv(np.linalg.cholesky(_quadratic(statement.value, len(statement.states)))).T
+    root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
     points = _points(fields.value, root, level, rng)
     parts = fields.parts(points)
     for _ in range(_AGAIN):
@@ -98,7 +98,7 @@ def _points(
     return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
 
 
-def _quadratic(value: Polynomial, n: int) -> np.ndarray:
+def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
     """P of V_2 = ½ xᵀPx."""
     p = np.zeros((n, n))
     for powers, coefficient in value:
@@ -109,22 +109,33 @@ def _quadratic(value: Polynomial, n: int) -> np.ndarray:
     return p
 
 
+def box_vertices(statement: Certificate) -> list[dict[str, float]]:
+    """Values of all parameters at the corners of the box of their groups: what always stands as one product is one."""
+    ranges = {p.name: (p.low, p.high) for p in statement.parameters}
+    middle = {p.name: p.middle for p in statement.parameters}
+    ends = []
+    for group in parameter_groups(statement):
+        every = itertools.product(*([{name: end} for end in ranges[name]] for name in group))
+        merged = [{name: value for part in chosen for name, value in part.items()} for chosen in every]
+        size = [np.prod([part[name] ** power for name, power in group.items()]) for part in merged]
+        ends.append([merged[int(np.argmin(size))], merged[int(np.argmax(size))]])
+    return [
+        middle | {k: v for part in corner for k, v in part.items()} for corner in itertools.product(*ends)
+    ]
+
+
+def term_weight(term: Term, vertex: dict[str, float]) -> float:
+    """The coefficient of a term for values of the parameters."""
+    return float(term.coefficient * np.prod([vertex[name] ** power for name, power in term.parameters]))
+
+
 class _Fields:
     """V, and the parts of the inequality, in doubles."""
 
     def __init__(self, statement: Certificate) -> None:
         self.statement = statement
         self.n = len(statement.states)
-        ranges = {p.name: (p.low, p.high) for p in statement.parameters}
-        middle = {p.name: p.middle for p in statement.parameters}
-        ends = []
-        for group in parameter_groups(statement):
-            every = itertools.product(*([{name: end} for end in ranges[name]] for name in group))
-            merged = [{name: value for part in chosen for name, value in part.items()} for chosen in every]
-            size = [np.prod([part[name] ** power for name, power in group.items()]) for part in merged]
-            ends.append([merged[int(np.argmin(size))], merged[int(np.argmax(size))]])
-        corners = itertools.product(*ends)
-        self.vertices = [middle | {k: v for part in corner for k, v in part.items()} for corner in corners]
+        self.vertices = box_vertices(statement)
 
     def value(self, x: np.ndarray) -> np.ndarray:
         """V (N,)."""
@@ -141,7 +152,7 @@ class _Fields:
             rows += [(term, law[j]) for j, entry in enumerate(given.g2[i]) for term in entry]
             for term, factor in rows:
                 columns.append(slope[i] * factor * self._monomial(term, x))
-                weights.append([self._weight(term, vertex) for vertex in self.vertices])
+                weights.append([term_weight(term, vertex) for vertex in self.vertices])
         a = (np.array(weights).T @ np.array(columns)).max(axis=0)
         z = sum((0.5 * _polynomial(row, x) ** 2 for row in given.penalty), np.zeros(len(x)))
         for i, row in enumerate(given.r2):
@@ -152,7 +163,7 @@ class _Fields:
             along = np.zeros((len(self.vertices), len(x)))
             for i, entry in enumerate(column):
                 for term in entry:
-                    weight = np.array([self._weight(term, vertex) for vertex in self.vertices])
+                    weight = np.array([term_weight(term, vertex) for vertex in self.vertices])
                     along += weight[:, None] * (slope[i] * self._monomial(term, x))
             g += 0.5 * along**2
         return np.stack([a, z, g.max(axis=0)])
@@ -164,10 +175,6 @@ class _Fields:
         function = self.statement.functions[term.function]
         o, phi = function.offset + function.pi_halves * np.pi / 2, getattr(np, function.name)
         return result * (phi(o + x @ np.array(function.slope)) - phi(o))
-
-    @staticmethod
-    def _weight(term: Term, vertex: dict[str, float]) -> float:
-        return term.coefficient * float(np.prod([vertex[name] ** power for name, power in term.parameters]))
 
 
 def _polynomial(polynomial: Polynomial, x: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from flexhinf.hinf.step_amplitude import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
 __all__ = [
-    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "multiplied", "path_states", "rest_path", "starts_of",
+    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "elementary", "multiplied", "path_states", "rest_path", "starts_of",
     "term_along", "unchanged_input",
 ]  # fmt: skip
 
@@ -166,6 +166,11 @@ def divided(term: Term, divisor: Term) -> Term:
     )
 
 
+def elementary(name: str) -> Callable[[Any], Any]:
+    """An elementary function of the terms, in doubles."""
+    return {name: getattr(np, name) for name in ("sin", "cos", "exp", "tanh", "arctan", "log")}[name]
+
+
 def path_states(
     path: tuple[Terms, ...],
     functions: tuple[Function, ...],
@@ -173,10 +178,9 @@ def path_states(
     amplitudes: np.ndarray,
 ) -> np.ndarray:
     """The states of a path at amplitudes (N,) for values of the parameters, in doubles, (N, n)."""
-    elementary = {name: getattr(np, name) for name in ("sin", "cos", "exp", "tanh", "arctan", "log")}
     brackets = []
     for function in functions:
-        o, phi = function.offset + function.pi_halves * np.pi / 2, elementary[function.name]
+        o, phi = function.offset + function.pi_halves * np.pi / 2, elementary(function.name)
         brackets.append(phi(o + function.slope[0] * amplitudes) - phi(o))
     states = np.zeros((len(amplitudes), len(path)))
     for column, terms in zip(states.T, path):

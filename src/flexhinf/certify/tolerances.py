@@ -80,6 +80,7 @@ def certify_tolerances(
     level: float | None = None,
     step: float | None = None,
     scale: float = 1.0,
+    p: np.ndarray | None = None,
     about: str = "",
     threads: int = 1,
     progress: Progress | None = None,
@@ -100,6 +101,8 @@ def certify_tolerances(
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
     scale : float
+    p : ndarray, shape (n, n), optional
+        ½ xᵀPx is the storage function instead, see `flexhinf.certify.common_value`.
     about : str
     threads : int
     progress : callable, optional
@@ -113,7 +116,7 @@ def certify_tolerances(
     NotProved
         The level could not be proved.
     """
-    statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, about=about)
+    statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, p=p, about=about)
     side = 1.0 if step is not None and step < 0.0 else -1.0
     step = None if step is None else abs(step)
     start = robot_start(statement, side)
@@ -146,6 +149,7 @@ def tolerance_statement(
     gamma: float,
     *,
     scale: float = 1.0,
+    p: np.ndarray | None = None,
     about: str = "",
 ) -> Certificate:
     """The certificate to be proved, at level 1; arguments as `certify_tolerances`."""
@@ -162,14 +166,18 @@ def tolerance_statement(
         replace(p, low=ranges[p.name][0], high=ranges[p.name][1]) if p.name in ranges else p
         for p in terms.parameters
     )
-    value = tuple(
-        (tuple(powers), scale * value)
-        for degree, part in sorted(solution.value_parts.items())
-        for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
-        if value
+    value = (
+        tuple(
+            (tuple(powers), scale * value)
+            for degree, part in sorted(solution.value_parts.items())
+            for powers, value in zip(solution.exponents(degree).tolist(), part.tolist())
+            if value
+        )
+        if p is None
+        else _quadratic(p)
     )
     unit = problem.plant.unit
-    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P)).T
+    root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
     statement = Certificate(
         about=about or "a state feedback, for all parameters in the box",
         states=tuple(Signal(name, unit(name)) for name in solution.state_names),
@@ -184,6 +192,17 @@ def tolerance_statement(
     )  # fmt: skip
     _refuse_moved(statement, problem)
     return statement
+
+
+def _quadratic(p: np.ndarray) -> Polynomial:
+    """½ xᵀPx."""
+    n = len(p)
+    return tuple(
+        (tuple(int(k == i) + int(k == j) for k in range(n)), float(p[i, j] / (2.0 if i == j else 1.0)))
+        for i in range(n)
+        for j in range(i, n)
+        if p[i, j]
+    )
 
 
 def _axes(

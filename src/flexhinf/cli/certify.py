@@ -68,6 +68,14 @@ def certify(
             show_default=False,
         ),
     ] = None,
+    tolerances: Annotated[
+        bool,
+        typer.Option(
+            "--tolerances",
+            help="Prove the step of the design for every robot within the tolerances, instead of a region of the "
+            "nominal one.",
+        ),
+    ] = False,
     threads: Annotated[int, typer.Option(help="The certificate does not depend on it.", min=1, max=64)] = 2,
     elastic: Elastic = "",
     payload: Payload = "",
@@ -82,6 +90,9 @@ def certify(
     from rest inside. What is proved is stated by --checked-gamma-ratio and
     --checked-penalty. For robots of one link; the true state is fed back, and
     with --observer also the estimates of an output-injection observer.
+
+    With --tolerances, the smallest gain that is found to hold for the step of the
+    design on every robot within its tolerances, for the robot's own penalty.
 
     With --check, another program proves a certificate again and reads nothing but
     the file; the theorem is printed with its hypotheses and what is not proved.
@@ -105,6 +116,14 @@ def certify(
             "expected a robot, a design file, or --check FILE, got none of them",
             "flexhinf certify design.toml",
         )
+    if tolerances and (decay or observer is not None):
+        other = "--decay" if decay else "--observer"
+        raise InvalidInput(
+            f"--tolerances and {other} contradict each other.",
+            "expected a proof for all tolerances, of the law fed the true state and without a rate of decay, or one "
+            "for the nominal robot; got both",
+            f"leave out {other}, or --tolerances",
+        )
     from rich.console import Console
 
     from flexhinf.certify import Verification
@@ -121,9 +140,10 @@ def certify(
             bar.share,
             decay=decay,
             observer=observer,
+            tolerances=tolerances,
             threads=threads,
         )
-        one = proved(found, degree)
+        one = proved(found, degree, tolerances or found[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         shown = evidence(request.robot, request.specification, one)
         html = report.certificate_page(
@@ -135,7 +155,7 @@ def certify(
         note(text)
     shown.certificate.save(out)
     write_file(page, "page", lambda name: Path(name).write_text(html, encoding="utf-8"))
-    typer.echo(theorem_text(shown.certificate, Verification(True, gradient_law=True)))
+    typer.echo(theorem_text(shown.certificate, Verification(True, gradient_law=one.box is None)))
     typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
 
 

@@ -69,6 +69,7 @@ COMMANDS = {
     certify: (
         "flexhinf certify design.toml --out certificate.json",
         "flexhinf certify paper --goal 180deg --preset robust --degree 6",
+        "flexhinf certify paper --goal 180deg --from-pose 0 --preset damped --degrees 2 --tolerances",
         "flexhinf certify --check certificate.json",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),

@@ -74,7 +74,7 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     if (
         proved is not None and proved.certificate is not None
     ):  # the penalty whose gain is proved, and its region
-        problem, level = proved.problem, proved.certificate.level / proved.scale
+        problem, level = proved.problem, proved.inner_level
     attained, failure = None, ""
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         horizon = min(LONGEST, STEPS * duration)

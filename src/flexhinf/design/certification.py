@@ -7,7 +7,7 @@ takes the laws of all degrees that a design solves, and as long as it takes.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +26,13 @@ from flexhinf.certify.proof import certify, check_states
 from flexhinf.certify.search import OutOfTime, time_limit
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.terms import MOST_STATES
+from flexhinf.certify.tolerances import parameter_ranges
 from flexhinf.design.attenuation import Attenuation
+from flexhinf.design.box_proof import BoxProof, NotWithinTolerances, prove_box, reason_of, sampled_box
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
+from flexhinf.design.weights.choose import measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.plant import Penalty as WeightPenalty
@@ -52,6 +55,9 @@ Share = Callable[[int, float], None]
 #: wanted step alone has this room above V where it starts.
 SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
 
+#: CPU seconds that the proof for all tolerances of one degree may take in `certify_design`.
+BOX_SECONDS = 120.0
+
 #: Longest disturbance that is searched for beside a certificate, s.
 LONGEST_SEARCH = 20.0
 
@@ -72,6 +78,8 @@ class CertifiedDegree:
     reason : str
         Why nothing was proved, else empty.
     cpu_seconds : float
+    box : BoxProof or None
+        What the certificate is of, where it is for all robots within the tolerances.
     """
 
     choice: DegreeChoice
@@ -80,6 +88,7 @@ class CertifiedDegree:
     steps: tuple[ProvedStep, ...]
     reason: str
     cpu_seconds: float
+    box: BoxProof | None = None
 
 
 def certify_design(
@@ -90,9 +99,10 @@ def certify_design(
     *,
     decay: float = 0.0,
     observer: float | None = None,
+    tolerances: bool = False,
     threads: int = 1,
 ) -> tuple[CertifiedDegree, ...]:
-    """The laws of a design at its goal, and what is proved of each, nominal and with the true state fed back.
+    """The laws of a design at its goal, and what is proved of each, with the true state fed back.
 
     Parameters
     ----------
@@ -105,6 +115,9 @@ def certify_design(
         Called with the cells done and the estimated share of a proof, many times.
     decay, observer
         As `HJISolution.certify`.
+    tolerances : bool
+        Whether the design's step is proved for all robots within the tolerances, instead of a region of the nominal
+        one; so it is with the preset proved.
     threads : int
 
     Raises
@@ -112,8 +125,16 @@ def certify_design(
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
         As the design does; and InvalidInput for a plant that the method cannot take, by name.
     """
-    check_states(len(robot.problem().state_names))
+    check_states(5 * len(robot.joint_names))
+    if tolerances and not robot.uncertain:
+        raise InvalidInput(
+            f"The robot {robot.name!r} states no tolerances.",
+            "expected parameters with a tolerance, got none",
+            "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
+        )
     made = synthesise(robot, s, progress)
+    if tolerances or made.proved is not None:
+        return tuple(_box_degrees(robot, s, made, progress, share, threads))
     gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
     penalty = checked_penalty(s, made.design_problem)
     goal = _goal(robot, made)
@@ -137,7 +158,32 @@ def certify_design(
     return tuple(found)
 
 
-def proved(found: tuple[CertifiedDegree, ...], degree: int | None) -> CertifiedDegree:
+def _box_degrees(
+    robot: Robot, s: Specification, made: Synthesis, progress: Progress, share: Share, threads: int
+) -> Iterator[CertifiedDegree]:
+    """The law of each degree with the design's step, for all robots within the tolerances."""
+    problem = measured_problem(robot, made.goal, s)
+    ranges = parameter_ranges(robot, problem.plant)
+    for choice in made.choices:
+        progress(f"degree {choice.degree}: proof for all tolerances")
+        began, used, reason = time.process_time(), choice is made.chosen, ""
+        box: BoxProof | None = made.proved
+        if box is None:
+            law = BoxProof(solution=choice.solution, problem=problem, step=float((made.goal - made.start)[0]))
+            try:
+                law = sampled_box(law, ranges)
+                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
+            except (InvalidInput, NumericalFailure) as error:
+                reason = reason_of(error)
+        certificate = None if box is None else box.certificate
+        steps = () if certificate is None else proved_steps(choice.solution, certificate)
+        seconds = time.process_time() - began
+        yield CertifiedDegree(choice, used, certificate, steps, reason, seconds, box)
+
+
+def proved(
+    found: tuple[CertifiedDegree, ...], degree: int | None, tolerances: bool = False
+) -> CertifiedDegree:
     """The one whose certificate is wanted: that of a degree, or of the design.
 
     Raises
@@ -150,6 +196,11 @@ def proved(found: tuple[CertifiedDegree, ...], degree: int | None) -> CertifiedD
     if not wanted or wanted[0].certificate is None:
         reason = wanted[0].reason if wanted else "it was not solved"
         what = "the degree that the design uses" if degree is None else f"degree {degree}"
+        if tolerances:
+            raise NotWithinTolerances(
+                f"expected a gain that can be proved of {what}, got: {reason}",
+                f"--degree {others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
+            )
         raise InvalidInput(
             f"Nothing is proved of {what}.",
             f"expected a level that can be proved, got: {reason}",
@@ -188,20 +239,23 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
     solution, given = one.choice.solution, one.certificate
     assert given is not None
-    problem = solution.problem
+    problem = solution.problem if one.box is None else one.box.problem
+    level = given.level if one.box is None else one.box.inner_level
     try:
         assert isinstance(problem, GeneralisedPlant)
         length = min(LONGEST_SEARCH, longest_run(solution))
         attained = worst_disturbance(
-            problem, solution, None, s.period, level=given.level, horizon=length, seed=s.seed
+            problem, solution, None, s.period, level=level, horizon=length, seed=s.seed
         )
     except FlexhinfError:
         attained = None
     if attained is not None:
         given = replace(given, attained_gain=attained.gain)
+    if one.box is not None:  # its V is not that of the law, and its robots are many
+        return Evidence(given, None, None, (), attained)
     weights = None
     if s.checked_penalty is not None and not callable(s.checked_penalty):
-        groups = robot.problem().plant.groups
+        groups = robot.plant().groups
         weights = WeightPenalty.of(s.checked_penalty).expanded(groups).states
     worst = tuple(worst_step(solution, given, start) for start in given.starts)
     slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
@@ -263,7 +317,7 @@ def prove_design(
     attained = None if worth.attained is None else worth.attained.gain
     if made.proved is not None and made.proved.certificate is not None:
         given = replace(made.proved.certificate, attained_gain=attained)
-        return DesignProof(given, start=made.proved.scale * start, cpu_seconds=made.proved.cpu_seconds)
+        return DesignProof(given, start=start, cpu_seconds=made.proved.cpu_seconds)
     refused = _refused(s, made)
     if refused:
         return DesignProof(None, refused)

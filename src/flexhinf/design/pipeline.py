@@ -184,8 +184,9 @@ def _start_value(setup: LoopSetup, synthesis: Synthesis) -> float:
     """V where the step starts, with the integrals that the controller chooses; nan where there is no region."""
     if not synthesis.sampled and synthesis.proved is None:
         return float("nan")
-    law = synthesis.solution
-    return float(law.value(setup.departure(law)))
+    law, proved = synthesis.solution, synthesis.proved
+    x = setup.departure(law)
+    return float(law.value(x)) if proved is None else float(proved.value(x))
 
 
 def _on_mujoco(setup: LoopSetup, scenario: Scenario, progress: Progress) -> Response:

@@ -9,19 +9,23 @@ candidates. They are proved in order, the best first, until one is.
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify import Certificate
-from flexhinf.certify.proof import NotProved
-from flexhinf.certify.robot_starts import largest_values, path_start, robot_start, tabled_start
-from flexhinf.certify.sampled_gain import sampled_gain
-from flexhinf.certify.search import OutOfTime, time_limit
-from flexhinf.certify.tolerances import certify_tolerances, parameter_ranges, tolerance_statement
+from flexhinf.certify.robot_starts import path_start
+from flexhinf.certify.tolerances import parameter_ranges, tolerance_statement
+from flexhinf.design.box_proof import (
+    BoxProof,
+    NotWithinTolerances,
+    margins_of,
+    prove_box,
+    reason_of,
+    sampled_box,
+    step_start,
+)
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.weights.choose import DesignProblem, choose, measured_problem
@@ -34,9 +38,6 @@ __all__ = ["ProvedLaw", "proved_law", "search_proved_step"]
 
 #: Factors of the preset's bandwidth, dampings (None: the preset's), and γ/γ* of the candidates.
 BANDWIDTHS, DAMPINGS, RATIOS = (0.8, 1.0, 1.3), (None, 0.4), (1.3, 1.5, 2.0)
-
-#: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
-ROOM, MARGINS = 1.003, (1.05, 1.15, 1.4)
 
 #: The longest step that is looked for, rad or m, and the number of halvings that find the largest one.
 LONGEST, HALVINGS = np.pi, 7
@@ -55,50 +56,31 @@ CONTRADICTIONS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class ProvedLaw:
-    """A law with the step that is proved.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProvedLaw(BoxProof):
+    """The law that was searched for, with its proof.
 
     Attributes
     ----------
-    solution : HJISolution
-    problem : GeneralisedPlant
-        Whose disturbance and penalty the gain is of.
-    step : float
-        Rest to rest, to the goal; rad or m, negative from above it.
-    gamma : float
-        Proved; of the sampled candidates, what sampling found.
-    scale : float
-        The storage function is scale · V.
-    peak_effort : float
-        Largest |u| of the step on the nominal robot.
     bandwidth : ndarray
+        rad/s.
     damping : float
     ratio : float
         γ/γ* of the law's own design.
     design_problem : DesignProblem
         Whose solution the law is; its γ is the law's.
-    certificate : Certificate or None
-        None before the proof.
+    peak_effort : float
+        Largest |u| of the step on the nominal robot.
     candidates : int
         Laws within the limit whose inequality no sample refused.
-    cpu_seconds : float
-        That the proof took.
     """
 
-    solution: HJISolution
-    problem: GeneralisedPlant
-    step: float
-    gamma: float
-    scale: float
-    peak_effort: float
     bandwidth: np.ndarray
     damping: float
     ratio: float
     design_problem: DesignProblem
-    certificate: Certificate | None = None
+    peak_effort: float = np.inf
     candidates: int = 1
-    cpu_seconds: float = 0.0
 
 
 def proved_law(
@@ -209,39 +191,28 @@ def search_proved_step(
             f"candidates: {preset}, {factor:g} times its bandwidth, damping {damping or 'of the preset'}"
         )
         try:
-            for candidate in _laws(robot, goal, step, factor, damping, ratios, degrees, preset, base):
-                judged = _judged(candidate, measured, ranges, step, effort_limit)
-                if isinstance(judged, str):
-                    reasons.append(judged)
-                else:
-                    found.append(judged)
+            for candidate in _laws(
+                robot, goal, step, factor, damping, ratios, degrees, preset, base, measured
+            ):
+                try:
+                    found.append(_within(candidate, ranges, step, effort_limit))
+                except FlexhinfError as error:
+                    reasons.append(reason_of(error))
         except FlexhinfError as error:  # no weights for this bandwidth and damping
-            reasons.append(_one_line(error))
+            reasons.append(reason_of(error))
     found.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
-    unit = "m" if robot.links.slides[0] else "rad"
-    about = f"{robot.name}, goal {float(goal[0]):.6g} {unit}"
-    for candidate, margin in itertools.product(found, MARGINS):
-        gamma, began = margin * candidate.gamma, time.thread_time()
+    tried = ((candidate, margin) for candidate in found for margin in margins_of(candidate))
+    for candidate, margin in tried:
+        gamma = margin * candidate.gamma
         progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {gamma:.4g}")
+        limits: Any = {"seconds": most_seconds, "most_cells": most_cells}
         try:
-            certificate = certify_tolerances(
-                candidate.solution, measured, ranges, gamma, step=candidate.step, scale=candidate.scale, about=about,
-                most_cells=most_cells, progress=time_limit(most_seconds),
-            )  # fmt: skip
-        except NotProved as error:
-            reasons.append(f"γ = {gamma:.4g}: {_one_line(error)}")
-        except OutOfTime:
-            reasons.append(f"γ = {gamma:.4g}: no proof within {most_seconds:g} s of CPU time")
+            proved = prove_box(robot, candidate, ranges, margins=(margin,), **limits)
+        except NotWithinTolerances as error:
+            reasons.append(reason_of(error))
         else:
-            seconds = time.thread_time() - began
-            return replace(
-                candidate, gamma=gamma, certificate=certificate, candidates=len(found), cpu_seconds=seconds
-            )
+            return replace(proved, candidates=len(found))
     raise _not_proved(found, reasons, effort_limit)
-
-
-def _one_line(error: FlexhinfError) -> str:
-    return " ".join((error.found or error.what).split())
 
 
 def _not_proved(found: Sequence[ProvedLaw], reasons: Sequence[str], limit: float) -> InvalidInput:
@@ -266,6 +237,7 @@ def _laws(
     degrees: Any,
     preset: Any,
     base: Specification,
+    measured: GeneralisedPlant,
 ) -> list[ProvedLaw]:
     """The laws of one bandwidth and damping; raises as `choose` where the preset finds no weights."""
     pose = np.asarray(goal, dtype=float)
@@ -281,44 +253,31 @@ def _laws(
     )
     return [
         ProvedLaw(
-            solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), chosen.nominal, 0.0, np.inf, 1.0, np.inf,
-            bandwidth, first.target.damping, ratio, replace(chosen, gamma=ratio * chosen.gamma_star),
+            solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), problem=measured,
+            step=np.nan if step is None else step, bandwidth=bandwidth, damping=first.target.damping, ratio=ratio,
+            design_problem=replace(chosen, gamma=ratio * chosen.gamma_star),
         )
         for ratio in ratios
         for degree in degrees
     ]  # fmt: skip
 
 
-def _judged(
-    candidate: ProvedLaw, measured: GeneralisedPlant, ranges: Any, step: float | None, limit: float
-) -> ProvedLaw | str:
-    """The candidate with its step, the input that this takes, and the sampled γ; or why there is none."""
-    solution, side = candidate.solution, 1.0 if step is not None and step < 0.0 else -1.0
-    try:
-        statement = tolerance_statement(solution, measured, ranges, 1.0)
-        longest = LONGEST if step is None else abs(step)
-        start = robot_start(statement, side) or tabled_start(solution, statement, longest, side)
-        if start is None:
-            return "no start without a jump of the input was found for this plant"
+def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float) -> ProvedLaw:
+    """The candidate with its step, the input that this takes, and the sampled γ; raises where there is none."""
+    solution, measured = candidate.solution, candidate.problem
+    wanted = LONGEST if step is None else step
+    statement = tolerance_statement(solution, measured, ranges, 1.0)
+    start = step_start(statement, solution, wanted)
 
-        def peak(amplitude: float) -> float:
-            x = path_start(statement, start, amplitude)
-            return _peak_effort(solution, measured, x, LENGTH / float(np.min(candidate.bandwidth)))
+    def peak(amplitude: float) -> float:
+        x = path_start(statement, start, amplitude)
+        return _peak_effort(solution, measured, x, LENGTH / float(np.min(candidate.bandwidth)))
 
-        largest = _largest(peak, longest, limit, step is not None)
-        if largest is None:
-            return f"a step of {longest:.4g} takes an input of {peak(longest):.3g}"
-        level = ROOM * float(largest_values(statement, start, np.linspace(0.0, largest, 200)).max())
-        about = float(measured.r2[0, 0] / solution.expansion.r2[0, 0])
-        gain = sampled_gain(statement, level, about)
-    except FlexhinfError as error:
-        return _one_line(error)
-    if not np.isfinite(gain.gamma):
-        return "with no γ the inequality holds at all corners of the tolerances"
-    return replace(
-        candidate, problem=measured, step=-side * largest, gamma=gain.gamma, scale=gain.scale,
-        peak_effort=peak(largest),
-    )  # fmt: skip
+    largest = _largest(peak, abs(wanted), limit, step is not None)
+    if largest is None:
+        raise NotWithinTolerances(f"a step of {abs(wanted):.4g} takes an input of {peak(abs(wanted)):.3g}")
+    step = float(np.copysign(largest, wanted))
+    return sampled_box(replace(candidate, step=step, peak_effort=peak(largest)), ranges)
 
 
 def _largest(peak: Callable[[float], float], longest: float, limit: float, wanted: bool) -> float | None:

@@ -154,6 +154,7 @@ def _until(time: np.ndarray, x: np.ndarray) -> float:
 def largest_figure(one: CertifiedDegree, given: Certificate) -> Figure:
     """The largest proved steps, without disturbance."""
     scale = 180.0 / np.pi if given.states[0].unit == "rad" else 1.0
+    value = one.choice.solution.value if one.box is None else one.box.value
     figure, axes = new_figure(3, height=6.4)
     for step, colour in zip(one.steps, SERIES[2:]):
         few, x = thin(step.time), scale * step.state
@@ -161,7 +162,7 @@ def largest_figure(one: CertifiedDegree, given: Certificate) -> Figure:
         axes[0].plot(step.time[few], x[few, 0], color=colour, label=f"starts: {name}")
         inputs = one.choice.solution.operating_input + one.choice.solution.inputs(step.state[few])
         axes[1].plot(step.time[few], inputs[:, 0], color=colour)
-        axes[2].plot(step.time[few], one.choice.solution.value(step.state[few]) / given.level, color=colour)
+        axes[2].plot(step.time[few], value(step.state[few]) / given.level, color=colour)
     axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
     axes[0].set_xlim(0.0, max(_until(step.time, step.state[:, 0]) for step in one.steps))
     reference_line(axes[0])

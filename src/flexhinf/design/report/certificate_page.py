@@ -81,7 +81,7 @@ def certificate_page(
         sections = [
             *_theorem(given),
             Section("Where steps may start", _starts(one, shown), "starts"),
-            Section("Where the level ends", _limit(shown), "limit"),
+            *([] if one.box else [Section("Where the level ends", _limit(shown), "limit")]),
             Section("Steps inside the region", _steps(one, shown), "steps"),
             Section("What disturbances may cost", _budget(shown), "budget"),
             Section("The gain from both sides", _gain(shown), "gain"),
@@ -94,21 +94,25 @@ def certificate_page(
         if given.starts
         else " in the region."
     )
+    beyond = "" if one.box else ", beyond the budget"
     return Page(
         f"Certificate: {given.about.split(',')[0]}", f"{given.about}. {_covers(given)}", proved, sections,
         Settings({"Certificate": _settings(given)}), Provenance(tuple(command), s.seed), _numbers(one, given),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
-         Status("not proved", "Estimator, sampling, hold, delay, limits and noise, beyond the budget.")],
+         Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip
 
 
 # Text -----------------------------------------------------------------------------------------------------
 def _covers(given: Certificate) -> str:
-    box = any(p.low < p.high for p in given.parameters)
-    who = "all robots of the stated box of parameters" if box else "the nominal robot"
+    who = "all robots of the stated box of parameters" if _is_box(given) else "the nominal robot"
     channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
     fed = "the true state or the observer's estimates" if given.observer else "the true state"
     return f"For {who}, fed {fed} in continuous time; disturbances: {channels}."
+
+
+def _is_box(given: Certificate) -> bool:
+    return any(p.low < p.high for p in given.parameters)
 
 
 def _angle(value: float, unit: str) -> str:
@@ -151,7 +155,7 @@ def _peak(unit: str) -> str:
 
 def _theorem(given: Certificate) -> list[Section]:
     """Its parts, but for what it is about, which stands at the top."""
-    parts = dict(theorem_parts(given, Verification(True, gradient_law=True)))
+    parts = dict(theorem_parts(given, Verification(True, gradient_law=not _is_box(given))))
     region = [f"S is {text}" for text in parts.pop("Region S")]
     parts["Proved"] = region + parts["Proved"]
     sections = []
@@ -199,7 +203,7 @@ def _settings(given: Certificate) -> list[Setting]:
 # Pictures -------------------------------------------------------------------------------------------------
 def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     given = shown.certificate
-    if shown.surface is None:
+    if not one.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
     unit = given.states[0].unit
     rows = [
@@ -222,6 +226,12 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
         "A step from rest starts at another equilibrium, with an integrator that the controller chooses. Where V is "
         "smallest the region reaches furthest, and the input jumps; where the input does not jump, V is larger."
     )
+    if shown.surface is None:
+        text = (
+            "A step from rest starts at another equilibrium, of each robot its own, with the integrator at which its "
+            "input does not jump. The run is that of the nominal robot."
+        )
+        return [Paragraph(text), table]
     return [Paragraph(text), surface_figure(given, shown.surface), table]
 
 
@@ -247,8 +257,15 @@ def _budget(shown: Evidence) -> list[Any]:
     given = shown.certificate
     text = (
         "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is the "
-        "energy ∫|d|² that disturbances may have; anything that makes the input differ by v from the law (hold, delay, "
-        "estimator, limits) takes ½∫vᵀR2v from the same budget. `flexhinf design` shows what its own loop spends."
+        "energy ∫|d|² that disturbances may have"
+    )
+    text += (
+        "."
+        if _is_box(given)
+        else (
+            "; anything that makes the input differ by v from the law (hold, delay, estimator, limits) takes ½∫vᵀR2v "
+            "from the same budget. `flexhinf design` shows what its own loop spends."
+        )
     )
     rows = [_budget_row(given, run) for run in shown.worst]
     unit = common_unit(given.disturbances)
@@ -285,11 +302,12 @@ def _gain(shown: Evidence) -> list[Any]:
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
     share = 100.0 * attained.gain / given.gamma
+    where = f" and V up to {number(100.0 * attained.largest_value / given.level, 3)} % of the level"
     text = (
         f"√(∫|z|²/∫|d|²) is proved to be at most γ = {number(given.gamma, 5)}. A disturbance found by search attains "
-        f"{number(attained.gain, 5)}, {number(share, 3)} % of it, with an energy of {number(attained.energy, 3)} and V "
-        f"up to {number(100.0 * attained.largest_value / given.level, 3)} % of the level. The largest "
-        "gain of motions in the region lies between."
+        f"{number(attained.gain, 5)}{' on the nominal robot' if _is_box(given) else ''}, {number(share, 3)} % of it, "
+        f"with an energy of {number(attained.energy, 3)}{'' if _is_box(given) else where}. The largest gain of motions "
+        "in the region lies between."
     )
     figure, axes = new_figure(2, height=4.6)
     few = thin(attained.times)

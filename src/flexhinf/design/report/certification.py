@@ -17,8 +17,9 @@ __all__ = ["certification_notes", "certification_tables"]
 
 def certification_tables(found: Sequence[CertifiedDegree]) -> list[Table]:
     """What is proved of the law of each degree, and the runs from the largest proved steps."""
+    whom = "all parameters within the tolerances" if any(one.box for one in found) else "nominal parameters"
     table = plain_table(
-        "What is proved, with the true state fed back and nominal parameters (* used)",
+        f"What is proved, with the true state fed back and {whom} (* used)",
         "law", "level of V", "of the sampled", "largest step", "cells", "CPU, s",
     )  # fmt: skip
     for one in found:
