@@ -115,7 +115,16 @@ def test_every_law_gets_the_same_plants_commands_and_loads(rig: Comparison) -> N
 def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> None:
     def noise(row: Any) -> np.ndarray:
         setup, runs = row.evaluation.setup, row.evaluation.scenario
-        run = next(iter(setup.steps(runs.robots, runs.step_duration, runs.sub_steps, jump=True))).run
+        run = setup.jump(0.5, runs.robots[0], seed=1, sub_steps=runs.sub_steps).run
+        sampled = setup.steps(
+            runs.robots[:1],
+            0.5,
+            runs.sub_steps,
+            jump=True,
+            kept=setup.true_plant.states[:1],
+            instants=np.arange(501),
+        )
+        np.testing.assert_array_equal(sampled.kept[0, :, 0], run.signals["state"][:, 0])
         return run.signals["output"][:, 0] - run.signals["state"][:, 0]
 
     assert np.std(noise(rig.own)) == pytest.approx(1e-4, rel=0.1)
