@@ -95,7 +95,7 @@ def test_what_is_stated_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> 
     def searched(**fields: object) -> dict:
         asked.clear()
         s = Specification(preset="proved", peak_effort=30.0, **fields)
-        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda text: None)
+        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda law: "", lambda text: None)
         return {name: asked.get(name) for name in ("bandwidths", "dampings", "degrees", "ratios")}
 
     nothing = dict.fromkeys(("bandwidths", "dampings", "degrees", "ratios"))
