@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -92,7 +94,7 @@ def test_what_is_stated_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> 
     asked: dict = {}
     monkeypatch.setattr(proved_step, "search_proved_step", lambda *given, **settings: asked.update(settings))
 
-    def searched(**fields: object) -> dict:
+    def searched(**fields: Any) -> dict:
         asked.clear()
         s = Specification(preset="proved", peak_effort=30.0, **fields)
         proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda law: "", lambda text: None)
