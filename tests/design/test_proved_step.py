@@ -55,7 +55,7 @@ def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
         ARM, (np.pi,), np.pi, effort_limit=40.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)
     )
     assert found.peak_effort < 40.0
-    assert found.gamma < 550.0
+    assert found.gamma < 320.0  # 490 with a multiple of its own V
     assert found.certificate is not None
     assert {p.name for p in found.certificate.parameters if p.low < p.high} >= {
         "mass",
