@@ -126,7 +126,7 @@ def test_a_design_is_certified_and_its_certificate_checked(
         "design.toml",
     ]
     certificate = load_certificate(folder / "certificate.json")
-    assert certificate.about.startswith("paper, goal 3.14159, degree 2")
+    assert certificate.about.startswith("paper, goal 3.14159 rad, degree 2")
     replace(certificate, level=1.002 * certificate.level, starts=()).save(folder / "more.json")
     assert main(["certify", "--check", "more.json"]) == 1
     assert "NOT PROVED: " in capsys.readouterr().out

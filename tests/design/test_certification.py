@@ -11,7 +11,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import certification
-from flexhinf.design.certification import DesignProof, certify_design, prove_design
+from flexhinf.design.certification import certify_design
+from flexhinf.design.design_proof import DesignProof, prove_design, with_tolerances
+from flexhinf.design.report.proof import proof_text
 from flexhinf.design.specification import Specification
 from flexhinf.errors import NumericalFailure
 
@@ -109,3 +111,47 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     assert first.certificate is not None
     assert first.certificate.feedback == "output injection observer"
     assert (other.certificate, other.reason) == (None, "it is not negative definite")
+
+
+def test_what_is_not_proved_for_all_tolerances_says_why(made: Any) -> None:
+    nominal = DesignProof(None, "not tried")
+
+    def why(**changes: Any) -> str:
+        found = with_tolerances(
+            ARM, ASKED, SimpleNamespace(**vars(made) | {"start": np.array([0.0])} | changes), nominal
+        )
+        assert found.box is None
+        return found.box_reason
+
+    paper = fh.linear_law(
+        ARM.problem(pose=(np.pi,)), gamma=2.0 * fh.smallest_gamma(ARM.problem(pose=(np.pi,)))
+    )
+    assert "no quadratic V decreases at all corners" in why(solution=paper, law=paper)
+    cubic = SimpleNamespace(state_names=("x",) * 5, degree=4)
+    assert "a law of degree 3 is not tried; --degrees 2" in why(solution=cubic, law=cubic)
+    assert why(law=None) == ""  # nothing is tried where no region is
+    assert why(chosen=SimpleNamespace(level=np.nan, looked=False, degree=2)) == ""
+
+
+@pytest.mark.slow
+def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
+    """90°, the last 10 degrees, damping 0.4: the time is enough by far."""
+    asked = Specification(
+        pose=(np.pi / 2,),
+        start=(np.radians(80.0),),
+        angle_unit="deg",
+        preset="damped",
+        damping=0.4,
+        degrees=(2,),
+        draws=0,
+        compare_rigid=False,
+    )
+    found = fh.design(ARM, asked)
+    box = found.proof.box
+    assert box is not None, found.proof.box_reason
+    assert box.certificate is not None
+    assert box.certificate.step_amplitude == pytest.approx(np.radians(10.0))
+    assert box.gamma < 3.0 * fh.smallest_gamma(box.problem)
+    text = proof_text(found)
+    assert "Proved, for every robot within the tolerances" in text
+    assert "the step of 10°" in text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -53,7 +55,7 @@ def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
         ARM, (np.pi,), np.pi, effort_limit=40.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)
     )
     assert found.peak_effort < 40.0
-    assert found.gamma < 550.0
+    assert found.gamma < 320.0  # 490 with a multiple of its own V
     assert found.certificate is not None
     assert {p.name for p in found.certificate.parameters if p.low < p.high} >= {
         "mass",
@@ -92,10 +94,10 @@ def test_what_is_stated_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> 
     asked: dict = {}
     monkeypatch.setattr(proved_step, "search_proved_step", lambda *given, **settings: asked.update(settings))
 
-    def searched(**fields: object) -> dict:
+    def searched(**fields: Any) -> dict:
         asked.clear()
         s = Specification(preset="proved", peak_effort=30.0, **fields)
-        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda text: None)
+        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda law: "", lambda text: None)
         return {name: asked.get(name) for name in ("bandwidths", "dampings", "degrees", "ratios")}
 
     nothing = dict.fromkeys(("bandwidths", "dampings", "degrees", "ratios"))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.design.certification import DesignProof
+from flexhinf.design.design_proof import DesignProof
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.status import Status, status_of
 

@@ -28,7 +28,8 @@ from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 __all__ = [
-    "BoxProof", "NotWithinTolerances", "margins_of", "prove_box", "reason_of", "sampled_box", "step_start",
+    "BoxProof", "NotWithinTolerances", "common_box", "goal_text", "margins_of", "prove_box", "reason_of", "sampled_box",
+    "step_start",
 ]  # fmt: skip
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -114,6 +115,22 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> St
     return start
 
 
+def common_box(law: Law, ranges: Ranges) -> Law:
+    """The same with the smallest γ that a common quadratic V of a linear law has, and such a V.
+
+    Raises
+    ------
+    NotWithinTolerances
+        No quadratic V decreases at all corners of the tolerances, whatever the slopes of the plant's functions.
+    InvalidInput
+        The plant is none that the method can take.
+    """
+    found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0), max(QUADRATIC_MARGINS))
+    if found is None:
+        raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
+    return replace(law, gamma=found.smallest, p=found.p)
+
+
 def sampled_box(law: Law, ranges: Ranges) -> Law:
     """The same with a γ that is worth a proof, and its storage function.
 
@@ -127,9 +144,12 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
     InvalidInput
         The plant, or the law at this goal, is none that the method can take.
     """
+    if law.solution.degree == 2:
+        try:
+            return common_box(law, ranges)
+        except NotWithinTolerances:
+            pass  # on a region, where the slopes are smaller, there may be one
     statement = tolerance_statement(law.solution, law.problem, ranges, 1.0)
-    if law.solution.degree == 2 and (found := common_value(statement, max(QUADRATIC_MARGINS))) is not None:
-        return replace(law, gamma=found.smallest, p=found.p)
     start = step_start(statement, law.solution, law.step)
     values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
     about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
@@ -176,9 +196,8 @@ def prove_box(
     NotWithinTolerances
         None is proved.
     """
-    unit = "m" if robot.links.slides[0] else "rad"
-    goal = law.problem.operating_point[0]
-    about = f"{robot.name}, goal {goal:.6g} {unit}, degree {law.solution.degree} of V"
+    goal = np.asarray(law.problem.operating_point)[:1]
+    about = f"{robot.name}, goal {goal_text(robot, goal)}, degree {law.solution.degree} of V"
     began, reason = time.thread_time(), ""
     margins = margins or margins_of(law)
     for margin in margins:
@@ -222,3 +241,9 @@ def _both(first: Progress, second: Progress | None) -> Progress:
 def reason_of(error: FlexhinfError) -> str:
     """What an error found, on one line."""
     return " ".join((error.found or error.what).split())
+
+
+def goal_text(robot: Robot, goal: np.ndarray) -> str:
+    """A goal pose (n,) with units."""
+    pairs = zip(goal, robot.links.slides, strict=True)
+    return ", ".join(f"{value:.6g} {'m' if slides else 'rad'}" for value, slides in pairs)

@@ -26,7 +26,7 @@ from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.certify import Certificate
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
-from flexhinf.design.certification import DesignProof, prove_design
+from flexhinf.design.design_proof import DesignProof, prove_design
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution

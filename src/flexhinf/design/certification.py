@@ -1,7 +1,7 @@
 """From a robot and a specification to certificates.
 
-`prove_design` proves the region of a design's own law, as far as that is found within a stated time; `certify_design`
-takes the laws of all degrees that a design solves, and as long as it takes.
+`certify_design` takes the laws of all degrees that a design solves, and as long as it takes; what a design itself
+carries is in `flexhinf.design.design_proof`.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from flexhinf.analysis import Attained, BudgetTerm, worst_disturbance
+from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.pictures import (
     LimitSlice,
@@ -23,12 +21,16 @@ from flexhinf.certify.pictures import (
     worst_step,
 )
 from flexhinf.certify.proof import certify, check_states
-from flexhinf.certify.search import OutOfTime, time_limit
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
-from flexhinf.certify.terms import MOST_STATES
 from flexhinf.certify.tolerances import parameter_ranges
-from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.box_proof import BoxProof, NotWithinTolerances, prove_box, reason_of, sampled_box
+from flexhinf.design.box_proof import (
+    BoxProof,
+    NotWithinTolerances,
+    goal_text,
+    prove_box,
+    reason_of,
+    sampled_box,
+)
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty, synthesise
@@ -40,18 +42,15 @@ from flexhinf.robot import Robot
 
 __all__ = [
     "CertifiedDegree",
-    "DesignProof",
     "Evidence",
     "certify_design",
     "evidence",
-    "prove_design",
     "proved",
 ]
 
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
 
-#: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
 #: wanted step alone has this room above V where it starts.
 SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
 
@@ -137,7 +136,7 @@ def certify_design(
         return tuple(_box_degrees(robot, s, made, progress, share, threads))
     gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
     penalty = checked_penalty(s, made.design_problem)
-    goal = _goal(robot, made)
+    goal = goal_text(robot, made.goal)
     found = []
     for choice in made.choices:
         progress(f"degree {choice.degree}: proof")
@@ -260,115 +259,3 @@ def evidence(robot: Robot, s: Specification, one: CertifiedDegree) -> Evidence:
     worst = tuple(worst_step(solution, given, start) for start in given.starts)
     slices = start_surface(solution, given, weights), limit_slice(solution, given, weights)
     return Evidence(given, *slices, worst, attained)
-
-
-# A design's own proof -----------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class DesignProof:
-    """What is proved of the law that a design uses, nominal and with the true state fed back.
-
-    Attributes
-    ----------
-    certificate : Certificate or None
-        None where nothing was proved.
-    reason : str
-        Why nothing was proved, else empty.
-    start : float
-        V where the step starts, with the integrals that the controller chooses; nan without a certificate.
-    budget : tuple of BudgetTerm
-        Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
-    cpu_seconds : float
-    """
-
-    certificate: Certificate | None
-    reason: str = ""
-    start: float = float("nan")
-    budget: tuple[BudgetTerm, ...] = ()
-    cpu_seconds: float = 0.0
-
-    @property
-    def inside(self) -> bool:
-        """Whether the step that is asked for starts inside the proved region."""
-        return self.certificate is not None and self.start <= self.certificate.level
-
-    @property
-    def lasts(self) -> bool:
-        """Whether the proved level covers the step with hold, delay, estimator and limits."""
-        return bool(self.budget) and self.inside and self.budget[-1].budget.kept
-
-
-def prove_design(
-    robot: Robot, s: Specification, made: Synthesis, start: float, worth: Attenuation
-) -> DesignProof:
-    """Prove the sampled region of a design's law, or a smaller one that still holds its step.
-
-    Parameters
-    ----------
-    robot : Robot
-    s : Specification
-        With `proof_seconds`, the CPU time that the search may take.
-    made : Synthesis
-    start : float
-        V where the step starts.
-    worth : Attenuation
-        Whose budget is compared with the proved level.
-    """
-    chosen, began = made.chosen, time.thread_time()
-    attained = None if worth.attained is None else worth.attained.gain
-    if made.proved is not None and made.proved.certificate is not None:
-        given = replace(made.proved.certificate, attained_gain=attained)
-        return DesignProof(given, start=start, cpu_seconds=made.proved.cpu_seconds)
-    refused = _refused(s, made)
-    if refused:
-        return DesignProof(None, refused)
-    levels = [share * chosen.level for share in SHARES]
-    levels += [ROOM * start] if ROOM * start < levels[-1] else []
-    reasons = []
-    while levels:
-        left = s.proof_seconds - (time.thread_time() - began)
-        try:
-            found = _proved_within(robot, s, made, levels.pop(0), left / 2.0 if levels else left)
-        except OutOfTime:
-            reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
-            levels = levels[-1:]  # the smallest takes the least time
-        except FlexhinfError as error:
-            reasons.append(" ".join((error.found or error.what).split()))
-        else:
-            found = replace(found, sampled_level=chosen.level, attained_gain=attained)
-            budget = tuple(
-                replace(term, budget=replace(term.budget, level=found.level)) for term in worth.budget
-            )
-            return DesignProof(found, "", start, budget, time.thread_time() - began)
-    return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)
-
-
-def _refused(s: Specification, made: Synthesis) -> str:
-    """Why no proof is tried; empty where one is."""
-    states = len(made.solution.state_names)
-    if states > MOST_STATES:
-        return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"
-    if not s.proof_seconds:
-        return "no proof was asked for (--proof-seconds 0)"
-    if made.law is not made.solution:
-        return "the law is a schedule of several poses"
-    if not (made.chosen.looked and 0.0 < made.chosen.level < np.inf):
-        return "there is no sampled region to prove"
-    return ""
-
-
-def _proved_within(
-    robot: Robot, s: Specification, made: Synthesis, level: float, seconds: float
-) -> Certificate:
-    """A certificate of one level; raises `OutOfTime` after so many seconds of this thread."""
-    gamma = s.checked_gamma_ratio * made.design_problem.gamma_star
-    return certify(
-        made.solution, gamma, checked_penalty(s, made.design_problem), level,
-        about=f"{robot.name}, goal {_goal(robot, made)}, degree {made.chosen.degree} of V",
-        progress=time_limit(seconds),
-    )  # fmt: skip
-
-
-def _goal(robot: Robot, made: Synthesis) -> str:
-    """The goal pose with units."""
-    pairs = zip(made.goal, robot.links.slides, strict=True)
-    return ", ".join(f"{value:.6g} {'m' if slides else 'rad'}" for value, slides in pairs)

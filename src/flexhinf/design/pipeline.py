@@ -10,9 +10,9 @@ import numpy as np
 
 from flexhinf.design.attenuation import attenuation, searches_disturbance
 from flexhinf.design.carrying import Carried, carried_payloads
-from flexhinf.design.certification import prove_design
 from flexhinf.design.criterion import MODES, criterion_for, stated_limits
 from flexhinf.design.degrees import rays_of, synthesis_stages
+from flexhinf.design.design_proof import prove_design, with_tolerances
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun, brought_to_rest
 from flexhinf.design.joint_limits import joint_limits
@@ -112,7 +112,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     start = _start_value(setup, synthesis)
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
     progress("proof of the region")
-    proof = prove_design(robot, s, synthesis, start, worth)
+    proof = with_tolerances(robot, s, synthesis, prove_design(robot, s, synthesis, start, worth))
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,

@@ -84,12 +84,18 @@ class ProvedLaw(BoxProof):
 
 
 def proved_law(
-    robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray, progress: Callable[[str], None]
+    robot: Robot,
+    s: Specification,
+    goal: np.ndarray,
+    start: np.ndarray,
+    admits: Callable[[ProvedLaw], str],
+    progress: Callable[[str], None],
 ) -> ProvedLaw:
     """The law of the preset proved: the smallest proved gain of the step within the largest input, for all tolerances.
 
-    It is about the law with the true state fed back. A robot that states no tolerances is nominal. What the
-    specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
+    The proof is about the law with the true state fed back; `admits` may refuse one for what it does with the
+    estimator. A robot that states no tolerances is nominal. What the specification states of bandwidth, damping,
+    degrees and γ/γ* is not searched for.
 
     Raises
     ------
@@ -103,7 +109,8 @@ def proved_law(
     stated |= {} if s.gamma_ratio == Specification().gamma_ratio else {"ratios": (s.gamma_ratio,)}
     return search_proved_step(
         robot, goal.tolist(), float((goal - start)[0]), effort_limit=float(joint_limits(robot, s).effort[0]),
-        tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds, specification=s, progress=progress,
+        tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds, specification=s, admits=admits,
+        progress=progress,
         **stated,
     )  # fmt: skip
 
@@ -145,6 +152,7 @@ def search_proved_step(
     most_cells: int = 5_000_000,
     most_seconds: float = np.inf,
     specification: Specification | None = None,
+    admits: Callable[[ProvedLaw], str] = lambda law: "",
     progress: Callable[[str], None] = lambda text: None,
 ) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
@@ -171,6 +179,8 @@ def search_proved_step(
     specification : Specification, optional
         Its bandwidth is what the factors are of; its disturbances, checked penalty, period and others are those
         of the candidates.
+    admits : callable
+        Called with each law before it is proved, the best first: why it is left out, with all that are as fast, or "".
     progress : callable
         Called with what comes next.
 
@@ -201,17 +211,24 @@ def search_proved_step(
         except FlexhinfError as error:  # no weights for this bandwidth and damping
             reasons.append(reason_of(error))
     found.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
-    tried = ((candidate, margin) for candidate in found for margin in margins_of(candidate))
-    for candidate, margin in tried:
-        gamma = margin * candidate.gamma
-        progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {gamma:.4g}")
-        limits: Any = {"seconds": most_seconds, "most_cells": most_cells}
-        try:
-            proved = prove_box(robot, candidate, ranges, margins=(margin,), **limits)
-        except NotWithinTolerances as error:
-            reasons.append(reason_of(error))
-        else:
-            return replace(proved, candidates=len(found))
+    limits: Any = {"seconds": most_seconds, "most_cells": most_cells}
+    slow_enough = np.inf  # rad/s: what is as fast as a law that was left out is left out too
+    for candidate in found:
+        if float(np.min(candidate.bandwidth)) >= slow_enough:
+            continue
+        if refused := admits(candidate):
+            reasons.append(refused)
+            slow_enough = float(np.min(candidate.bandwidth))
+            continue
+        for margin in margins_of(candidate):
+            gamma = margin * candidate.gamma
+            progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {gamma:.4g}")
+            try:
+                proved = prove_box(robot, candidate, ranges, margins=(margin,), **limits)
+            except NotWithinTolerances as error:
+                reasons.append(reason_of(error))
+            else:
+                return replace(proved, candidates=len(found))
     raise _not_proved(found, reasons, effort_limit)
 
 

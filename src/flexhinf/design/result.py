@@ -12,8 +12,8 @@ import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.carrying import Carried
-from flexhinf.design.certification import DesignProof
 from flexhinf.design.degrees import DegreeChoice, shrinking
+from flexhinf.design.design_proof import DesignProof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.certification import DesignProof
+from flexhinf.design.design_proof import DesignProof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
 from flexhinf.design.synthesis import Synthesis
@@ -96,6 +96,10 @@ def _not_proved(
     synthesis: Synthesis, worth: Attenuation, inside: bool | None, proof: DesignProof
 ) -> list[str]:
     found = []
+    if proof.box is not None and not proof.lasts:
+        return [
+            "the step with sampling, estimator and limits, to which the proof for all tolerances does not extend"
+        ]
     if proof.certificate is not None:
         if not proof.inside:
             found.append("the step starts outside the proved region")

@@ -17,7 +17,7 @@ from flexhinf.design.estimators import EstimatorNoise, estimator_for, noise_vari
 from flexhinf.design.joint_limits import ROBOT, JointLimits, integral_dead_zone, joint_limits
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move
-from flexhinf.design.proved_step import ProvedLaw, proved_law
+from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
 from flexhinf.design.responses import Plan
 from flexhinf.design.scenario import start_and_goal
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
@@ -163,7 +163,7 @@ class _Steps:
 
         The search is about the law with the true state fed back; noise levels are found for it as for other laws.
         """
-        found = proved_law(self.robot, self.s, self.goal, self.start, self.progress)
+        found = proved_law(self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress)
         problem = replace(found.design_problem, preset="proved")
         noise = self.noise_search(problem)
         (solved,) = solve_degrees(problem.problem, (found.solution.degree,), problem.gamma)
@@ -171,6 +171,20 @@ class _Steps:
         rays = rays_of(len(problem.problem.state_names), self.s)
         law = found.solution
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=found)
+
+    def keeps_effort(self, law: ProvedLaw) -> str:
+        """ "", or how much input the step of a law takes on the running loop, where that is beyond the limit."""
+        limits = joint_limits(self.robot, self.s)
+        if not limits.limits_effort:
+            return ""
+        self.progress("the step on the running loop")
+        noise = self.noise_search(law.design_problem)
+        levels = None if noise is None else noise.chosen.levels
+        setup = LoopSetup(self.robot, self.s, law.solution, self.goal, self.start, estimator_noise=levels)
+        peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
+        if peak <= (1.0 + TOLERANCE) * limits.effort[0]:
+            return ""
+        return f"with the estimator the step takes an input of {peak:.3g}"
 
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None

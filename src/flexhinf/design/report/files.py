@@ -11,6 +11,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.report.comparison import comparison_page
 from flexhinf.design.report.numbers import comparison_numbers, design_numbers
 from flexhinf.design.report.page import design_page
+from flexhinf.design.report.proof import BOX_FILE
 from flexhinf.design.result import Comparison, Design
 from flexhinf.errors import InvalidInput
 from flexhinf.report import to_json, write
@@ -48,6 +49,8 @@ def design_files(
     files: dict[str, str | bytes] = {"design.json": to_json(design_numbers(design)), **_saved(saved)}
     if design.proof.certificate is not None:
         files["certificate.json"] = design.proof.certificate.text()
+    if design.proof.box is not None and design.proof.box.certificate is not None:
+        files[BOX_FILE] = design.proof.box.certificate.text()
     page = design_page(design, command, warnings, (*files, *beside))
     return {"index.html": page.html(), **files}
 

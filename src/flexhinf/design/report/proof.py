@@ -9,18 +9,52 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
 from flexhinf.report import number
 
-__all__ = ["RULES", "covers_tolerances", "proof_numbers", "proof_text", "step_texts"]
+__all__ = [
+    "BOX_FILE", "RULES", "covers_tolerances", "penalty_text", "proof_numbers", "proof_text", "step_texts",
+]  # fmt: skip
+
+#: The certificate for all tolerances, beside that of the nominal robot.
+BOX_FILE = "certificate-tolerances.json"
 
 #: Rules of the integrators' start, in short.
 RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 
 
 def proof_text(design: Design) -> str:
-    """What is proved of the law that is used, in two sentences; why nothing is where nothing is."""
+    """What is proved of the law that is used, for all tolerances and for the nominal robot; why nothing is."""
+    return " ".join(filter(None, [_box_text(design), _own_text(design)]))
+
+
+def _box_text(design: Design) -> str:
+    """What is proved for all tolerances beside the nominal robot's region; empty where nothing is."""
+    box = design.proof.box
+    if box is None:
+        return ""
+    return (
+        f"Proved, for every robot within the tolerances with the true state fed back: the step of "
+        f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {number(box.gamma, 4)} for "
+        f"{penalty_text(design)}."
+    )
+
+
+def penalty_text(design: Design) -> str:
+    """The z whose gain is proved for all tolerances."""
+    if design.specification.checked_penalty is not None:
+        return "the z of the checked penalty"
+    return (
+        "the z of the robot's own penalty"
+        if design.robot.penalty
+        else "the z of Eq. (11), scaled to the robot"
+    )
+
+
+def _own_text(design: Design) -> str:
     proof, looked = design.proof, design.chosen.looked
     given = proof.certificate
     if given is None:
         sampled = "the region is a sampled check" if looked else "no region was looked for"
+        if proof.box is not None:
+            return f"Of a region nothing is proved, {sampled.replace('the region', 'it')}: {proof.reason.rstrip('.')}."
         return f"Nothing is proved, {sampled}: {proof.reason.rstrip('.')}."
     steps = step_texts(design)
     reach = (
@@ -51,16 +85,35 @@ def covers_tolerances(design: Design) -> bool:
 
 def step_texts(design: Design) -> list[str]:
     """The proved steps with the rule by which the integrator starts."""
-    given, degrees = design.proof.certificate, design.specification.in_degrees
+    given = design.proof.certificate
     if given is None:
         return []
+    return [f"{_amplitude_text(design, s.amplitude)} ({RULES.get(s.rule, s.rule)})" for s in given.starts]
+
+
+def _amplitude_text(design: Design, amplitude: float) -> str:
     slides = any(design.robot.links.slides)
-    scale, unit = (180.0 / math.pi, "°") if not slides and degrees else (1.0, " m" if slides else " rad")
-    return [f"{number(scale * s.amplitude, 3)}{unit} ({RULES.get(s.rule, s.rule)})" for s in given.starts]
+    in_degrees = design.specification.in_degrees and not slides
+    scale, unit = (180.0 / math.pi, "°") if in_degrees else (1.0, " m" if slides else " rad")
+    return f"{number(scale * amplitude, 3)}{unit}"
 
 
 def proof_numbers(design: Design) -> dict[str, Any]:
     """For design.json."""
+    return _own_numbers(design) | {"for_all_tolerances": _box_numbers(design)}
+
+
+def _box_numbers(design: Design) -> dict[str, Any]:
+    box, reason = design.proof.box, design.proof.box_reason
+    if box is None or box.certificate is None:
+        return {"proved": covers_tolerances(design), "reason": reason}
+    return {
+        "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
+        "cpu_s": box.cpu_seconds, "file": BOX_FILE,
+    }  # fmt: skip
+
+
+def _own_numbers(design: Design) -> dict[str, Any]:
     proof, given = design.proof, design.proof.certificate
     if given is None:
         return {

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from flexhinf.design.report.formatting import count_text, law_name, units_of
+from flexhinf.design.report.proof import penalty_text
 from flexhinf.design.report.sections.corners import corner_rows, corners_text
 from flexhinf.design.report.sections.estimator_noise import is_used, selected
 from flexhinf.design.report.sections.law_figures import TableLine, table_lines
@@ -23,7 +24,6 @@ from flexhinf.design.report.sections.region import (
     cost_text,
     degree_text,
     level_rows,
-    penalty_text,
     widest_step,
 )
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text

@@ -13,7 +13,7 @@ from flexhinf.design.degree_rule import ACTING, GAIN
 from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.report.drawing import DASHED, figure_block, thin
 from flexhinf.design.report.formatting import amplitude_text, count_text, law_name, units_of
-from flexhinf.design.report.proof import covers_tolerances, proof_text
+from flexhinf.design.report.proof import BOX_FILE, covers_tolerances, penalty_text, proof_text
 from flexhinf.design.result import Design
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant
@@ -90,7 +90,7 @@ def _proof(design: Design) -> list[Any]:
     """The certificate of the law that is used, and how it is proved again."""
     given = design.proof.certificate
     if given is None:
-        return [Paragraph(proof_text(design))]
+        return [Paragraph(proof_text(design)), *_box(design)]
     box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
     if given.sampled_level is None:
         level = f"The level V ≤ {number(given.level, 5)} was"
@@ -109,6 +109,27 @@ def _proof(design: Design) -> list[Any]:
             f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise{budget}. A "
             "planned move and payloads are judged by runs."
         ),
+        *_box(design),
+    ]
+
+
+def _box(design: Design) -> list[Any]:
+    """The proof for all tolerances beside the nominal robot's, or why there is none."""
+    proof = design.proof
+    if proof.box is None:
+        reason = proof.box_reason.rstrip(".")
+        return (
+            [Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")]
+            if reason
+            else []
+        )
+    return [
+        Paragraph(
+            f"The proof for all robots within the tolerances took {number(proof.box.cpu_seconds, 2)} s of CPU. Its V "
+            "is another one, found by matrix inequalities for the whole box, so its level and the budget below do not "
+            "compare:"
+        ),
+        Listing(f"flexhinf certify --check {BOX_FILE}"),
     ]
 
 
@@ -241,17 +262,6 @@ def _attained_text(design: Design) -> str:
 
 def _listed(problem: GeneralisedPlant) -> str:
     return ", ".join(name.replace("_", " ") for name in problem.disturbance_names)
-
-
-def penalty_text(design: Design) -> str:
-    """The z whose gain is proved for all tolerances."""
-    if design.specification.checked_penalty is not None:
-        return "the z of the checked penalty"
-    return (
-        "the z of the robot's own penalty"
-        if design.robot.penalty
-        else "the z of Eq. (11), scaled to the robot"
-    )
 
 
 def level_rows(design: Design) -> list[tuple[str, float]]:
