@@ -115,7 +115,8 @@ def test_every_law_gets_the_same_plants_commands_and_loads(rig: Comparison) -> N
 def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> None:
     def noise(row: Any) -> np.ndarray:
         setup, runs = row.evaluation.setup, row.evaluation.scenario
-        run = setup.jump(0.5, runs.robots[0], seed=1, sub_steps=runs.sub_steps).run
+        noisy = replace(setup, quiet=False)
+        run = noisy.jump(0.5, runs.robots[0], seed=1, sub_steps=runs.sub_steps).run
         sampled = setup.steps(
             runs.robots[:1],
             0.5,
