@@ -14,6 +14,7 @@ this robot's input is the one that held it: both are terms in a and in the robot
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.proof import NotProved, prove
+from flexhinf.certify.proof import NotProved, method_of, prove
 from flexhinf.certify.reading import flat_names, plant_terms
 from flexhinf.certify.robot_starts import largest_values, robot_start, start_inside, tabled_start
 from flexhinf.certify.search import Progress
@@ -118,7 +119,9 @@ def certify_tolerances(
     """
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, p=p, about=about)
     side = 1.0 if step is not None and step < 0.0 else -1.0
-    step = None if step is None else abs(step)
+    step = (
+        None if step is None else math.nextafter(abs(step), math.inf)
+    )  # π is no double, and half a turn is inside
     start = robot_start(statement, side)
     if start is None and step is not None:
         start = tabled_start(solution, statement, step, side)
@@ -137,7 +140,7 @@ def certify_tolerances(
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
         raise NotProved.at(level, outcome, point)
-    provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays, vertices of the box"}
+    provenance = {"cells": str(outcome.cells), "method": f"{method_of(outcome)}, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)
 

@@ -37,8 +37,9 @@ Ranges = Mapping[str, tuple[float, float]]
 #: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
 ROOM, MARGINS = 1.003, (1.05, 1.15, 1.4)
 
-#: γ over the smallest one of a common quadratic V, in turn: cells become fewer with the margin.
-QUADRATIC_MARGINS = (1.4, 1.6, 2.0)
+#: γ over the smallest one of a common quadratic V, in turn: room for the enclosures of the functions' slopes. The last
+#: is for a plant whose inequality is no quadratic form, and takes cells: they become fewer with the margin.
+QUADRATIC_MARGINS = (1.02, 1.1, 1.6)
 
 
 class NotWithinTolerances(InvalidInput):
