@@ -135,6 +135,12 @@ def test_the_input_of_each_robot_does_not_jump_at_its_start() -> None:
         assert found.law(x) == pytest.approx(np.asarray(before[1]) - np.asarray(at[1]), abs=1e-9)
 
 
+def test_numbers_have_their_units() -> None:
+    statement = tolerance_statement(solution(90, 2), problem(90), ranges(), 20.0)
+    assert [signal.unit for signal in statement.disturbances] == ["rad"]
+    assert {p.name: p.unit for p in statement.parameters}["stiffness"] == "N·m/rad"
+
+
 def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
     tolerance_statement(solution(180, 4), problem(180), ranges(), 20.0)
     with pytest.raises(InvalidInput, match="equilibrium at the goal moves"):

@@ -158,14 +158,19 @@ def prove(
     progress : callable, optional
         Called with the number of cells done and the estimated share of the whole.
     most_cells : int
+        0: a definite quadratic form or nothing.
 
     Returns
     -------
     (Certificate, Outcome)
         The statement with its reach, and how the search ended.
     """
+    if progress is not None:
+        progress(0, 0.0)  # what limits the time may end it here
     if (wide := _wide(statement)) is not None and wide.definite_corners():
         return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
+    if not most_cells:
+        return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = inequality_of(statement)
     extent = _extent(inequality, statement.level)
     reach = _few_bits(_ROOM * extent.reach)

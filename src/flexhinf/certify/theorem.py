@@ -114,7 +114,8 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
         + " sampling and hold, delay, saturation, quantisation"
         + ("" if claim.observer else " and noise")
         + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
-        "Starts outside S, and starts of the integrators by another rule than the stated ones."
+        "Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at rest "
+        "there, and where the integrators start, is as the file says: only that these x lie in S is proved."
         if claim.starts
         else "Which steps start in S: the certificate states no starts.",
         "Dynamics that the plant does not have: friction of another form, coil current, flexible modes, backlash.",

@@ -26,8 +26,8 @@ from flexhinf.certify.proof import NotProved, method_of, prove
 from flexhinf.certify.reading import flat_names, plant_terms
 from flexhinf.certify.robot_starts import largest_values, robot_start, start_inside, tabled_start
 from flexhinf.certify.search import Progress
-from flexhinf.certify.statement import few_bits, law_polynomials
-from flexhinf.certify.terms import Polynomial, Signal
+from flexhinf.certify.statement import few_bits, law_polynomials, signals, with_units
+from flexhinf.certify.terms import Polynomial
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -167,7 +167,7 @@ def tolerance_statement(
     law = law_polynomials(solution, terms)
     parameters = tuple(
         replace(p, low=ranges[p.name][0], high=ranges[p.name][1]) if p.name in ranges else p
-        for p in terms.parameters
+        for p in with_units(problem, terms.parameters)
     )
     value = (
         tuple(
@@ -179,13 +179,11 @@ def tolerance_statement(
         if p is None
         else _quadratic(p)
     )
-    unit = problem.plant.unit
     root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
     statement = Certificate(
         about=about or "a state feedback, for all parameters in the box",
-        states=tuple(Signal(name, unit(name)) for name in solution.state_names),
-        inputs=tuple(Signal(name, unit(name)) for name in solution.input_names),
-        disturbances=tuple(Signal(name, unit(name)) for name in problem.disturbance_names),
+        states=signals(problem, solution.state_names), inputs=signals(problem, solution.input_names),
+        disturbances=signals(problem, problem.disturbance_names),
         drift=terms.drift, g1=terms.g1, g2=terms.g2,
         penalty=tuple(row for row in terms.penalty if row),
         r2=tuple(map(tuple, problem.r2.tolist())),

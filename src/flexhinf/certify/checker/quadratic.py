@@ -2,8 +2,8 @@
 rationals and without cells.
 
 With V = zᵀWz and r(z, p) = −zᵀQ(S, p)z, S_j the quotients of the functions, r is affine in each S_j and convex in each
-power of a parameter (affine, but for |V_x g1|²). So Q ≻ 0 at the corners of the box of S and p gives r ≤ −ε|z|² wherever
-each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/certificate.md, section 7.
+power of a parameter (affine, but for |V_x g1|²). So Q ≻ 0 at the corners of the box of S and p gives r ≤ −ε|z|²
+wherever each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/certificate.md, section 7.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from flexhinf.certify.terms import Function
 __all__ = ["definite_corners", "quotient_range"]
 
 _MOST_CORNERS = 2**15
-_GRID = 64  # pieces of an interval of length one
-_FARTHEST = 1e3  # |ℓᵀx| of a function
+_GRID = 512  # pieces of an interval of length one
+_FARTHEST = 64  # |ℓᵀx| of a function
 
 
 def definite_corners(claim: Claim, exact: Residual) -> int:
