@@ -199,7 +199,7 @@ def controller_files(
         f"{name}.h": code.header,
         f"{name}.c": code.source,
         f"{name}_test.c": _test(code, run, accuracy.allowed),
-        "README.md": _readme(code, accuracy),
+        "README.md": _readme(code, run, accuracy),
         **{file: _filled(code, file) for file in AROUND},
         f"templates/{name}.ino": _filled(code, "sketch.ino"),
         f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
@@ -314,8 +314,9 @@ def _number(value: float, real: Real) -> str:
     return "(@NAME@_real)NAN" if np.isnan(value) else constant(value, real)
 
 
-def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
+def _readme(code: ControllerCode, run: Recording, accuracy: Accuracy) -> str:
     c = code.controller
+    at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **c.summary(),
@@ -328,10 +329,11 @@ def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
     }
     return fill(
         template("README.md"), code.name, code.real,
-        VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=200, OLDEST=f"{code.oldest:g}",
-        MISSING=MISSING_LIMIT if code.predicts else 0,
+        VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
+        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=_begins(code),
+        AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
-        SIGNALS=_table(("array", "element", "signal", "unit"), _signal_rows(code)),
+        SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), _signal_rows(code)),
         CODES=_table(
             ("constant", "value", "meaning"),
             [(f"`{code.upper(key)}`", str(value), text) for key, (value, text) in code.codes.items()],
@@ -372,11 +374,30 @@ PARTS = {
 
 def _signal_rows(code: ControllerCode) -> list[tuple[str, ...]]:
     arrays = {"Y": "input.y", "R": "input.r", "U": "output.u", "X": "output.estimate"}
-    return [
-        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")))
-        for kind, array in arrays.items()
-        for k, name in enumerate(code.signals[kind])
-    ]
+    starts = {"U": code.safe_input, "X": code.belief}
+    rows = []
+    for kind, array in arrays.items():
+        begins = starts.get(kind)
+        for k, name in enumerate(code.signals[kind]):
+            start = "" if begins is None else f"{begins[k]:.6g}"
+            rows.append((f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")), start))
+    return rows
+
+
+def _begins(code: ControllerCode) -> str:
+    """What the column "at the start" means for the robot."""
+    if not code.predicts:
+        return "Without an estimator the state is what is measured, so the robot may be anywhere."
+    other = (
+        f"call `{code.name}_start` with its state instead"
+        if code.starts_anywhere
+        else "this observer cannot be told of it"
+    )
+    return (
+        f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the design "
+        f"starts.\nThe estimator trusts that: from another place the first inputs may be as large as their limits. Where "
+        f"the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+    )
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
