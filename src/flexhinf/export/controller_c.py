@@ -159,11 +159,24 @@ class ControllerCode:
 
     @property
     def belief(self) -> np.ndarray | None:
-        """Where the estimate begins, (n,): the robot must be there, or the estimate be set; None without an estimator."""
+        """Where the estimate begins, (n,), and the robot must be; None without an estimator."""
         estimator = self.controller.estimator
         return None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
 
     # Text --------------------------------------------------------------------------------------------
+    @property
+    def start_note(self) -> str:
+        """Where the robot must be at the start, for the README."""
+        if not self.predicts:
+            return "Without an estimator the state is what is measured, so the robot may be anywhere."
+        told = f"call `{self.name}_start` with its state instead"
+        other = told if self.starts_anywhere else "this observer cannot be told of it"
+        return (
+            f"`{self.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
+            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
+            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+        )
+
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
@@ -185,7 +198,11 @@ class ControllerCode:
         ]
         signals = [enumeration(self._elements(kind, names)) for kind, names in self.signals.items() if names]
         begins = BEGINS if self.predicts else "the state is what is measured"
-        sets = "about another state" if self.starts_anywhere else "the estimate begins where that of @NAME@_init does"
+        sets = (
+            "about another state"
+            if self.starts_anywhere
+            else "the estimate begins where that of @NAME@_init does"
+        )
         summary = [f"{name}: {text}" for name, text in c.summary().items()]
         return fill(
             template("controller.h"), self.name, self.real,

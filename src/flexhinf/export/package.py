@@ -8,6 +8,7 @@ import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -330,7 +331,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: Accuracy) -> str:
     return fill(
         template("README.md"), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
-        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=_begins(code),
+        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=code.start_note,
         AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), _signal_rows(code)),
@@ -374,30 +375,19 @@ PARTS = {
 
 def _signal_rows(code: ControllerCode) -> list[tuple[str, ...]]:
     arrays = {"Y": "input.y", "R": "input.r", "U": "output.u", "X": "output.estimate"}
-    starts = {"U": code.safe_input, "X": code.belief}
-    rows = []
-    for kind, array in arrays.items():
-        begins = starts.get(kind)
-        for k, name in enumerate(code.signals[kind]):
-            start = "" if begins is None else f"{begins[k]:.6g}"
-            rows.append((f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")), start))
-    return rows
-
-
-def _begins(code: ControllerCode) -> str:
-    """What the column "at the start" means for the robot."""
-    if not code.predicts:
-        return "Without an estimator the state is what is measured, so the robot may be anywhere."
-    other = (
-        f"call `{code.name}_start` with its state instead"
-        if code.starts_anywhere
-        else "this observer cannot be told of it"
-    )
-    return (
-        f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the design "
-        f"starts.\nThe estimator trusts that: from another place the first inputs may be as large as their limits. Where "
-        f"the robot is\nelsewhere, {other}; an input that acts already is its other argument."
-    )
+    none = repeat(None)
+    starts = {"Y": none, "R": none, "U": code.safe_input, "X": none if code.belief is None else code.belief}
+    return [
+        (
+            f"`{array}`",
+            str(k),
+            comment(name),
+            comment(code.units.get(name, "")),
+            f"{value:.6g}" if value is not None else "",
+        )
+        for kind, array in arrays.items()
+        for k, (name, value) in enumerate(zip(code.signals[kind], starts[kind], strict=False))
+    ]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
