@@ -29,7 +29,9 @@ _FARTHEST = 64  # |ℓᵀx| of a function
 def definite_corners(claim: Claim, exact: Residual) -> int:
     """The number of corners of quotients and parameters, where r is negative definite at all of them and {V ≤ c} lies
     within the reach; 0 where that is not so, or where r is no quadratic form: then nothing is said."""
-    parts = list(zip(exact.plain, *exact.factors, strict=True))  # by product of parameters
+    parts: list[tuple[Any, ...]] = list(
+        zip(exact.plain, *exact.factors, strict=True)
+    )  # by product of parameters
     if any(sum(map(int, e)) != 2 for one in (exact.value, *itertools.chain(*parts)) for e in one.to_dict()):
         return 0
     value = _form(exact.value)
@@ -38,12 +40,14 @@ def definite_corners(claim: Claim, exact: Residual) -> int:
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
     if any(widest[i, i] > as_rational(claim.reach) ** 2 for i in range(widest.nrows())):
         return 0
-    ranges = [
-        quotient_range(function, (row * widest * row.transpose())[0, 0])
-        for function, row in zip(claim.functions, map(_row, exact.arguments), strict=True)
-    ]
+    ranges: list[tuple[fmpq, fmpq]] = []
+    for function, row in zip(claim.functions, map(_row, exact.arguments), strict=True):
+        found = quotient_range(function, (row * widest * row.transpose())[0, 0])
+        if found is None:
+            return 0
+        ranges.append(found)
     weights, count = parameter_corners(claim, exact.products), 0
-    if None in ranges or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+    if len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0
     forms = [list(map(_form, row)) for row in parts]
     for products, ends in itertools.product(weights, itertools.product(*ranges)):
