@@ -38,8 +38,8 @@ except ImportError:  # not on Windows
     fcntl = None
 
 __all__ = [
-    "ABANDONED_AFTER_S", "exchange", "locked", "part_file", "publish", "read_arrays", "recorded", "write_arrays",
-    "write_file",
+    "ABANDONED_AFTER_S", "exchange", "locked", "note_written", "part_file", "publish", "read_arrays", "recorded",
+    "write_arrays", "write_file",
 ]  # fmt: skip
 
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
@@ -264,7 +264,7 @@ def _unreadable(found: str) -> InvalidInput:
 
 def publish(temporary: str | os.PathLike[str], path: Path) -> None:
     """Give a finished file or folder its name; `recorded` tells of it from the very moment that it has it."""
-    _note(temporary, path)
+    note_written(temporary, path)
     os.replace(temporary, path)
 
 
@@ -277,7 +277,7 @@ def exchange(temporary: str | os.PathLike[str], path: Path) -> bool:
         False where this system or file system has no such act; nothing was done then.
     """
     swap = _exchange_of_names()
-    _note(temporary, path)
+    note_written(temporary, path)
     return swap is not None and not swap(os.fsencode(temporary), os.fsencode(path))
 
 
@@ -297,8 +297,8 @@ def _exchange_of_names() -> Callable[[bytes, bytes], int] | None:
         return None
 
 
-def _note(temporary: str | os.PathLike[str], path: Path) -> None:
-    """For `recorded`."""
+def note_written(temporary: str | os.PathLike[str], path: Path) -> None:
+    """Let `recorded` tell of a file or folder that is to get this name, or that has it and gets more files."""
     record = _record.get()
     if record is not None:
         record.append((path, _identity(temporary)))

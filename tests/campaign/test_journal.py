@@ -24,6 +24,7 @@ from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
 from flexhinf.campaign.samples import Rows
 from flexhinf.campaign.storage import HELD, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.files import recorded
 from flexhinf.loop import shared
 
 pytest.importorskip("pyarrow")
@@ -80,8 +81,9 @@ def test_order_interruptions_and_shards_leave_the_same_bytes(
         assert [drive(campaign, journal, shard=Shard(k, 3)) is None for k in (3, 1, 2)] == [True, True, False]
     else:
         for _ in range(journal.batches):
-            with pytest.raises(KeyboardInterrupt):
+            with recorded() as written, pytest.raises(KeyboardInterrupt):
                 drive(campaign, Journal.opened(folder, campaign), executor=interrupted)
+            assert folder / SHARDS in written(), "what an interrupted command says that it has written"
         drive(campaign, journal)
     assert table_of(folder) == table_of(whole)
     assert [path.name for path in shards_of(folder)] == [path.name for path in shards_of(whole)]
@@ -189,6 +191,30 @@ def test_two_drivers_of_one_folder_are_refused(tmp_path: Path) -> None:
         for part in ("", "1-of-2"):
             with pytest.raises(InvalidInput, match="Another driver"), journal.driven(part):
                 pass
+
+
+WITH_WORKERS = """
+import sys
+from flexhinf.campaign import Journal, drive
+from flexhinf.campaign.driver import in_processes
+from tests.campaign.conftest import made_campaign
+
+campaign = made_campaign(samples=100_000)
+drive(campaign, Journal.opened(sys.argv[1], campaign), executor=in_processes(1))
+"""
+
+
+@pytest.mark.slow
+def test_a_driver_killed_by_sigkill_takes_its_workers_with_it(tmp_path: Path) -> None:
+    """They hold its standard output open, so that it would never end, and a few hundred megabytes each."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
+    words = [sys.executable, "-c", WITH_WORKERS, str(tmp_path / "campaign")]
+    driver = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    until = time.monotonic() + 60.0
+    while not shards_of(tmp_path / "campaign") and driver.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    driver.send_signal(signal.SIGKILL)
+    driver.communicate(timeout=20.0)
 
 
 DRIVER = """

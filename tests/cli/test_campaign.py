@@ -19,6 +19,7 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.campaign import Journal, run_batch
 from flexhinf.cli import main
+from flexhinf.cli.arguments import design_file_of
 from flexhinf.design.campaign_folder import stored_campaign
 from flexhinf.design.campaign_gain import stored_gains
 from flexhinf.design.report.campaign_text import percent_text
@@ -275,6 +276,19 @@ def test_a_robot_without_tolerances(folder: Path, arm: str, refused: Callable[..
 
 
 @pytest.mark.slow
+def test_the_folder_of_a_report_is_taken_as_its_design_file(
+    judged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", "design", "--samples", "4", "--duration", "0.1", "--out", "runs"]) in (0, 1)
+    assert main(
+        ["campaign", "design/design.toml", "--samples", "4", "--duration", "0.1", "--out", "runs"]
+    ) in (0, 1)
+    assert (judged / "runs/setup/controller").read_bytes() == (judged / "design/controller").read_bytes()
+    (judged / "design").rename(judged / "paper")
+    assert design_file_of("paper") is None  # a robot of the catalogue
+    assert design_file_of("./paper") == Path("paper/design.toml")
+
+
 def test_without_a_report_it_is_designed_first(folder: Path, arm: str) -> None:
     (folder / "arm.toml").write_text(arm)
     (folder / "design.toml").write_text(

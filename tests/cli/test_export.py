@@ -42,6 +42,20 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
     assert not report.unchanged(tmp_path, ("controller",))
 
 
+@pytest.mark.parametrize("source", ["paper", "arm.toml"])
+def test_a_robot_is_told_from_a_controller(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text('[[joint]]\nname = "shoulder"\n')
+    for words in (["export", "c"], ["export", "fmu"], ["compile"]):
+        assert main([*words, source, "--out", "made"]) == 2
+        told = capsys.readouterr().err
+        assert "A robot has no controller" in told
+        assert f"flexhinf design {source}" in told
+    assert not (tmp_path / "made").exists()
+
+
 def test_a_folder_with_files_needs_force(
     controller: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,7 +26,7 @@ STUBS = {
 namespace rclcpp { struct Time {}; struct Duration {}; }
 namespace rclcpp_lifecycle { struct State {}; }
 namespace controller_interface {
-enum class CallbackReturn { SUCCESS };
+enum class CallbackReturn { SUCCESS, ERROR };
 enum class return_type { OK };
 enum class interface_configuration_type { INDIVIDUAL };
 struct InterfaceConfiguration { interface_configuration_type type; std::vector<std::string> names; };
@@ -39,6 +39,7 @@ public:
     virtual InterfaceConfiguration state_interface_configuration() const = 0;
     virtual CallbackReturn on_activate(const rclcpp_lifecycle::State &) = 0;
     virtual return_type update(const rclcpp::Time &, const rclcpp::Duration &) = 0;
+    unsigned int get_update_rate() const { return 1000; }
 protected:
     std::vector<Handle> state_interfaces_, command_interfaces_;
 };

@@ -8,12 +8,14 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_room, controller_files, export_c, package
 from flexhinf.export.names import comment, constants, identifier_of
+from flexhinf.export.recording import record
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +93,23 @@ def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controlle
     assert "| saturation | none: set `ARM_P_LOWER`" in controller_files(unlimited, "arm")["README.md"]
 
 
+def test_what_is_exported_begins_where_the_step_does() -> None:
+    """The estimate of a design begins at the start of its step, not at the goal: a recording from elsewhere is at the
+    limits all the time, and any code would answer that."""
+    arm = fh.paper_arm()
+    begin = [0.1, 0.0, 0.1, 0.0]
+    ukf = fh.UnscentedKalmanFilter(arm.plant("motor_position"), 1e-3, [0, 0, 1e-4, 1e-4], 1e-8, begin, 1e-8)
+    law = fh.linear_law(arm.problem(pose=0.8), gamma=math.inf)
+    controller = fh.Controller(law, ukf, 1e-3, 48.0)
+    run = record(controller)
+    assert run.y[0, 0] == pytest.approx(0.1, abs=1e-3)
+    assert (np.abs(run.u) < 47.0).mean() > 0.9
+    files = controller_files(controller, "arm")
+    assert "| `output.estimate` | 0 | link_position | rad | 0.1 |" in files["README.md"]
+    assert "/* link_position, rad; begins at 0.1 */" in files["arm.h"]
+    assert "`arm_start` with its state" in files["README.md"]
+
+
 def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
     text = comment('*/ int main(){} /* \\ \n ??/ "é')
     assert "*/" not in text
@@ -98,6 +117,7 @@ def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
     assert "\n" not in text
     assert "??" not in text
     assert text.isascii()
+    assert [comment(unit) for unit in ("N·m", "kg·m²", "Ω")] == ["N m", "kg m^2", "Ohm"]
     assert constants("ARM_Y", ["q*/1", "q 1", "é", "é"]) == ["ARM_Y_Q_1", "ARM_Y_Q_1_1", "ARM_Y_2", "ARM_Y_3"]
     assert identifier_of("Näive 3-link; rm -rf") == "n_ive_3_link_rm_rf"
     assert identifier_of("7 links") == "arm_7_links"

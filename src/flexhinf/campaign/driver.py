@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -234,10 +235,19 @@ _campaign: Campaign | None = None  # of a worker process
 
 
 def _begin_worker(campaign: Campaign) -> None:
-    """In a worker: Ctrl-C is the driver's."""
+    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it."""
     global _campaign
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_the_driver, daemon=True).start()
     _campaign = campaign
+
+
+def _end_with_the_driver() -> None:
+    """Workers wait for work on a pipe that they hold open themselves: without this they would wait for ever."""
+    driver = multiprocessing.parent_process()
+    if driver is not None:
+        driver.join()
+        os._exit(1)
 
 
 def _work(batch: int) -> Rows:

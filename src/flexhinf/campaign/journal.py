@@ -33,7 +33,7 @@ from flexhinf.campaign.storage import (
     write_whole,
 )
 from flexhinf.errors import InvalidInput
-from flexhinf.files import locked, part_file
+from flexhinf.files import locked, note_written, part_file
 from flexhinf.untrusted import checked_path, read_bytes
 
 __all__ = ["MANIFEST", "TABLE", "Journal"]
@@ -257,6 +257,7 @@ class Journal:
         path = self.folder / SHARDS / name
         with disk_refusals(self.folder):
             write_whole(path, content, _PREFIX.format(batch))
+        note_written(path.parent, path.parent)
         return path
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:

@@ -29,6 +29,7 @@ __all__ = [
     "Payload",
     "Robot",
     "Tool",
+    "design_file_of",
     "read_source",
     "reproduce_command",
     "request_of",
@@ -168,18 +169,32 @@ def request_of(
 def read_source(
     source: str, elastic: str, fields: Mapping[str, Any], payload: str = "", goal: str = "", tool: str = ""
 ) -> CommandRequest:
-    """Robot and specification of a file and of fields that win over it; prints notes, raises as `request_of`."""
+    """Robot and specification of a file and of fields that win over it; prints notes, raises as `request_of`.
+
+    Of a report's folder its design file is meant.
+    """
     from flexhinf.design import read_request
     from flexhinf.design.cartesian import with_joints
+    from flexhinf.design.design_file import meant_file
     from flexhinf.robot import RobotFileWarning
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RobotFileWarning)
-        request = with_joints(read_request(source, elastic or None, fields, payload or None), goal, tool)
+        request = with_joints(
+            read_request(meant_file(source), elastic or None, fields, payload or None), goal, tool
+        )
     found = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
     for text in (*found, *request.notes):
         note(text)
     return CommandRequest(request, found)
+
+
+def design_file_of(source: str) -> Path | None:
+    """The design file that a source means, where it means one: beside it may be a controller."""
+    from flexhinf.design.design_file import meant_file
+
+    path = meant_file(source)
+    return Path(path) if path.endswith(".toml") else None
 
 
 def _fields(context: typer.Context) -> dict[str, Any]:

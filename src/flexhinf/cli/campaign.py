@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from flexhinf.cli.arguments import Elastic, read_source, reproduce_command
+from flexhinf.cli.arguments import Elastic, design_file_of, read_source, reproduce_command
 from flexhinf.cli.messages import NOT_MET, note
 from flexhinf.cli.worst_case import WorstSearch, replay_worst, say_worst, search
 from flexhinf.errors import InvalidInput
@@ -62,8 +62,8 @@ def run(
         str,
         typer.Argument(
             metavar="DESIGN",
-            help="design.toml, or a robot as for `flexhinf design`. The controller of a report is taken as it was "
-            "judged; without one it is designed first.",
+            help="design.toml, the folder of a report, or a robot as for `flexhinf design`. The controller of a report "
+            "is taken as it was judged; without one it is designed first.",
         ),
     ],
     samples: Annotated[int, typer.Option(help="How many robots.")] = 1000,
@@ -169,7 +169,7 @@ def run(
         initial_error, disturbance, duration or None,
     )  # fmt: skip
     request = read_source(design, elastic, {}).request
-    asked = DesignCampaign(request, options, Path(design) if design.endswith(".toml") else None)
+    asked = DesignCampaign(request, options, design_file_of(design))
     executor = chosen_executor(workers, cluster)
     checked = [Requirement.of(text, list(asked.metrics.units)) for text in require or asked.requirements]
     gain = worst_case and searches_gain(asked)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexhinf.cli.arguments import read_source, reproduce_command
+from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command
 from flexhinf.cli.campaign import chosen_executor, design_stages, named_tolerance, run, sample_progress
 from flexhinf.cli.messages import note
 
@@ -103,7 +103,7 @@ def _pair(sources: tuple[str, str], values: dict[str, Any]) -> DesignPair:
 
     def asked(source: str) -> DesignCampaign:
         request = read_source(source, values["elastic"], {}).request
-        return DesignCampaign(request, options, Path(source) if source.endswith(".toml") else None)
+        return DesignCampaign(request, options, design_file_of(source))
 
     return DesignPair(asked(sources[0]), asked(sources[1]))
 

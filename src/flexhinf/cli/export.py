@@ -153,6 +153,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
     path = file_of(source)
     if not is_design_file(path):
+        _refuse_robot(source, path)
         return load_controller(path), "controller"
     beside = path.parent / "controller"
     if unchanged(path.parent, ("design.toml", "controller")):
@@ -166,6 +167,19 @@ def file_of(source: str) -> Path:
     """The file that is meant: of a report's folder its design file."""
     path = Path(source)
     return path / "design.toml" if path.is_dir() else path
+
+
+def _refuse_robot(source: str, path: Path) -> None:
+    """Refuse a robot, which has no controller yet."""
+    from flexhinf.robot import catalogue
+
+    robot = path.suffix.lower() in (".toml", ".urdf", ".xml") or source in catalogue()
+    if robot and not Path(source).is_dir() and (path.exists() or source in catalogue()):
+        raise InvalidInput(
+            "A robot has no controller; a design of it has one.",
+            f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
+            f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
+        )
 
 
 def _robot_name(path: Path) -> str:

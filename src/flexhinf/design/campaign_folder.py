@@ -11,7 +11,7 @@ import tomlkit
 from flexhinf.campaign import Campaign, Journal
 from flexhinf.design.campaign_pair import SIDES, DesignPair
 from flexhinf.design.campaign_setup import CampaignOptions, DesignCampaign, fields_text
-from flexhinf.design.design_file import load_design, read_request
+from flexhinf.design.design_file import DESIGN_FILE, load_design, read_request
 from flexhinf.design.design_file_text import request_document
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import brought_to_rest
@@ -27,7 +27,7 @@ from flexhinf.untrusted import checked_path, read_toml
 __all__ = ["open_campaign", "open_pair", "stored_campaign", "stored_request"]
 
 #: Folder of the design file and the controller inside a campaign's, and their names.
-SETUP, DESIGN_FILE, CONTROLLER = "setup", "design.toml", "controller"
+SETUP, CONTROLLER = "setup", "controller"
 
 #: Held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"

@@ -35,6 +35,9 @@ PLACES = ("robot", "elastic", "payload")
 #: A table whose name is as similar as this to "design" was meant to be it.
 SIMILAR = 0.8
 
+#: In the folder of a report.
+DESIGN_FILE = "design.toml"
+
 
 @dataclass(frozen=True)
 class DesignFile:
@@ -189,6 +192,13 @@ def is_design_file(source: str | Path) -> bool:
         return False
     similar = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
     return bool(similar or {"result", "found"} & set(data)) and not {"joint", "urdf"} & set(data)
+
+
+def meant_file(source: str) -> str:
+    """The file that a command's argument means: of a report's folder its design file, else what was given."""
+    folder = Path(source)
+    named = source in catalogue() or not (folder / DESIGN_FILE).is_file()
+    return source if named else str(folder / DESIGN_FILE)
 
 
 def read_design(path: str | Path) -> DesignFile:

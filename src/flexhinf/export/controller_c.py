@@ -157,7 +157,36 @@ class ControllerCode:
         """Units of signals by name, as far as they are known: of the model of the estimator."""
         return dict(self.controller.estimator.plant.units) if self.controller.estimator is not None else {}
 
+    @property
+    def belief(self) -> np.ndarray | None:
+        """Where the estimate begins, (n,), and the robot must be; None without an estimator."""
+        estimator = self.controller.estimator
+        return None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
+
+    @property
+    def first_measurement(self) -> np.ndarray:
+        """What is measured where the estimate begins, or at the operating point without an estimator, (p,)."""
+        c = self.controller
+        if c.estimator is None:
+            return np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
+        plant = c.estimator.plant
+        found = plant.traced_output(self.belief, self.safe_input, plant.parameters.vector())
+        return np.ravel(np.asarray(found, dtype=float))
+
     # Text --------------------------------------------------------------------------------------------
+    @property
+    def start_note(self) -> str:
+        """Where the robot must be at the start, for the README."""
+        if not self.predicts:
+            return "Without an estimator the state is what is measured, so the robot may be anywhere."
+        told = f"call `{self.name}_start` with its state instead"
+        other = told if self.starts_anywhere else "this observer cannot be told of it"
+        return (
+            f"`{self.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
+            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
+            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+        )
+
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
@@ -178,6 +207,12 @@ class ControllerCode:
             if place.stop > place.start
         ]
         signals = [enumeration(self._elements(kind, names)) for kind, names in self.signals.items() if names]
+        begins = BEGINS if self.predicts else "the state is what is measured"
+        sets = (
+            "about another state"
+            if self.starts_anywhere
+            else "the estimate begins where that of @NAME@_init does"
+        )
         summary = [f"{name}: {text}" for name, text in c.summary().items()]
         return fill(
             template("controller.h"), self.name, self.real,
@@ -185,12 +220,14 @@ class ControllerCode:
             SUMMARY="\n * ".join(map(comment, summary)), P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
-            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
+            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]), BEGINS=begins, SETS=sets,
         )  # fmt: skip
 
     def _elements(self, kind: str, names: Sequence[str]) -> list[tuple[str, int, str]]:
         """A constant for each signal's place, with its name and unit."""
         texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
+        if kind == "X" and self.belief is not None:
+            texts = [f"{text}; begins at {value:.6g}" for text, value in zip(texts, self.belief, strict=True)]
         return list(zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True))
 
     @cached_property
@@ -234,13 +271,17 @@ class ControllerCode:
         estimator = self.controller.estimator
         if estimator is None:
             return False
-        mean = np.asarray(estimator.initial[0], dtype=float)
         try:
-            other = estimator.initial_at(mean + 1e-3)
+            other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
         except InvalidInput:
             return False
         return all(np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True))
 
+
+#: What a start assumes.
+BEGINS = """the estimate begins at the state that is stated with the constants
+ * @BIG@_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs
+ * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
 
 #: The estimate at the start, where it can be set.
 START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {

@@ -63,7 +63,11 @@ def constants(prefix: str, names: Sequence[str]) -> list[str]:
     return found
 
 
+#: How characters of units and names are written in ASCII.
+ASCII = str.maketrans({"·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-"})
+
+
 def comment(text: str) -> str:
     """A text as it may stand in a comment of one line: printable ASCII that neither ends it nor goes on behind it."""
-    plain = "".join(c if " " <= c <= "~" else "?" for c in text)
+    plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")

@@ -8,6 +8,7 @@ import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -199,7 +200,7 @@ def controller_files(
         f"{name}.h": code.header,
         f"{name}.c": code.source,
         f"{name}_test.c": _test(code, run, accuracy.allowed),
-        "README.md": _readme(code, accuracy),
+        "README.md": _readme(code, run, accuracy),
         **{file: _filled(code, file) for file in AROUND},
         f"templates/{name}.ino": _filled(code, "sketch.ino"),
         f"templates/{name}_ros2_controller.cpp": _filled(code, "ros2_controller.cpp"),
@@ -314,8 +315,9 @@ def _number(value: float, real: Real) -> str:
     return "(@NAME@_real)NAN" if np.isnan(value) else constant(value, real)
 
 
-def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
+def _readme(code: ControllerCode, run: Recording, accuracy: Accuracy) -> str:
     c = code.controller
+    at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **c.summary(),
@@ -328,10 +330,11 @@ def _readme(code: ControllerCode, accuracy: Accuracy) -> str:
     }
     return fill(
         template("README.md"), code.name, code.real,
-        VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=200, OLDEST=f"{code.oldest:g}",
-        MISSING=MISSING_LIMIT if code.predicts else 0,
+        VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
+        MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=code.start_note,
+        AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
-        SIGNALS=_table(("array", "element", "signal", "unit"), _signal_rows(code)),
+        SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), _signal_rows(code)),
         CODES=_table(
             ("constant", "value", "meaning"),
             [(f"`{code.upper(key)}`", str(value), text) for key, (value, text) in code.codes.items()],
@@ -372,10 +375,18 @@ PARTS = {
 
 def _signal_rows(code: ControllerCode) -> list[tuple[str, ...]]:
     arrays = {"Y": "input.y", "R": "input.r", "U": "output.u", "X": "output.estimate"}
+    none = repeat(None)
+    starts = {"Y": none, "R": none, "U": code.safe_input, "X": none if code.belief is None else code.belief}
     return [
-        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")))
+        (
+            f"`{array}`",
+            str(k),
+            comment(name),
+            comment(code.units.get(name, "")),
+            f"{value:.6g}" if value is not None else "",
+        )
         for kind, array in arrays.items()
-        for k, name in enumerate(code.signals[kind])
+        for k, (name, value) in enumerate(zip(code.signals[kind], starts[kind], strict=False))
     ]
 
 

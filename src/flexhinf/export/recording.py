@@ -51,8 +51,9 @@ def record(
     """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
 
     The noise is what the estimator expects: without it, what is measured is what is predicted, and a gain that is wrong
-    would not be seen. The commands swing about the operating point; without an estimator there is no plant, and the
-    states swing too.
+    would not be seen. The plant starts where the estimator believes it, as the design's own step does: started
+    elsewhere, the estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The
+    commands swing about the operating point; without an estimator there is no plant, and the states swing too.
 
     Parameters
     ----------
@@ -91,7 +92,12 @@ def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
     time = controller.period * np.arange(len(r))
     reference = {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)}
     deviation = np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
-    run = loop.run(reference, noise=np.minimum(deviation, LOUDEST), duration=controller.period * (len(r) - 1))
+    run = loop.run(
+        reference,
+        noise=np.minimum(deviation, LOUDEST),
+        duration=controller.period * (len(r) - 1),
+        initial_state=np.asarray(controller.estimator.initial[0], dtype=float),
+    )
     return np.asarray(run.data["output"])[: len(r)]
 
 

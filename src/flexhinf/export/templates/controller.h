@@ -69,11 +69,11 @@ typedef struct {
     int missing, failed, began_again, samples;
 } @NAME@_state;
 
-/* Forget everything: the state at rest at the operating point. */
+/* Forget everything: @BEGINS@. */
 void @NAME@_init(@NAME@_state *state);
 
-/* As @NAME@_init, about another state and from another input; either may be a null pointer. The first output then
- * continues from that input as far as the design says (rate limit, bumpless start). */
+/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. The first
+ * output then continues from that input as far as the design says (rate limit, bumpless start). */
 void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                   const @NAME@_real *input);
 

@@ -15,7 +15,7 @@ int main(void)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
-    @NAME@_init(&state);
+    @NAME@_init(&state); /* the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state */
     for (;;) {
         int code;
         wait_for_sample();

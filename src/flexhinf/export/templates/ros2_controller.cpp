@@ -1,5 +1,6 @@
 // @NAME@ as a ros2_control controller. A template: compiled against stubs only; names of joints and interfaces are to
 // be adapted to your hardware description.
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -31,7 +32,11 @@ public:
 
     controller_interface::CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
     {
-        @NAME@_init(&state_);
+        const unsigned int rate = get_update_rate(); // Hz; 0 is that of the controller manager, which must fit too
+        if (rate != 0 && std::fabs(rate * static_cast<double>(@BIG@_PERIOD) - 1.0) > 0.01) {
+            return controller_interface::CallbackReturn::ERROR;
+        }
+        @NAME@_init(&state_); // the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state
         return controller_interface::CallbackReturn::SUCCESS;
     }
 

@@ -15,7 +15,7 @@ static void drive_motors(const @NAME@_real *u);
 
 void setup()
 {
-    @NAME@_init(&state);
+    @NAME@_init(&state); // the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state
     due_us = micros();
 }
 
