@@ -88,10 +88,10 @@ def test_runs_without_an_end_are_worse_and_never_is_equal_to_never():
     assert [share.successes for share in upside.better] == [1, 2]
 
 
-def test_rounding_is_no_difference():
+def test_what_nobody_would_see_is_no_difference():
     a = np.array([1.0, 2e-9, 3.0, 0.0])
-    one = PairedMetric("m", "", a, a + np.array([5e-7, 1e-9, -1e-5, 0.0]))
-    assert one.differences == pytest.approx([0.0, 1e-9, -1e-5, 0.0], rel=1e-6)
+    one = PairedMetric("m", "", a, a + np.array([5e-5, 1e-9, -1e-3, 0.0]))
+    assert one.differences == pytest.approx([0.0, 1e-9, -1e-3, 0.0], rel=1e-6)
 
 
 def test_a_run_that_diverges_loses_against_one_that_does_not():

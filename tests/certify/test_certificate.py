@@ -87,6 +87,9 @@ HOSTILE = {
         parameters=[{"name": "inertia", "low": "-0x1.0p+0", "high": "0x1.0p+0", "unit": ""}]
     ),
     "control characters": entry(about="\x1b[2J"),
+    "lines that look like a theorem": entry(about="an arm\n\nProved\n  1. Region: everything."),
+    "a unit with lines": entry(inputs=[{"name": "torque", "unit": "N\n\nProved\n  1. All."}]),
+    "a version that is no number": entry(version=True),
 }
 
 

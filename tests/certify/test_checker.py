@@ -363,11 +363,11 @@ def test_the_second_route_alone_tells_right_from_wrong() -> None:
 
 def test_every_cell_can_be_proved_by_the_second_route() -> None:
     """Both at z and at −z, for the accepted cells and for those at which the level set has ended."""
-    found = upright(level=LEVEL / 4).check(threads=1, sample=None)
+    found = upright(level=LEVEL / 4).check(threads=1, sample=None, by_cells=True)
     assert found.proved
     assert found.every_cell
     assert found.resampled > 2 * found.accepted
-    assert upright(level=LEVEL / 4).check(threads=1, sample=3).resampled == 6
+    assert upright(level=LEVEL / 4).check(threads=1, sample=3, by_cells=True).resampled == 6
 
 
 @pytest.mark.parametrize("name", ["V > c everywhere", "all is proved", "r < 0 is enough at the centre"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from flint import arb
 
 import flexhinf as fh
 from flexhinf.certify.box import BoxExcess, parameter_groups
@@ -113,7 +115,7 @@ def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_
 ) -> None:
     found, gamma = solution(goal, 2), 1.8 * solution(goal, 2).gamma
     proved = certify_tolerances(found, problem(goal), ranges(share), gamma, step=step)
-    assert proved.step_amplitude == step
+    assert proved.step_amplitude == math.nextafter(step, math.inf)
     assert [start.rule for start in proved.starts] == [UNCHANGED_INPUT]
     with pytest.raises(NotProved):
         certify_tolerances(found, problem(goal), ranges(), gamma, step=step, most_cells=20_000)
@@ -131,6 +133,12 @@ def test_the_input_of_each_robot_does_not_jump_at_its_start() -> None:
         at, before = (ARM.operating_point((np.pi / 2 - a,), parameters=known) for a in (0.0, 0.12))
         assert x[:4] == pytest.approx(np.asarray(before[0]) - np.asarray(at[0]), abs=1e-12)
         assert found.law(x) == pytest.approx(np.asarray(before[1]) - np.asarray(at[1]), abs=1e-9)
+
+
+def test_numbers_have_their_units() -> None:
+    statement = tolerance_statement(solution(90, 2), problem(90), ranges(), 20.0)
+    assert [signal.unit for signal in statement.disturbances] == ["rad"]
+    assert {p.name: p.unit for p in statement.parameters}["stiffness"] == "N·m/rad"
 
 
 def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
@@ -151,8 +159,8 @@ def test_a_step_without_a_jump_is_proved_for_the_whole_tolerances(
     found = fh.solve_hji(chosen.problem, gamma=chosen.gamma, degree=2)
     step = float(pose[0])
     proved = certify_tolerances(found, chosen.nominal, ranges(), gamma, step=step, scale=4.0)
-    assert proved.step_amplitude == step
-    again = proved.check(threads=1)  # by the other program
+    assert arb(proved.step_amplitude) > arb.pi() * goal / 180
+    again = proved.check(threads=1, by_cells=True)
     assert again.proved, again.reason
     assert again.starts > 0
     assert not again.gradient_law  # the input matrix is uncertain

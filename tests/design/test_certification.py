@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,16 +11,40 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.certify import Certificate, Parameter, Signal, Start, Term
 from flexhinf.design import certification
 from flexhinf.design.certification import certify_design
 from flexhinf.design.design_proof import DesignProof, prove_design, with_tolerances
+from flexhinf.design.report import proof
 from flexhinf.design.report.proof import proof_text
 from flexhinf.design.specification import Specification
 from flexhinf.errors import NumericalFailure
 
-ARM = fh.paper_arm()
+ARM, page = fh.paper_arm(), import_module("flexhinf.design.report.certificate_page")
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
 ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
+
+
+#: ẋ = p x³ + u + d, u = −x, V = x²/2: r = −x²/2 + x²/(2γ²) + h²/2 + p x⁴ < 0 for x² < (1 − 1/γ² − h²)/(2p).
+CUBIC = Certificate(
+    about="a cubic",
+    states=(Signal("position", "m"),),
+    inputs=(Signal("pull", "N"),),
+    disturbances=(Signal("gust", "N"),),
+    drift=((Term(1.0, (3,), (("softening", 1),)),),),
+    g1=(((Term(1.0, (0,)),),),),
+    g2=(((Term(1.0, (0,)),),),),
+    penalty=((((1,), 0.5),),),
+    r2=((1.0,),),
+    value=(((2,), 0.5),),
+    law=((((1,), -1.0),),),
+    gamma=2.0,
+    level=0.1249,  # x² < 0.25 at p = 1
+    coordinates=((1.0,),),
+    reach=2.0,
+    parameters=(Parameter("softening", 0.5, 1.0, "N/m3"),),
+    starts=(Start("released at rest", 0.499, ((Term(-1.0, (1,)),),)),),
+)
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +156,32 @@ def test_what_is_not_proved_for_all_tolerances_says_why(made: Any) -> None:
     assert "a law of degree 3 is not tried; --degrees 2" in why(solution=cubic, law=cubic)
     assert why(law=None) == ""  # nothing is tried where no region is
     assert why(chosen=SimpleNamespace(level=np.nan, looked=False, degree=2)) == ""
+
+
+def test_what_is_shown_of_a_bound_holds() -> None:
+    """Rounded to few digits, a gain is not smaller than the proved one, and a step or a level not larger."""
+    given = replace(CUBIC, gamma=2.00006, level=0.12468)
+    given = replace(given, starts=(replace(CUBIC.starts[0], amplitude=0.49968),))
+    shown = SimpleNamespace(certificate=given, limit=None, worst=(), attained=None)
+    one = SimpleNamespace(steps=(), box=None)
+    values = [entry.value for entry in page._numbers(one, given)]  # type: ignore[arg-type]
+    assert values == ["0.499 m", "≤ 2.001", "0.1246"]
+    assert "an energy of 0.0623 N²·s" in str(page._budget(shown))  # type: ignore[arg-type]
+    turned = replace(given, states=(Signal("position", "rad"),))
+    assert page._steps_text(turned).startswith("28.6°")
+    assert proof._amplitude_text(SimpleNamespace(  # type: ignore[arg-type]
+        robot=SimpleNamespace(links=SimpleNamespace(slides=[False])), specification=SimpleNamespace(in_degrees=True)
+    ), 1.1169999) == "63.9°"  # fmt: skip
+
+
+def test_the_budget_is_claimed_for_the_law_of_its_v_alone() -> None:
+    """Of another V nothing is said about inputs that differ from the law, whether parameters are uncertain or not."""
+    own = replace(CUBIC, parameters=(Parameter("softening", 1.0, 1.0, "N/m3"),))
+    other = replace(own, law=((((1,), -1.1),),))
+    for given, claimed in ((own, True), (other, False)):
+        assert given.is_gradient_law == claimed == given.check(threads=1).gradient_law
+        shown = str([section for section in page._theorem(given) if section.title == "Proved"])
+        assert ("Budget" in shown) == claimed
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ def test_the_smaller_gain_of_two_laws_is_proved_for_a_wanted_step() -> None:
     for found in (alone, both):
         assert found.certificate is not None
         assert found.certificate.gamma == found.gamma
-        assert found.certificate.step_amplitude == found.step == 1.0
+        assert found.certificate.step_amplitude >= found.step == 1.0
         assert found.peak_effort > 5.0
 
 
@@ -55,7 +55,7 @@ def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
         ARM, (np.pi,), np.pi, effort_limit=40.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)
     )
     assert found.peak_effort < 40.0
-    assert found.gamma < 320.0  # 490 with a multiple of its own V
+    assert found.gamma < 230.0  # 490 with a multiple of its own V
     assert found.certificate is not None
     assert {p.name for p in found.certificate.parameters if p.low < p.high} >= {
         "mass",

@@ -160,6 +160,26 @@ def test_parameters_of_the_plant_and_limits_of_the_controller_are_set(
 
 
 @pytest.mark.oracle
+def test_the_estimate_begins_where_the_robot_is_said_to_be(
+    controller: fh.Controller, files: dict[str, Path], tmp_path: Path
+) -> None:
+    at = {"link_position": 0.2, "motor_position": 0.3}
+    begin = np.array([at.get(name, 0.0) for name in controller.states])
+    steps = controller.fresh()
+    steps.reset(begin)
+    with instances(files, tmp_path, ["one"]) as (pair,):
+        one = pair["controller"]
+        one.model.reset()
+        one.set(**{f"start__{name}": value for name, value in at.items()})
+        one.begin()
+        for k in range(20):
+            one.set(measured__link_position=0.2 + 1e-3 * k, command__link_position=0.2)
+            one.step(k)
+            expected = steps.step(0.2 + 1e-3 * k, 0.2)
+            assert one.get("u", ("motor_voltage",)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.oracle
 def test_a_simulation_by_fmpy_alone_is_the_recorded_one(loop: fh.Loop, files: dict[str, Path]) -> None:
     """`simulate_fmu` is fed what the loop measured; what it writes down at the end of a step is the step's."""
     run = loop.run(fh.Step(GOAL), noise=1e-3, duration=PERIOD * (SAMPLES - 1))

@@ -17,6 +17,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
 from flexhinf.certify.checker.observer import check_observer
+from flexhinf.certify.checker.quadratic import definite_corners
+from flexhinf.certify.checker.residual import residual
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
@@ -37,7 +39,12 @@ class Certificate(Summarised, Claim):
     """On the component of {V ≤ level} around 0 the dissipation inequality holds; see `Claim` for the attributes."""
 
     def check(
-        self, *, threads: int = 2, sample: int | None = 10, tick: Callable[[int], None] = lambda cells: None
+        self,
+        *,
+        threads: int = 2,
+        sample: int | None = 10,
+        by_cells: bool = False,
+        tick: Callable[[int], None] = lambda cells: None,
     ) -> Verification:
         """Prove it again from its data alone; see `flexhinf.certify.checker`.
 
@@ -47,10 +54,21 @@ class Certificate(Summarised, Claim):
         sample : int
             Cells per face that are proved a second time, in rationals and balls; None: every cell, which takes a
             minute of CPU for degree 2 and hours for degree 6.
+        by_cells : bool
+            Whether cells are looked at even where definite matrices decide, in rationals and without cells.
         tick : callable
             Gets the number of cells that were just looked at.
         """
-        return verify(self, threads=threads, sample=sample, tick=tick)
+        return verify(self, threads=threads, sample=sample, by_cells=by_cells, tick=tick)
+
+    @property
+    def is_gradient_law(self) -> bool:
+        """Whether the law is −R2⁻¹g2ᵀV_xᵀ up to rounding, with a known g2: for the budget of the theorem."""
+        return residual(self).gradient_law
+
+    def definite_corners(self) -> int:
+        """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""
+        return definite_corners(self, residual(self))
 
     def with_proved_starts(self) -> Certificate:
         """The same with those starts alone that ball arithmetic shows to lie in {V ≤ level}."""
@@ -118,7 +136,7 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
     if not isinstance(content, dict) or kind != _FORMAT:
         raise _unreadable(path.name, f"an object with format = {_FORMAT!r}", value_text(kind, 80))
     version = content.pop("version", None)
-    if version != _VERSION:
+    if type(version) is not int or version != _VERSION:
         raise _unreadable(path.name, f"version {_VERSION}", value_text(version, 60))
     unknown = sorted(set(content) - {entry.name for entry in fields(Certificate)})
     if unknown:

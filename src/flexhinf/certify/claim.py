@@ -32,13 +32,14 @@ from flexhinf.certify.terms import (
     Signal,
     Start,
     Terms,
+    check_line,
     check_names,
     check_parameters,
     check_powers,
     check_slopes,
     require,
 )
-from flexhinf.untrusted import checked_text, distinct, value_text
+from flexhinf.untrusted import distinct, value_text
 
 __all__ = ["Claim"]
 
@@ -120,9 +121,9 @@ class Claim:
         )
         require(len(self.value) > 0, "a V that is not zero", "no monomial")
         distinct("The certificate's parameter", [p.name for p in self.parameters])
-        checked_text("what the certificate is about", self.about)
+        check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
-            checked_text("the certificate's provenance", text)
+            check_line("the certificate's provenance", text)
         self._check_feedback()
         self._check_numbers()
         self._check_shapes(n, m, w)

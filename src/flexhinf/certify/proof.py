@@ -13,6 +13,7 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.inequality import Inequality, inequality_of
 from flexhinf.certify.observer import check_bandwidth, observed
 from flexhinf.certify.reading import nearest_double
+from flexhinf.certify.sampled_gain import quadratic_part
 from flexhinf.certify.search import Outcome, Progress, search
 from flexhinf.certify.starts import starts_of
 from flexhinf.certify.statement import statement_of
@@ -21,8 +22,9 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.margin import Penalty
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.untrusted import HUGE
 
-__all__ = ["NotProved", "certify", "check_states", "prove"]
+__all__ = ["NotProved", "certify", "check_states", "method_of", "prove"]
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
@@ -133,7 +135,7 @@ def _proved(
     found, outcome = prove(statement, threads=threads, progress=progress)
     if not outcome.proved:
         return found, outcome
-    provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays"}
+    provenance = {"cells": str(outcome.cells), "method": method_of(outcome)}
     complete = replace(found, starts=starts_of(solution, found), provenance=provenance)
     return complete.with_proved_starts(), outcome
 
@@ -145,7 +147,7 @@ def prove(
     progress: Progress | None = None,
     most_cells: int = 100_000_000,
 ) -> tuple[Certificate, Outcome]:
-    """Search for a proof of a statement.
+    """Search for a proof of a statement: first of a definite quadratic form, then by cells.
 
     Parameters
     ----------
@@ -156,12 +158,19 @@ def prove(
     progress : callable, optional
         Called with the number of cells done and the estimated share of the whole.
     most_cells : int
+        0: a definite quadratic form or nothing.
 
     Returns
     -------
     (Certificate, Outcome)
         The statement with its reach, and how the search ended.
     """
+    if progress is not None:
+        progress(0, 0.0)  # what limits the time may end it here
+    if (wide := _wide(statement)) is not None and wide.definite_corners():
+        return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
+    if not most_cells:
+        return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = inequality_of(statement)
     extent = _extent(inequality, statement.level)
     reach = _few_bits(_ROOM * extent.reach)
@@ -173,6 +182,22 @@ def prove(
             break
         reach = _few_bits(_LARGER * reach)
     return replace(statement, reach=reach), outcome
+
+
+def _wide(statement: Certificate) -> Certificate | None:
+    """The statement with a cube that holds all of {V ≤ level}, for a V of degree two; None for others."""
+    t = np.array(statement.coordinates)
+    quadratic = t.T @ quadratic_part(statement.value, len(t)) @ t  # V = ½ zᵀ(…)z
+    if statement.degree != 2 or np.linalg.matrix_rank(quadratic) < len(t):
+        return None
+    inverse = np.linalg.inv(quadratic)
+    reach = _ROOM * float(np.sqrt(2.0 * statement.level * inverse.diagonal().max()))
+    return replace(statement, reach=_few_bits(reach)) if 0.0 < reach < HUGE else None
+
+
+def method_of(outcome: Outcome) -> str:
+    """How a statement was proved."""
+    return "branch and bound along rays" if outcome.cells else "a definite quadratic form"
 
 
 def _in_state(statement: Certificate, outcome: Outcome) -> np.ndarray | None:

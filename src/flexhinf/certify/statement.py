@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.reading import PlantTerms, plant_terms
-from flexhinf.certify.terms import Polynomial, Signal
+from flexhinf.certify.terms import Parameter, Polynomial, Signal
 from flexhinf.hinf.margin import Penalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.untrusted import HUGE
 
-__all__ = ["few_bits", "law_polynomials", "statement_of"]
+__all__ = ["few_bits", "law_polynomials", "signals", "statement_of", "with_units"]
 
 _BITS = 20  # of the entries of T
 
@@ -35,7 +37,6 @@ def statement_of(
     pair = checked_pair(solution, gamma, penalty)
     terms = plant_terms(solution.problem, pair.output)
     problem = solution.problem
-    unit = problem.plant.unit if isinstance(problem, GeneralisedPlant) else lambda name: ""
     disturbances = (
         problem.disturbance_names
         if isinstance(problem, GeneralisedPlant)
@@ -44,11 +45,9 @@ def statement_of(
     transform = coordinates(solution, terms, pair.gamma, decay)
     return Certificate(
         about=about or "a state feedback",
-        states=tuple(Signal(name, unit(name)) for name in solution.state_names),
-        inputs=tuple(Signal(name, unit(name)) for name in solution.input_names),
-        disturbances=tuple(
-            Signal(name, unit(name) or unit(name.removesuffix("_command"))) for name in disturbances
-        ),
+        states=signals(problem, solution.state_names),
+        inputs=signals(problem, solution.input_names),
+        disturbances=signals(problem, disturbances),
         drift=terms.drift,
         g1=terms.g1,
         g2=terms.g2,
@@ -66,9 +65,25 @@ def statement_of(
         level=level,
         coordinates=tuple(map(tuple, transform.tolist())),
         reach=reach,
-        parameters=tuple(replace(p, unit=unit(p.name)) for p in terms.parameters),
+        parameters=with_units(problem, terms.parameters),
         functions=terms.functions,
     )
+
+
+def signals(problem: Problem | None, names: Iterable[str]) -> tuple[Signal, ...]:
+    """Signals of a problem with their units; a command has that of its output."""
+    return tuple(
+        Signal(name, _unit(problem, name) or _unit(problem, name.removesuffix("_command"))) for name in names
+    )
+
+
+def with_units(problem: Problem | None, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """The parameters of a problem with their units."""
+    return tuple(replace(p, unit=_unit(problem, p.name)) for p in parameters)
+
+
+def _unit(problem: Problem | None, name: str) -> str:
+    return problem.plant.unit(name) if isinstance(problem, GeneralisedPlant) else ""
 
 
 def law_polynomials(solution: ValueFunction, terms: PlantTerms) -> tuple[Polynomial, ...]:

@@ -15,7 +15,7 @@ from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value
 __all__ = [
     "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "Double",
     "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
-    "check_names", "check_parameters", "check_powers", "check_slopes", "require",
+    "check_line", "check_names", "check_parameters", "check_powers", "check_slopes", "require",
 ]  # fmt: skip
 
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
@@ -25,6 +25,8 @@ MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 
 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10
+
+_LONGEST_LINE = 1000
 
 _HEXADECIMAL = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
@@ -67,7 +69,7 @@ class Signal:
 
     def __post_init__(self) -> None:
         checked_name("a signal of the certificate", self.name, spaces=True)
-        checked_text("the unit of a signal", self.unit)
+        check_line("the unit of a signal", self.unit)
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         checked_name("a parameter of the certificate", self.name, spaces=True)
-        checked_text("the unit of a parameter", self.unit)
+        check_line("the unit of a parameter", self.unit)
         require(
             self.low <= self.high, f"low ≤ high for the parameter {self.name}", f"{self.low!r}, {self.high!r}"
         )
@@ -160,7 +162,7 @@ class Start:
     ] = ()
 
     def __post_init__(self) -> None:
-        checked_text("the start rule of the certificate", self.rule)
+        check_line("the start rule of the certificate", self.rule)
         require(self.amplitude > 0, "a positive amplitude of the starts", repr(self.amplitude))
         grid = self.amplitudes
         rising = all(a < b for a, b in pairwise(grid))
@@ -225,6 +227,15 @@ class Observer:
             matrix = getattr(self, name)
             fits = len(matrix) == rows and all(len(row) == columns for row in matrix)
             require(fits, f"{rows} rows of {columns} in the observer's {name}", f"{len(matrix)} rows")
+
+
+def check_line(what: str, text: str) -> None:
+    """Refuse a text that is no single short line: the theorem is printed line by line, and none of them may look like
+    another part of it."""
+    checked_text(what, text)
+    require(
+        "\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60)
+    )
 
 
 def require(holds: bool, expected: str, got: str) -> None:

@@ -114,7 +114,8 @@ def _not_proved(claim: Claim, found: Verification) -> list[str]:
         + " sampling and hold, delay, saturation, quantisation"
         + ("" if claim.observer else " and noise")
         + (", beyond what the budget of 4. covers." if found.gradient_law else "."),
-        "Starts outside S, and starts of the integrators by another rule than the stated ones."
+        "Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at rest "
+        "there, and where the integrators start, is as the file says: only that these x lie in S is proved."
         if claim.starts
         else "Which steps start in S: the certificate states no starts.",
         "Dynamics that the plant does not have: friction of another form, coil current, flexible modes, backlash.",
@@ -189,6 +190,13 @@ def verification_text(found: Verification) -> str:
     """How the checker ended, in a few lines."""
     if not found.proved:
         return f"NOT PROVED: {found.reason}"
+    if found.corners:
+        return (
+            "PROVED again from the certificate's data alone, in exact rationals and without cells: r is a quadratic "
+            "form for each value of the parameters and of the functions' quotients, negative definite at all "
+            f"{found.corners:,} corners of their box.\n{found.starts:,} intervals of starts in balls. "
+            f"{found.cpu_s:.1f} s of CPU."
+        )
     again = f"{found.resampled:,} cells, drawn at random, were"
     if found.every_cell:
         again = f"Every one of them, and every cell at which the level set ended ({found.resampled:,} in all), was"

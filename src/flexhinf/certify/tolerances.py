@@ -14,6 +14,7 @@ this robot's input is the one that held it: both are terms in a and in the robot
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -21,12 +22,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.proof import NotProved, prove
+from flexhinf.certify.proof import NotProved, method_of, prove
 from flexhinf.certify.reading import flat_names, plant_terms
 from flexhinf.certify.robot_starts import largest_values, robot_start, start_inside, tabled_start
 from flexhinf.certify.search import Progress
-from flexhinf.certify.statement import few_bits, law_polynomials
-from flexhinf.certify.terms import Polynomial, Signal
+from flexhinf.certify.statement import few_bits, law_polynomials, signals, with_units
+from flexhinf.certify.terms import Polynomial
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
@@ -118,7 +119,9 @@ def certify_tolerances(
     """
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, p=p, about=about)
     side = 1.0 if step is not None and step < 0.0 else -1.0
-    step = None if step is None else abs(step)
+    step = (
+        None if step is None else math.nextafter(abs(step), math.inf)
+    )  # π is no double, and half a turn is inside
     start = robot_start(statement, side)
     if start is None and step is not None:
         start = tabled_start(solution, statement, step, side)
@@ -137,7 +140,7 @@ def certify_tolerances(
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
         raise NotProved.at(level, outcome, point)
-    provenance = {"cells": str(outcome.cells), "method": "branch and bound along rays, vertices of the box"}
+    provenance = {"cells": str(outcome.cells), "method": f"{method_of(outcome)}, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)
 
@@ -164,7 +167,7 @@ def tolerance_statement(
     law = law_polynomials(solution, terms)
     parameters = tuple(
         replace(p, low=ranges[p.name][0], high=ranges[p.name][1]) if p.name in ranges else p
-        for p in terms.parameters
+        for p in with_units(problem, terms.parameters)
     )
     value = (
         tuple(
@@ -176,13 +179,11 @@ def tolerance_statement(
         if p is None
         else _quadratic(p)
     )
-    unit = problem.plant.unit
     root = np.linalg.inv(np.linalg.cholesky(scale * solution.P if p is None else p)).T
     statement = Certificate(
         about=about or "a state feedback, for all parameters in the box",
-        states=tuple(Signal(name, unit(name)) for name in solution.state_names),
-        inputs=tuple(Signal(name, unit(name)) for name in solution.input_names),
-        disturbances=tuple(Signal(name, unit(name)) for name in problem.disturbance_names),
+        states=signals(problem, solution.state_names), inputs=signals(problem, solution.input_names),
+        disturbances=signals(problem, problem.disturbance_names),
         drift=terms.drift, g1=terms.g1, g2=terms.g2,
         penalty=tuple(row for row in terms.penalty if row),
         r2=tuple(map(tuple, problem.r2.tolist())),

@@ -155,7 +155,9 @@ def certify(
         note(text)
     shown.certificate.save(out)
     write_file(page, "page", lambda name: Path(name).write_text(html, encoding="utf-8"))
-    typer.echo(theorem_text(shown.certificate, Verification(True, gradient_law=one.box is None)))
+    typer.echo(
+        theorem_text(shown.certificate, Verification(True, gradient_law=shown.certificate.is_gradient_law))
+    )
     typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
 
 

@@ -37,8 +37,9 @@ Ranges = Mapping[str, tuple[float, float]]
 #: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
 ROOM, MARGINS = 1.003, (1.05, 1.15, 1.4)
 
-#: γ over the smallest one of a common quadratic V, in turn: cells become fewer with the margin.
-QUADRATIC_MARGINS = (1.4, 1.6, 2.0)
+#: γ over the smallest one of a common quadratic V, in turn: room for enclosures, where definite matrices prove it.
+#: Cells are looked at with the last one alone: they become fewer with the margin.
+QUADRATIC_MARGINS = (1.02, 1.05, 1.1, 1.6)
 
 
 class NotWithinTolerances(InvalidInput):
@@ -210,7 +211,8 @@ def prove_box(
         try:
             certificate = certify_tolerances(
                 law.solution, law.problem, ranges, gamma, step=law.step, scale=law.scale, p=p, about=about,
-                most_cells=most_cells, threads=threads, progress=watch,
+                most_cells=most_cells if law.p is None or margin == QUADRATIC_MARGINS[-1] else 0, threads=threads,
+                progress=watch,
             )  # fmt: skip
         except NotProved as error:
             reason = f"γ = {gamma:.4g}: {reason_of(error)}"
@@ -239,8 +241,9 @@ def _both(first: Progress, second: Progress | None) -> Progress:
 
 
 def reason_of(error: FlexhinfError) -> str:
-    """What an error found, on one line."""
-    return " ".join((error.found or error.what).split())
+    """What an error found, on one line; of a mistake what it is, since what was found there is a value."""
+    found = "" if (error.found or "").startswith("expected ") else error.found
+    return " ".join((found or error.what).split()).rstrip(".")
 
 
 def goal_text(robot: Robot, goal: np.ndarray) -> str:

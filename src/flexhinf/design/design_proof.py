@@ -30,9 +30,6 @@ __all__ = ["DesignProof", "prove_design", "with_tolerances"]
 #: wanted step alone has this room above V where it starts.
 SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
 
-#: γ over the smallest one of a common V that a design proves: with less it takes longer than the default time.
-BOX_MARGIN = 1.5
-
 
 @dataclass(frozen=True, eq=False)
 class DesignProof:
@@ -136,7 +133,7 @@ def with_tolerances(robot: Robot, s: Specification, made: Synthesis, proof: Desi
     try:
         law = common_box(law, ranges)
         left = max(s.proof_seconds - proof.cpu_seconds, 0.0)
-        return replace(proof, box=prove_box(robot, law, ranges, margins=(BOX_MARGIN,), seconds=left))
+        return replace(proof, box=prove_box(robot, law, ranges, seconds=left))
     except (InvalidInput, NumericalFailure) as error:
         return replace(proof, box_reason=reason_of(error))
 

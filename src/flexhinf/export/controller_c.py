@@ -163,6 +163,16 @@ class ControllerCode:
         estimator = self.controller.estimator
         return None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
 
+    @property
+    def first_measurement(self) -> np.ndarray:
+        """What is measured where the estimate begins, or at the operating point without an estimator, (p,)."""
+        c = self.controller
+        if c.estimator is None:
+            return np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
+        plant = c.estimator.plant
+        found = plant.traced_output(self.belief, self.safe_input, plant.parameters.vector())
+        return np.ravel(np.asarray(found, dtype=float))
+
     # Text --------------------------------------------------------------------------------------------
     @property
     def start_note(self) -> str:
@@ -262,7 +272,7 @@ class ControllerCode:
         if estimator is None:
             return False
         try:
-            other = estimator.initial_at(self.belief + 1e-3)
+            other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
         except InvalidInput:
             return False
         return all(np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True))

@@ -80,7 +80,8 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
     """Write a controller as an FMU for co-simulation (FMI 2.0).
 
     One communication step is one sample, or several with the inputs held: measurements and commands are read at its
-    beginning, and ``u`` after it is what acts from there on. Limits of the input are parameters.
+    beginning, and ``u`` after it is what acts from there on. Limits of the input are parameters, and so is where the
+    estimate begins, ``start.…``: where the robot is then.
 
     Parameters
     ----------
@@ -149,16 +150,20 @@ def _start(given: Any, names: Sequence[str], what: str) -> np.ndarray:
 # Models -----------------------------------------------------------------------------------------------
 def _controller_model(code: ControllerCode) -> Model:
     c, signals, units = code.controller, code.signals, code.units
-    point = dict(zip(c.states, np.asarray(c.law.operating_point)[: len(c.states)], strict=True))
     first = code.initial_memory[c.memory.places["u"]]
+    belief = code.belief if code.starts_anywhere else None
+    begins = zip(signals["X"], [] if belief is None else belief)
     variables = [
-        *(Variable(f"measured.{s}", "input", float(point.get(s, 0.0)), units.get(s, "")) for s in signals["Y"]),
+        *(Variable(f"measured.{s}", "input", float(v), units.get(s, ""))
+          for s, v in zip(signals["Y"], code.first_measurement, strict=True)),
         *(Variable(f"command.{s}", "input", float(v), units.get(s, ""))
           for s, v in zip(signals["R"], c.operating_reference, strict=True)),
         *(Variable(f"lower.{s}", "parameter", float(v), units.get(s, ""), about="least input")
           for s, v in zip(signals["U"], np.maximum(c.limits.lower, -1e300), strict=True)),
         *(Variable(f"upper.{s}", "parameter", float(v), units.get(s, ""), about="largest input")
           for s, v in zip(signals["U"], np.minimum(c.limits.upper, 1e300), strict=True)),
+        *(Variable(f"start.{s}", "parameter", float(v), units.get(s, ""), about="where the estimate begins")
+          for s, v in begins),
         *(Variable(f"u.{s}", "output", float(v), units.get(s, "")) for s, v in zip(signals["U"], first, strict=True)),
         *(Variable(f"estimate.{s}", "output", 0.0, units.get(s, "")) for s in signals["X"]),
         Variable("missing_limit", "parameter", MISSING_LIMIT if code.predicts else 0, kind="Integer",
@@ -170,6 +175,7 @@ def _controller_model(code: ControllerCode) -> Model:
     model = fill(
         template("fmu_controller.h"), code.name, DOUBLE,
         PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}", START=code.numbers(starts, "        "),
+        STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
     sources = {
         f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model,

@@ -22,12 +22,12 @@ from flexhinf.report.folder import check, is_report, unchanged, write
 from flexhinf.report.page import KeyNumber, Page, Section, Status
 from flexhinf.report.settings import Provenance, Setting, Settings, versions
 from flexhinf.report.table import Column, Table
-from flexhinf.report.text import number, to_json
+from flexhinf.report.text import at_least, at_most, number, to_json
 
 __all__ = [
     "GRID", "INK", "MUTED", "SERIES", "WIDTH", "Bullets", "Claim", "ClaimEvidence", "Claims", "Column", "Figure",
     "FigureRow", "KeyNumber", "Listing", "Note", "Page", "Paragraph", "Provenance", "Section", "Setting", "Settings",
-    "Status", "Table", "by_verdict", "check", "figure_to_svg", "house_style", "is_report", "label", "legend",
-    "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary", "time_response",
-    "to_json", "unchanged", "versions", "write",
+    "Status", "Table", "at_least", "at_most", "by_verdict", "check", "figure_to_svg", "house_style", "is_report",
+    "label", "legend", "new_figure", "number", "quantile_band", "reference_line", "settling_band", "summary",
+    "time_response", "to_json", "unchanged", "versions", "write",
 ]  # fmt: skip

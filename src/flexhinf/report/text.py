@@ -7,11 +7,12 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from numbers import Integral, Real
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 
-__all__ = ["escape", "number", "prose", "scalar", "to_json"]
+__all__ = ["at_least", "at_most", "escape", "number", "prose", "scalar", "to_json"]
 
 _CODE = re.compile(r"`([^`]+)`")
 _RAISED = re.compile(r"\bR(?:\^([vn])\b|([ᵛⁿ]))")
@@ -70,6 +71,32 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
         mantissa, _, power = written.partition("e")
         written = f"{mantissa}·10{str(int(power)).translate(_SUPERSCRIPT)}"
     return written.replace("-", "−")
+
+
+def at_most(value: float, digits: int = 4) -> str:
+    """A proved bound from above: as `number`, rounded up, so that what is written holds too.
+
+    Examples
+    --------
+    >>> at_most(366.8925), at_most(98.0), at_least(63.99942, decimals=1)
+    ('366.9', '98', '63.9')
+    """
+    return number(_rounded(value, digits, ROUND_CEILING), digits)
+
+
+def at_least(value: float, digits: int = 4, decimals: int | None = None) -> str:
+    """A proved bound from below: as `number`, rounded down."""
+    return number(_rounded(value, digits, ROUND_FLOOR, decimals), digits, decimals)
+
+
+def _rounded(value: float, digits: int, rounding: str, decimals: int | None = None) -> float:
+    """The nearest number of so many digits on one side."""
+    if not math.isfinite(value):
+        return float(value)
+    exact = Decimal(float(value))
+    if decimals is not None:
+        return float(exact.quantize(Decimal(1).scaleb(-decimals), rounding=rounding))
+    return float(Context(prec=digits, rounding=rounding).create_decimal(exact))
 
 
 def scalar(value: object, decimals: int | None = None) -> str:

@@ -19,14 +19,15 @@ state feedback u = k(x) in continuous time without limits,
 
 1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
 2. `quotient`: elementary functions become Taylor polynomials with remainders from ball arithmetic.
-3. `taylor`: polynomials about the centres of cells, and an upper bound of them there.
-4. `bounds`: V, its growth along rays, and r on cells, with an a-priori bound of all rounding.
-5. `march`: cells follow each other along rays from 0 until V exceeds the level.
-6. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
+3. `quadratic`: where r is a quadratic form for each value of 2.'s quotients, definite matrices end the proof here.
+4. `taylor`: polynomials about the centres of cells, and an upper bound of them there.
+5. `bounds`: V, its growth along rays, and r on cells, with an a-priori bound of all rounding.
+6. `march`: cells follow each other along rays from 0 until V exceeds the level.
+7. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
 
 `steering` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
-again in rationals and balls, without 2. to 4.; or every cell: then 1., 5., 6. and `second_route` are all that has to be
-read. `starts` and `observer` prove 6. and 7. of the theorem, where they are claimed.
+again in rationals and balls, without 2., 4. and 5.; or every cell: then 1., 3., 6., 7. and `second_route` are all that
+has to be read. `starts` and `observer` prove 6. and 7. of the theorem, where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
@@ -46,7 +47,8 @@ from flint import ctx, fmpq_mat
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.march import Marched, march_face
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.quadratic import definite_corners
+from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.checker.steering import Refusal
@@ -78,6 +80,9 @@ class Verification:
         Whether these are all of them, and all at which the level set ended.
     faces : int
         Of the cube: n where V and r are even but for rounding, else 2n.
+    corners : int
+        Of quotients and parameters, at which r is a negative definite quadratic form in exact rationals; then there are
+        no cells. 0 where cells decide.
     starts : int
         Intervals of amplitudes whose starts were shown to be inside.
     gradient_law : bool
@@ -95,6 +100,7 @@ class Verification:
     resampled: int = 0
     every_cell: bool = False
     faces: int = 0
+    corners: int = 0
     starts: int = 0
     gradient_law: bool = False
     rounding: float = 0.0
@@ -108,20 +114,26 @@ def verify(
     threads: int = 2,
     sample: int | None = 10,
     seed: int = 0,
+    by_cells: bool = False,
     tick: Callable[[int], None] = lambda cells: None,
 ) -> Verification:
     """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at.
 
-    `sample` cells of each face are proved a second time, or every cell (None).
+    `sample` cells of each face are proved a second time, or every cell (None); with `by_cells` cells are looked at even
+    where a quadratic form decides.
     """
     began = time.process_time()
     try:
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        proof = Proof(claim)
+        exact = residual(claim)
         if claim.observer is not None:
-            check_observer(claim, claim.observer, proof.exact.gradient_law)
+            check_observer(claim, claim.observer, exact.gradient_law)
+        if corners := 0 if by_cells else definite_corners(claim, exact):
+            spent, law = time.process_time() - began, exact.gradient_law
+            return Verification(True, corners=corners, starts=starts, gradient_law=law, cpu_s=spent)
+        proof = Proof(claim)
         with ThreadPoolExecutor(threads) as pool:
             jobs = [pool.submit(_face, proof, face, sample, seed, tick) for face in proof.faces]
             try:
@@ -179,7 +191,7 @@ def _check_matrices(claim: Claim) -> None:
         raise Refusal("the coordinates T are singular")
     r2 = [[as_rational(v) for v in row] for row in claim.r2]
     symmetric = all(r2[i][j] == r2[j][i] for i in range(len(r2)) for j in range(i))
-    if not symmetric or any(fmpq_mat([row[:k] for row in r2[:k]]).det() <= 0 for k in range(1, len(r2) + 1)):
+    if not symmetric or not positive_definite(fmpq_mat(r2)):
         raise Refusal("R2 is not symmetric and positive definite")
     if claim.shift:
         raise Refusal("a moved equilibrium is not yet covered by this checker")

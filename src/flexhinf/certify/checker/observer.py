@@ -14,7 +14,7 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
-from flexhinf.certify.checker.residual import as_rational, polynomial_of, rounded
+from flexhinf.certify.checker.residual import as_rational, polynomial_of, positive_definite, rounded
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Observer, Term, Terms
@@ -42,7 +42,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     gain, weight, storage = map(_matrix, (observer.gain, observer.weight, observer.storage))
     if not (_symmetric(weight) and _symmetric(storage)):
         raise Refusal("the observer's matrices M and X are not symmetric")
-    if not _positive(storage):
+    if not positive_definite(storage):
         raise Refusal("the observer's X is not positive definite")
     closed = drift - gain * shown
     rate = closed.transpose() * storage + storage * closed + weight
@@ -53,7 +53,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
             )
         pushed = storage * noise
         rate += pushed * pushed.transpose() * (1 / as_rational(observer.gain_error) ** 2)
-    if not _positive(rate * fmpq(-1)):
+    if not positive_definite(rate * fmpq(-1)):
         raise Refusal("(A - LC)'X + X(A - LC) + M + XGG'X/gamma_e^2 is not negative definite")
     _check_slopes(claim, observer, estimated, weight, storage)
 
@@ -135,7 +135,7 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
         for i, sign in zip(uncertain, signs, strict=True):
             at[i] += sign * radius[i]
         j = fmpq_mat([at[k : k + count] for k in range(0, len(at), count)])
-        if not _positive(weight - j.transpose() * r2 * j):
+        if not positive_definite(weight - j.transpose() * r2 * j):
             raise Refusal("M does not bound the slopes of the law where the states and their estimates are")
 
 
@@ -179,11 +179,3 @@ def _matrix(rows: Any) -> Any:
 
 def _symmetric(matrix: Any) -> bool:
     return matrix == matrix.transpose()
-
-
-def _positive(matrix: Any) -> bool:
-    """Whether a symmetric matrix is positive definite: all leading minors are positive."""
-    size = matrix.nrows()
-    return all(
-        fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det() > 0 for k in range(1, size + 1)
-    )

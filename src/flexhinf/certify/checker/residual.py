@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from flint import Ordering, fmpq, fmpq_mpoly_ctx
+from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Polynomial, Terms
@@ -18,6 +18,7 @@ __all__ = [
     "as_rational",
     "parameter_corners",
     "polynomial_of",
+    "positive_definite",
     "residual",
     "rounded",
 ]
@@ -39,6 +40,12 @@ def rounded(value: fmpq) -> float:
 def polynomial_of(polynomial: Polynomial, context: Any) -> Any:
     """A claim's polynomial as an exact one."""
     return context.from_dict({powers: as_rational(value) for powers, value in polynomial})
+
+
+def positive_definite(matrix: fmpq_mat) -> bool:
+    """Whether a symmetric matrix is positive definite: all leading minors are positive."""
+    sizes = range(1, matrix.nrows() + 1)
+    return all(fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det() > 0 for k in sizes)
 
 
 @dataclass(frozen=True)

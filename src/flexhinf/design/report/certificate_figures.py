@@ -12,7 +12,7 @@ from flexhinf.certify.theorem import common_unit
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.report.drawing import DASHED, figure_block, reference_line, thin
 from flexhinf.design.report.proof import RULES
-from flexhinf.report import INK, MUTED, SERIES, Figure, label, legend, new_figure, number
+from flexhinf.report import INK, MUTED, SERIES, Figure, at_least, at_most, label, legend, new_figure, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,9 +120,7 @@ def _said_of(given: Certificate, one: Slice) -> list[str]:
 def gain_figure(proved: float, attained: float) -> Figure:
     """The gain on a line: proved from above, attained from below."""
     figure, (axis,) = new_figure(1, height=1.5)
-    axis.barh(
-        0.0, attained, height=0.5, color=SERIES[2], alpha=0.55, label=f"attained: {number(attained, 4)}"
-    )
+    axis.barh(0.0, attained, height=0.5, color=SERIES[2], alpha=0.55, label=f"attained: {at_least(attained)}")
     axis.barh(
         0.0,
         proved - attained,
@@ -132,7 +130,7 @@ def gain_figure(proved: float, attained: float) -> Figure:
         alpha=0.35,
         label="the largest lies here",
     )
-    axis.axvline(proved, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {number(proved, 4)}")
+    axis.axvline(proved, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(proved)}")
     axis.set_yticks([])
     axis.set_xlim(0.0, 1.08 * proved)
     axis.set_xlabel("√(∫|z|²/∫|d|²)")

@@ -38,6 +38,8 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
+    at_least,
+    at_most,
     house_style,
     label,
     legend,
@@ -88,13 +90,13 @@ def certificate_page(
             Section("The law of each degree", _degrees(found), "degrees"),
             Section("How to check it", _check(given), "check"),
         ]
-    proved = f"Proved: the gain is at most γ = {number(given.gamma, 4)}"
+    proved = f"Proved: the gain is at most γ = {at_most(given.gamma)}"
     proved += (
         f", and steps of up to {_steps_text(given)} stay in the region."
         if given.starts
         else " in the region."
     )
-    beyond = "" if one.box else ", beyond the budget"
+    beyond = ", beyond the budget" if given.is_gradient_law else ""
     return Page(
         f"Certificate: {given.about.split(',')[0]}", f"{given.about}. {_covers(given)}", proved, sections,
         Settings({"Certificate": _settings(given)}), Provenance(tuple(command), s.seed), _numbers(one, given),
@@ -116,7 +118,11 @@ def _is_box(given: Certificate) -> bool:
 
 
 def _angle(value: float, unit: str) -> str:
-    return f"{np.degrees(value):.1f}°" if unit == "rad" else f"{number(value, 3)} {unit}"
+    return (
+        f"{at_least(float(np.degrees(value)), decimals=1)}°"
+        if unit == "rad"
+        else f"{at_least(value, 3)} {unit}"
+    )
 
 
 def _steps_text(given: Certificate) -> str:
@@ -131,15 +137,15 @@ def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
         for s in given.starts
     ]
     attained = (
-        "" if given.attained_gain is None else f"attained by a disturbance: {number(given.attained_gain, 4)}"
+        "" if given.attained_gain is None else f"attained by a disturbance: {at_least(given.attained_gain)}"
     )
-    found.append(KeyNumber("gain, proved", f"≤ {number(given.gamma, 4)}", "", attained))
+    found.append(KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained))
     share = (
         ""
         if given.sampled_level is None
         else f"{100 * given.level / given.sampled_level:.1f} % of the sampled one"
     )
-    found.append(KeyNumber("level of V", number(given.level, 4), "", share))
+    found.append(KeyNumber("level of V", at_least(given.level), "", share))
     found += [
         KeyNumber(
             _peak(effort), number(float(step.peak_input.max()), 3), effort, RULES.get(step.rule, step.rule)
@@ -155,7 +161,7 @@ def _peak(unit: str) -> str:
 
 def _theorem(given: Certificate) -> list[Section]:
     """Its parts, but for what it is about, which stands at the top."""
-    parts = dict(theorem_parts(given, Verification(True, gradient_law=not _is_box(given))))
+    parts = dict(theorem_parts(given, Verification(True, gradient_law=given.is_gradient_law)))
     region = [f"S is {text}" for text in parts.pop("Region S")]
     parts["Proved"] = region + parts["Proved"]
     sections = []
@@ -241,7 +247,7 @@ def _limit(shown: Evidence) -> list[Any]:
         return [Paragraph("Sampling finds no point that limits the level.")]
     text = (
         "Sampling looks for points at which the inequality fails, and so says how large a level can be at most; the "
-        f"proof covers all points of V ≤ c = {number(given.level, 5)}"
+        f"proof covers all points of V ≤ c = {at_least(given.level, 5)}"
     )
     sampled = given.sampled_level
     text += "." if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled one."
@@ -261,39 +267,45 @@ def _budget(shown: Evidence) -> list[Any]:
     )
     text += (
         "."
-        if _is_box(given)
+        if not given.is_gradient_law
         else (
             "; anything that makes the input differ by v from the law (hold, delay, estimator, limits) takes ½∫vᵀR2v "
             "from the same budget. `flexhinf design` shows what its own loop spends."
         )
     )
     rows = [_budget_row(given, run) for run in shown.worst]
-    unit = common_unit(given.disturbances)
-    square = f"{unit}²·s" if unit.isalpha() else f"({unit})²·s" if unit else ""
+    square = _energy_unit(given).strip()
     table = Table(
         ("start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
          Column("energy ∫|d|² allowed", square)), rows, "Steps of 0.8 of the largest ones", "table-budget",
         stacks=True,
     )  # fmt: skip
     free = 2.0 * given.level / given.gamma**2
-    energy = f"{number(free, 3)} {square}".rstrip()
+    energy = f"{at_least(free, 3)} {square}".rstrip()
     at_goal = f"From rest at the goal, disturbances may have an energy of {energy} in all."
     if given.decay:
         last = (
             f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
-            f"|d(t)| ≤ √(2αc)/γ = {number(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all times."
+            f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all "
+            "times."
         )
     else:
         last = "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
     return [Paragraph(text), *([table] if rows else []), Paragraph(at_goal), Paragraph(last)]
 
 
+def _energy_unit(given: Certificate) -> str:
+    """Of ∫|d|², behind a number."""
+    unit = common_unit(given.disturbances)
+    return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
+
+
 def _budget_row(given: Certificate, run: WorstStep) -> tuple[Any, ...]:
     start, left = float(run.value[0]), given.level - float(run.value[0])
     return (
         RULES.get(run.rule, run.rule), _angle(run.amplitude, given.states[0].unit),
-        number(100.0 * start / given.level, 3), number(100.0 * left / given.level, 3),
-        number(2.0 * left / given.gamma**2, 3),
+        at_most(100.0 * start / given.level, 3), at_least(100.0 * left / given.level, 3),
+        at_least(2.0 * left / given.gamma**2, 3),
     )  # fmt: skip
 
 
@@ -304,10 +316,10 @@ def _gain(shown: Evidence) -> list[Any]:
     share = 100.0 * attained.gain / given.gamma
     where = f" and V up to {number(100.0 * attained.largest_value / given.level, 3)} % of the level"
     text = (
-        f"√(∫|z|²/∫|d|²) is proved to be at most γ = {number(given.gamma, 5)}. A disturbance found by search attains "
+        f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(given.gamma, 5)}. A disturbance found by search attains "
         f"{number(attained.gain, 5)}{' on the nominal robot' if _is_box(given) else ''}, {number(share, 3)} % of it, "
-        f"with an energy of {number(attained.energy, 3)}{'' if _is_box(given) else where}. The largest gain of motions "
-        "in the region lies between."
+        f"with an energy of {number(attained.energy, 3)}{_energy_unit(given)}{'' if _is_box(given) else where}. The "
+        "largest gain of motions in the region lies between."
     )
     figure, axes = new_figure(2, height=4.6)
     few = thin(attained.times)
@@ -336,7 +348,7 @@ def _degrees(found: Sequence[CertifiedDegree]) -> list[Any]:
         share = "–" if given.sampled_level is None else f"{100.0 * given.level / given.sampled_level:.1f}"
         steps = _steps_text(given) if given.starts else "–"
         rows.append(
-            (law_name(one.choice.degree), number(given.level, 4), share, steps, f"{one.cpu_seconds:.1f}",
+            (law_name(one.choice.degree), at_least(given.level), share, steps, f"{one.cpu_seconds:.1f}",
              "used" if one.used else "")
         )  # fmt: skip
     columns = (

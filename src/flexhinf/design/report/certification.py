@@ -10,7 +10,7 @@ from flexhinf.design.certification import CertifiedDegree
 from flexhinf.design.report.formatting import law_name
 from flexhinf.design.report.proof import RULES
 from flexhinf.design.report.text import plain_table
-from flexhinf.report import number
+from flexhinf.report import at_least, number
 
 __all__ = ["certification_notes", "certification_tables"]
 
@@ -30,8 +30,8 @@ def certification_tables(found: Sequence[CertifiedDegree]) -> list[Table]:
             continue
         ratio = "" if given.sampled_level is None else f"{100 * given.level / given.sampled_level:.1f} %"
         cells = given.provenance.get("cells", "")
-        step = number(given.step_amplitude) if given.starts else "no step is stated"
-        table.add_row(name, number(given.level), ratio, step, cells, f"{one.cpu_seconds:.1f}")
+        step = at_least(given.step_amplitude) if given.starts else "no step is stated"
+        table.add_row(name, at_least(given.level), ratio, step, cells, f"{one.cpu_seconds:.1f}")
     return [table, *(_steps(one) for one in found if one.steps)]
 
 
@@ -52,7 +52,7 @@ def _steps(one: CertifiedDegree) -> Table:
         first, peak = (", ".join(number(v) for v in values) for values in (step.first_input, step.peak_input))
         table.add_row(
             RULES.get(step.rule, step.rule),
-            number(step.amplitude),
+            at_least(step.amplitude),
             number(step.overshoot_percent, decimals=1),
             first,
             peak,

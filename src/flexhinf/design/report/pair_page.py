@@ -198,7 +198,7 @@ def _differences(result: PairResult) -> list[Any]:
         "statistics (the sign test inverted, which asks for no symmetry), and in how many pairs either is better, by "
         "Clopper and Pearson: the one with the smaller value, or the larger one where a requirement states a least "
         "value. Each interval holds with 95 % by itself, not all of them together. A run that does not "
-        f"reach its end is worse than one that does; pairs of two such runs are left out. Values that agree to six "
+        f"reach its end is worse than one that does; pairs of two such runs are left out. Values that agree to four "
         f"digits are equal.{caution}"
     )
     rows = []
@@ -299,7 +299,7 @@ def _scatter(result: PairResult) -> list[Any]:
             axis.set_xlim(*ends)
             axis.set_ylim(*ends)
         _plain(axis)
-        axis.set_title(_axis_text(one), fontsize=9)
+        axis.set_title(_axis_text(one), fontsize=9, wrap=True)
         axis.set_xlabel("A", fontsize=8)
         label(axis, "B" if k % 3 == 0 else "", "")
     few = f" The first {POINTS} samples are drawn." if result.paired.count > POINTS else ""

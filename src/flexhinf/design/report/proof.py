@@ -7,7 +7,7 @@ from typing import Any
 
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
-from flexhinf.report import number
+from flexhinf.report import at_least, at_most
 
 __all__ = [
     "BOX_FILE", "RULES", "covers_tolerances", "penalty_text", "proof_numbers", "proof_text", "step_texts",
@@ -32,7 +32,7 @@ def _box_text(design: Design) -> str:
         return ""
     return (
         f"Proved, for every robot within the tolerances with the true state fed back: the step of "
-        f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {number(box.gamma, 4)} for "
+        f"{_amplitude_text(design, abs(box.step))} without a jump of the input, γ = {at_most(box.gamma)} for "
         f"{penalty_text(design)}."
     )
 
@@ -74,7 +74,7 @@ def _own_text(design: Design) -> str:
     elif proof.inside:
         own += "; what the estimator and the sampling spend is not covered"
     whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
-    return f"Proved, for {whom} with the true state fed back: {reach} γ = {number(given.gamma, 4)}. {own}."
+    return f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(given.gamma)}. {own}."
 
 
 def covers_tolerances(design: Design) -> bool:
@@ -95,7 +95,7 @@ def _amplitude_text(design: Design, amplitude: float) -> str:
     slides = any(design.robot.links.slides)
     in_degrees = design.specification.in_degrees and not slides
     scale, unit = (180.0 / math.pi, "°") if in_degrees else (1.0, " m" if slides else " rad")
-    return f"{number(scale * amplitude, 3)}{unit}"
+    return f"{at_least(scale * amplitude, 3)}{unit}"
 
 
 def proof_numbers(design: Design) -> dict[str, Any]:

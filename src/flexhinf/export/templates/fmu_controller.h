@@ -14,7 +14,9 @@ enum {
     FIRST_R = FIRST_Y + @BIG@_MEASUREMENTS,
     FIRST_LOWER = FIRST_R + @BIG@_COMMANDS,
     FIRST_UPPER = FIRST_LOWER + @BIG@_INPUTS,
-    MODEL_SETTABLE = FIRST_UPPER + @BIG@_INPUTS,
+    FIRST_START = FIRST_UPPER + @BIG@_INPUTS,
+    STARTS = @STARTS@, /* numbers of the estimate that can be set: those of the first state, or none */
+    MODEL_SETTABLE = FIRST_START + STARTS,
     FIRST_U = MODEL_SETTABLE,
     FIRST_X = FIRST_U + @BIG@_INPUTS,
     MODEL_REALS = FIRST_X + @BIG@_STATES,
@@ -51,10 +53,17 @@ static void model_reset(model_instance *model)
 
 static void model_begin(model_instance *model)
 {
+    int elsewhere = 0;
     model->param.missing_limit = model->integer[MISSING_LIMIT];
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         model->param.value[@BIG@_P_LOWER + i] = model->real[FIRST_LOWER + i];
         model->param.value[@BIG@_P_UPPER + i] = model->real[FIRST_UPPER + i];
+    }
+    for (int i = 0; i < STARTS; ++i) {
+        elsewhere = elsewhere || model->real[FIRST_START + i] != model->state.start[i];
+    }
+    if (elsewhere) {
+        @NAME@_start(&model->state, &model->param, model->real + FIRST_START, 0);
     }
 }
 

@@ -25,6 +25,8 @@ from flexhinf.report import (
     Listing,
     Paragraph,
     Table,
+    at_least,
+    at_most,
     house_style,
     label,
     legend,
@@ -93,10 +95,10 @@ def _proof(design: Design) -> list[Any]:
         return [Paragraph(proof_text(design)), *_box(design)]
     box, seconds = covers_tolerances(design), number(design.proof.cpu_seconds, 2)
     if given.sampled_level is None:
-        level = f"The level V ≤ {number(given.level, 5)} was"
+        level = f"The level V ≤ {at_least(given.level, 5)} was"
     else:
         share = 100.0 * given.level / given.sampled_level
-        level = f"The level V ≤ {number(given.level, 5)} is {number(share, 3)} % of the sampled one,"
+        level = f"The level V ≤ {at_least(given.level, 5)} is {number(share, 3)} % of the sampled one,"
     others = "values of the parameters outside the tolerances" if box else "other values of the parameters"
     budget = "" if box else " beyond the budget below"
     return [
@@ -246,7 +248,7 @@ def _attained_text(design: Design) -> str:
         share = 100.0 * found.gain / proved.gamma
         return (
             f"√(∫|z|²/∫|d|²) from the {_listed(proved.problem)} to {penalty_text(design)} is proved to be at most "
-            f"γ = {number(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
+            f"γ = {at_most(proved.gamma)}, for every robot of the box. A disturbance found by search attains "
             f"{number(found.gain)} on the nominal robot, {number(share, 3)} % of γ, with an energy ∫|d|² of "
             f"{number(found.energy, 3)}. The largest gain lies between the two."
         )

@@ -1,0 +1,105 @@
+"""Claims in which r is a quadratic form for each value of the functions' quotients: definite matrices decide, in exact
+rationals and without cells.
+
+With V = zᵀWz and r(z, p) = −zᵀQ(S, p)z, S_j the quotients of the functions, r is affine in each S_j and convex in each
+power of a parameter (affine, but for |V_x g1|²). So Q ≻ 0 at the corners of the box of S and p gives r ≤ −ε|z|²
+wherever each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/certificate.md, section 7.
+"""
+
+from __future__ import annotations
+
+import itertools
+from math import ceil, isfinite
+from typing import Any
+
+from flint import arb, arb_series, fmpq, fmpq_mat
+
+from flexhinf.certify.checker.quotient import offset_of, series_of
+from flexhinf.certify.checker.residual import Residual, as_rational, parameter_corners, positive_definite
+from flexhinf.certify.claim import Claim
+from flexhinf.certify.terms import Function
+
+__all__ = ["definite_corners", "quotient_range"]
+
+_MOST_CORNERS = 2**15
+_GRID = 512  # pieces of an interval of length one
+_FARTHEST = 64  # |ℓᵀx| of a function
+
+
+def definite_corners(claim: Claim, exact: Residual) -> int:
+    """The number of corners of quotients and parameters, where r is negative definite at all of them and {V ≤ c} lies
+    within the reach; 0 where that is not so, or where r is no quadratic form: then nothing is said."""
+    parts: list[tuple[Any, ...]] = list(
+        zip(exact.plain, *exact.factors, strict=True)
+    )  # by product of parameters
+    if any(sum(map(int, e)) != 2 for one in (exact.value, *itertools.chain(*parts)) for e in one.to_dict()):
+        return 0
+    value = _form(exact.value)
+    if not positive_definite(value):
+        return 0
+    widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
+    if any(widest[i, i] > as_rational(claim.reach) ** 2 for i in range(widest.nrows())):
+        return 0
+    ranges: list[tuple[fmpq, fmpq]] = []
+    for function, row in zip(claim.functions, map(_row, exact.arguments), strict=True):
+        found = quotient_range(function, (row * widest * row.transpose())[0, 0])
+        if found is None:
+            return 0
+        ranges.append(found)
+    weights, count = parameter_corners(claim, exact.products), 0
+    if len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+        return 0
+    forms = [list(map(_form, row)) for row in parts]
+    for products, ends in itertools.product(weights, itertools.product(*ranges)):
+        total = value * 0
+        for weight, row in zip(products, forms, strict=True):
+            for quotient, form in zip((fmpq(1), *ends), row, strict=True):
+                total -= form * (weight * quotient)
+        if not positive_definite(total):
+            return 0
+        count += 1
+    return count
+
+
+def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None:
+    """Rational bounds of S(s) = (φ(o + s) − φ(o))/s for s² ≤ `square`; None where φ is not analytic there.
+
+    On a piece about m of half width w, |S(s) − S(m)| ≤ w max |S′| ≤ w max |φ″|/2 between o and o + s, as in (5).
+    """
+    farthest = arb(square).sqrt().upper()
+    if not farthest <= _FARTHEST:
+        return None
+    offset, ends = offset_of(function), []
+    start = series_of(function.name, arb_series([offset], prec=1))[0]
+    for side in (1, -1):
+        bend = arb(0)
+        for i in range(ceil(float(farthest) * _GRID) + 1):
+            middle, half = arb(side * (2 * i + 1)) / (2 * _GRID), arb(1) / (2 * _GRID)
+            around = arb_series([offset + middle + half * arb(0, 1), 1], prec=3)
+            bend = bend.max(abs(series_of(function.name, around)[2]))
+            at = (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
+            enclosed = at + bend * half * arb(0, 1)
+            if not isfinite(float(enclosed.rad())) or not enclosed.is_finite():
+                return None
+            ends += [enclosed.lower().fmpq(), enclosed.upper().fmpq()]
+    return min(ends), max(ends)
+
+
+def _form(polynomial: Any) -> fmpq_mat:
+    """The symmetric matrix of a quadratic form."""
+    n = polynomial.context().nvars()
+    rows = [[fmpq(0)] * n for _ in range(n)]
+    for powers, value in polynomial.to_dict().items():
+        i, j = (k for k, e in enumerate(powers) for _ in range(int(e)))
+        rows[i][j] += value / 2
+        rows[j][i] += value / 2
+    return fmpq_mat(rows)
+
+
+def _row(linear: Any) -> fmpq_mat:
+    """The coefficients of a linear form."""
+    n = linear.context().nvars()
+    row = [fmpq(0)] * n
+    for powers, value in linear.to_dict().items():
+        row[[*map(int, powers)].index(1)] = value
+    return fmpq_mat([row])
