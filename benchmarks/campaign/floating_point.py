@@ -8,12 +8,25 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 
-from flexhinf.codegen import Call, Cholesky, Guard, Map, Normal, OuterSum, Program, Repeat, Sweep, When
+from flexhinf.codegen import (
+    Call,
+    Cholesky,
+    Guard,
+    Map,
+    Normal,
+    OuterSum,
+    Polynomial,
+    Program,
+    Repeat,
+    Sweep,
+    When,
+)
 from flexhinf.codegen.emit.function import emit_function
 from flexhinf.codegen.emit.normal import emit_normal
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.machine import Code, assemble, host
 from flexhinf.codegen.steps import Step
+from flexhinf.polynomial import basis
 
 __all__ = ["Work", "peak", "work_of"]
 
@@ -74,6 +87,9 @@ def _step_work(step: Step) -> Work:
         rows, columns = step.shape
         cells = rows * (rows + 1) // 2 if step.symmetric else rows * columns
         return Work(fma=step.count * cells, fmul=step.count * rows if step.weights else 0)
+    if isinstance(step, Polynomial):
+        sums = sum(basis.count(step.point.size, k + 1) for k in range(step.degrees[-1]))
+        return Work(fma=step.target.size * sums)
     if isinstance(step, Cholesky):
         n = step.order
         return Work(fma=n * (n - 1) * (n + 1) // 6, fmul=n * (n - 1) // 2, fdiv=n, sqrt=n)

@@ -36,6 +36,10 @@ def longer(run, row, w):
     return run.call(lambda first, w: first * run_free(w), first, w)
 
 
+def pair(column, w=1.0):
+    return column * w, column[::-1]
+
+
 def run_free(w):
     return np.exp(w[0])
 
@@ -50,11 +54,12 @@ TEXTS = {
     "rows as columns": lambda run, x: run.columns(lambda row, w: row * w, x["a"].T, x["w"]),
     "again and again": lambda run, x: run.sweep(again, x["a"], x["v"]),
     "a sweep of one column": lambda run, x: run.sweep(again, x["v"].reshape(4, 1), x["v"]),
-    "a sweep of a column and two": lambda run, x: run.sweep(again, run.column_stack((x["v"], x["a"])), x["v"]),
+    "a sweep of a column and two": lambda run, x: run.sweep(again, run.beside(x["v"], pair, x["a"]), x["v"]),
     "a sweep along rows": lambda run, x: run.sweep(longer, x["a"].T, x["w"]),
-    "column stack": lambda run, x: run.column_stack((x["v"], x["a"], x["v"])),
-    "a call on columns stacked": lambda run, x: run.call(
-        lambda m, v: v @ m, run.column_stack((x["v"], x["a"])), x["v"]
+    "columns beside a vector": lambda run, x: run.beside(x["v"], pair, x["a"]),
+    "columns beside a vector, of a factor": lambda run, x: run.beside(x["v"], pair, run.cholesky(x["s"]), x["v"]),
+    "a call on columns beside a vector": lambda run, x: run.call(
+        lambda m, v: v @ m, run.beside(x["v"], pair, x["a"]), x["v"]
     ),
     "gram": lambda run, x: run.gram(x["a"], x["w"], x["s"]),
     "gram with constant weights": lambda run, x: run.gram(x["a"], np.arange(9.0), x["s"]),

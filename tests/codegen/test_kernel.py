@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import Buffer, Call, Guard, Program, Repeat, Slice, compile_program, interpret
+from flexhinf.codegen import Buffer, Call, Guard, Program, Repeat, Slice, aligned, compile_program, interpret
 
 BOTH = pytest.mark.parametrize("make", [compile_program, interpret])
 X, U = casadi.SX.sym("x"), casadi.SX.sym("u")
@@ -140,3 +140,15 @@ def test_a_short_call_keeps_the_lock_and_gives_the_same(make):
         if kernel.compiled:
             assert bool(bound.func._flags_ & _ctypes.FUNCFLAG_PYTHONAPI) is short
     assert results[0] == results[1]
+
+
+@pytest.mark.parametrize("size", [1, 8, 9, 1001, 100_000])
+def test_the_memory_of_a_kernel_begins_with_a_line_of_the_cache(size):
+    memory = Program(
+        "work", (Buffer("w", size, "work"), Buffer("x", 1, "state")), PROGRAM.body[0].body[1:], ()
+    )
+    bound = compile_program(memory).bind({"x": np.zeros(1)})
+    for array in (aligned(size), bound.keep[1]["w"]):
+        assert array.shape == (size,)
+        assert array.ctypes.data % 64 == 0
+        assert not array.any()

@@ -13,7 +13,6 @@ import pytest
 import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
 from flexhinf.design import CampaignOptions, DesignCampaign, DesignRequest, Specification
-from flexhinf.errors import InvalidInput
 
 ROBOT = "planar-two-link"
 
@@ -56,8 +55,35 @@ def test_a_joint_that_does_not_move_has_no_step() -> None:
     assert "peak_input_shoulder" in names
 
 
-def test_a_design_that_is_judged_along_a_move_is_refused(tmp_path: Path) -> None:
+MOVE = "time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,10,10\n2,20,10\n"
+
+
+@pytest.fixture
+def along(tmp_path: Path) -> DesignCampaign:
     file = tmp_path / "move.csv"
-    file.write_text("time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,10,10\n2,20,10\n")
-    with pytest.raises(InvalidInput, match="judged along a move"):
-        _ = asked(move=str(file)).stated
+    file.write_text(MOVE)
+    return asked(move=str(file))
+
+
+def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: DesignCampaign) -> None:
+    robot = along.request.robot
+    np.testing.assert_allclose(np.degrees(along.ends), [[0.0, 0.0], [20.0, 10.0]], atol=1e-9)
+    law = fh.linear_law(robot.problem(pose=along.ends[1]), math.inf)
+    campaign = along.campaign(fh.Controller(law, None, 1e-3, moving=True), 2.5)
+    found = run_batch(campaign, 0).columns
+    again = campaign.replay(3)
+    plan = along.plan
+    assert plan is not None
+    errors = again.signals["state"][:, :2] - plan(again.time)
+    assert found["tracking_error_elbow"][3] > 1e-5
+    np.testing.assert_allclose(found["tracking_error_elbow"][3], np.abs(errors[:, 1]).max(), rtol=1e-9)
+    np.testing.assert_allclose(found["final_error_shoulder"][3], np.abs(errors[-251:, 0]).max(), rtol=1e-9)
+    # 5 % and 2 % of the ways of both joints, 20 and 10 degrees.
+    ways = np.radians([20.0, 10.0])
+    np.testing.assert_allclose(
+        found["tracking_error_use"][3], np.max(np.abs(errors).max(axis=0) / (0.05 * ways))
+    )
+    assert "overshoot_percent" not in found
+    signals = replace(campaign, metrics=[replace(one, reduced=None) for one in campaign.metrics])
+    for name, values in run_batch(signals, 0).columns.items():
+        np.testing.assert_array_equal(values, found[name], name)

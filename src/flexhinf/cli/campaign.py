@@ -39,7 +39,7 @@ class _Runs(TyperGroup):
 
 app = typer.Typer(
     cls=_Runs,
-    help="Run the step of a design on thousands of robots within their tolerances, and go on after every interruption.",
+    help="Run a design on thousands of robots within their tolerances, and go on after every interruption.",
 )
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a campaign.")]
@@ -149,7 +149,7 @@ def run(
     starts: Annotated[int, typer.Option(help="Searches of --worst-case for each metric.")] = 8,
     elastic: Elastic = "",
 ) -> None:
-    """Run a design's step on many robots within their tolerances, each with its own noise.
+    """Run a design's step or move on many robots within their tolerances, each with its own noise.
 
     The folder is a journal: Ctrl-C, SIGKILL and a full disk lose at most the
     batch in flight, and the same command goes on. Sample i is the same for any

@@ -6,9 +6,21 @@ from flexhinf.codegen.compiler import compile_program
 from flexhinf.codegen.compose import DIRECT, Composer, Direct
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import BoundKernel, Kernel, Status
-from flexhinf.codegen.memory import Block, Buffer, Columns, Slice
+from flexhinf.codegen.memory import Block, Buffer, Columns, Slice, aligned
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Repeat, Sweep, When
+from flexhinf.codegen.steps import (
+    Call,
+    Cholesky,
+    Copy,
+    Guard,
+    Map,
+    Normal,
+    OuterSum,
+    Polynomial,
+    Repeat,
+    Sweep,
+    When,
+)
 
 __all__ = [
     "DIRECT",
@@ -26,12 +38,14 @@ __all__ = [
     "Map",
     "Normal",
     "OuterSum",
+    "Polynomial",
     "Program",
     "Repeat",
     "Slice",
     "Status",
     "Sweep",
     "When",
+    "aligned",
     "compile_program",
     "interpret",
 ]

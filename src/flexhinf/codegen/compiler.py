@@ -17,6 +17,7 @@ import numpy as np
 
 from flexhinf.codegen.interpreter import interpret
 from flexhinf.codegen.kernel import Kernel, Status
+from flexhinf.codegen.memory import aligned
 from flexhinf.codegen.program import ENTRY, Program, Unsupported
 from flexhinf.codegen.steps import Call, Map, Repeat, Step, Sweep, When
 
@@ -146,7 +147,7 @@ class NativeKernel(Kernel):
         arrays = dict(arrays)
         for buffer in self.program.buffers:
             if buffer.role == "work":
-                arrays[buffer.name] = np.zeros((buffer.size or 0) * self.lanes)
+                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
         addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
         words = [*addresses, *(counts[name] for name in self.program.counts)]
         context = np.array([*words, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Slice
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Repeat, Step, Sweep, When
+from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Polynomial, Repeat, Step, Sweep, When
 
 __all__ = ["DIRECT", "Composer", "Direct"]
 
@@ -71,9 +71,9 @@ class Direct:
         """
         return self.columns(partial(stages, self), matrix, *held)
 
-    def column_stack(self, parts: Any) -> Any:
-        """Matrices and vectors, as columns, side by side."""
-        return np.column_stack(parts)
+    def beside(self, first: Any, function: Callable[..., Any], matrix: Any, *held: Any) -> Any:
+        """A vector, as a column, and right of it the matrices of `columns` for a function of several results."""
+        return np.column_stack((first, *self.columns(function, matrix, *held)))
 
     def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
@@ -211,24 +211,24 @@ class Composer:
         self.body.append(Sweep(tuple(inside.body), *pairs, inside.size))
         return target
 
-    def column_stack(self, parts: Any) -> Block:
-        """As `Direct.column_stack`: copied to one place."""
-        blocks = [self._ordered(part, "F") for part in parts]
-        whole = self.work((len(blocks[0]), sum(1 if len(b.shape) == 1 else b.shape[1] for b in blocks)), "F")
-        start = whole.place.offset
-        for block in blocks:
-            self.body.append(Copy(block.place, Slice(self.scratch, start, block.size)))
-            start += block.size
+    def beside(self, first: Block, function: Callable[..., Any], matrix: Block, *held: Any) -> Block:
+        """As `Direct.beside`: every result is computed where it belongs."""
+        n, count = matrix.shape
+        shapes = self._traced(function, (matrix, *held), [(n,), *[None] * len(held)])[1]
+        whole = self.work((len(first), 1 + count * len(shapes)), "F")
+        self.copy(first, whole.T[:1].reshape(len(first)))
+        places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
+        self.columns(function, matrix, *held, into=tuple(places))
         return whole
 
     def gram(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.gram`."""
         points = self._ordered(columns.T, "C")
-        return self._outer_sum(points, points, self._block(weights), plus, symmetric=True)
+        return self._outer_sum(points, points, self._weights(weights), plus, symmetric=True)
 
     def product(self, columns: Block, weights: Any, other: Block) -> Block:
         """As `Direct.product`."""
-        return self._outer_sum(columns.T, other.T, self._block(weights), None)
+        return self._outer_sum(columns.T, other.T, self._weights(weights), None)
 
     def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.combination`."""
@@ -241,6 +241,12 @@ class Composer:
         factor = self.work(matrix.shape, "F")
         self.body.append(Cholesky(matrix.place, factor.place))
         return factor
+
+    def polynomial(self, point: Block, table: Block, degrees: tuple[int, ...], values: int) -> Block:
+        """Values of polynomials at a point (n,), see `flexhinf.codegen.steps.Polynomial`; table is (Nmon, columns)."""
+        target = self.work((values,))
+        self.body.append(Polynomial(point.place, table.place, target.place, degrees))
+        return target
 
     # Inside ----------------------------------------------------------------------------------------
     def _outer_sum(
@@ -256,6 +262,14 @@ class Composer:
     def _block(self, array: Any) -> Block:
         """Constants as a block."""
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
+
+    def _weights(self, weights: Any) -> Block | None:
+        """Weights as a block; None where all of them are one."""
+        return (
+            None
+            if not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
+            else self._block(weights)
+        )
 
     def _ordered(self, block: Block, order: Order) -> Block:
         """The same matrix in the wanted order, moved if it must be."""

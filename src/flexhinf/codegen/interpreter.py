@@ -11,7 +11,20 @@ from flexhinf.codegen.kernel import Kernel, Status
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.codegen.program import Program
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, Normal, OuterSum, Step, Sweep, When
+from flexhinf.codegen.steps import (
+    Call,
+    Cholesky,
+    Copy,
+    Guard,
+    Map,
+    Normal,
+    OuterSum,
+    Polynomial,
+    Step,
+    Sweep,
+    When,
+)
+from flexhinf.polynomial.algebra import monomials
 
 
 def interpret(program: Program, lanes: int = 1) -> Kernel:
@@ -113,6 +126,8 @@ class BoundWalk:
             return self._sweep(step)
         if isinstance(step, OuterSum):
             return self._outer_sum(step)
+        if isinstance(step, Polynomial):
+            return self._polynomial(step)
         if isinstance(step, Cholesky):
             return self._cholesky(step)
         if isinstance(step, Copy):
@@ -210,6 +225,17 @@ class BoundWalk:
             target(turns)[:] = total.ravel() if plus is None else total.ravel() + plus(turns)
 
         return outer_sum
+
+    def _polynomial(self, step: Polynomial) -> Walk:
+        point, table, target = (self._view(piece) for piece in (step.point, step.table, step.target))
+
+        def polynomial(turns: tuple[int, ...]) -> None:
+            x = point(turns)[None, :]
+            powers = np.concatenate([part[0] for part in monomials(x, step.degrees).values()])
+            rows = table(turns).reshape(step.rows, step.columns)[:, : step.target.size]
+            target(turns)[:] = powers @ rows
+
+        return polynomial
 
     def _cholesky(self, step: Cholesky) -> Walk:
         from flexhinf.scalars import cholesky

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+import numpy as np
+
 from flexhinf.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -20,12 +22,16 @@ __all__ = [
     "Order",
     "Role",
     "Slice",
+    "aligned",
     "check_function",
     "check_identifier",
     "is_integer",
     "overlap",
     "whole",
 ]
+
+#: Bytes of a line of the cache.
+LINE = 64
 
 Role = Literal["in", "out", "state", "work"]
 Order = Literal["C", "F"]
@@ -263,6 +269,13 @@ def overlap(one: Slice, other: Slice) -> bool:
     if (one.buffer, one.strides, one.shift) != (other.buffer, other.strides, other.shift):
         return False
     return one.offset < other.offset + other.size and other.offset < one.offset + one.size
+
+
+def aligned(size: int) -> np.ndarray:
+    """Zeros, (size,), that begin where a line of the cache does: vectors of eight then lie in one line each."""
+    memory = np.zeros(size + LINE // 8)
+    start = -memory.ctypes.data % LINE // 8
+    return memory[start : start + size]
 
 
 def is_integer(value: object) -> bool:

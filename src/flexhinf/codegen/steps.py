@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from flexhinf.codegen.dense import Cholesky, OuterSum, Polynomial
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, check_function, is_integer, overlap, whole
 from flexhinf.errors import InvalidInput
 
@@ -21,6 +21,7 @@ __all__ = [
     "Map",
     "Normal",
     "OuterSum",
+    "Polynomial",
     "Repeat",
     "Simple",
     "Step",
@@ -99,100 +100,6 @@ class Map:
     def count(self) -> int:
         """Number of columns."""
         return self.outputs[0].count
-
-
-@dataclass(frozen=True)
-class OuterSum:
-    """Σ_k weights[k] · left[k, :]ᵀ right[k, :] + plus, of matrices in C order.
-
-    The sum runs in eight parts, k modulo 8, which are added in pairs at the end: the same order for any number
-    of lanes.
-
-    Parameters
-    ----------
-    left, right : Slice
-        (N, r) and (N, c).
-    target : Slice
-        (r, c), not in the memory of left, right and weights.
-    count : int
-        N.
-    weights : Slice or None
-        (N,); ones by default.
-    plus : Slice or None
-        (r, c); zero by default.
-    symmetric : bool
-        Left and right are the same: half of the sums are computed, and the result is exactly symmetric if
-        `plus` is.
-
-    Raises
-    ------
-    InvalidInput
-        Sizes that do not fit, or a target that overlaps what is read.
-    """
-
-    left: Slice
-    right: Slice
-    target: Slice
-    count: int
-    weights: Slice | None = None
-    plus: Slice | None = None
-    symmetric: bool = False
-
-    def __post_init__(self) -> None:
-        count = self.count if is_integer(self.count) and self.count > 0 else 0
-        rows, columns = self.shape if count else (0, 0)
-        fits = rows * columns == self.target.size and rows * count == self.left.size
-        fits = fits and columns * count == self.right.size
-        fits = fits and (self.weights is None or self.weights.size == count)
-        fits = fits and (self.plus is None or self.plus.size == self.target.size)
-        fits = fits and (not self.symmetric or self.left == self.right)
-        read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
-        if not fits or any(overlap(piece, self.target) for piece in read):
-            raise InvalidInput(
-                "A sum of outer products joins slices that do not fit.",
-                f"expected N·r, N·c, r·c and N elements apart from the target, got {self}",
-                "one row of left and right per weight; left equal to right if symmetric",
-            )
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(r, c)."""
-        return self.left.size // self.count, self.right.size // self.count
-
-
-@dataclass(frozen=True)
-class Cholesky:
-    """The Cholesky factor of a symmetric positive semidefinite matrix, as `flexhinf.scalars.cholesky`.
-
-    Parameters
-    ----------
-    source : Slice
-        (n, n), symmetric.
-    target : Slice
-        Lᵀ in C order, that is L column by column; apart from the source.
-
-    Raises
-    ------
-    InvalidInput
-        Slices that are not square and of one size, or overlap.
-    """
-
-    source: Slice
-    target: Slice
-
-    def __post_init__(self) -> None:
-        square = self.order**2 == self.source.size == self.target.size
-        if not square or overlap(self.source, self.target):
-            raise InvalidInput(
-                "A Cholesky factor does not fit its matrix.",
-                f"expected two slices of n² elements apart from each other, got {self.source} and {self.target}",
-                "square matrices",
-            )
-
-    @property
-    def order(self) -> int:
-        """n."""
-        return math.isqrt(self.source.size)
 
 
 @dataclass(frozen=True)
@@ -378,7 +285,7 @@ def leaves(body: Sequence[Any]) -> Iterator[Any]:
         yield from leaves(step.body) if fixed else (step,)
 
 
-Simple: TypeAlias = Call | Map | Sweep | OuterSum | Cholesky | Copy | Normal | Guard
+Simple: TypeAlias = Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Copy | Normal | Guard
 Step: TypeAlias = Simple | Repeat | When
 
 
@@ -393,6 +300,8 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     if isinstance(step, OuterSum):
         read = (step.left, step.right, step.weights, step.plus)
         return tuple(piece for piece in read if piece is not None), (step.target,)
+    if isinstance(step, Polynomial):
+        return (step.point, step.table), (step.target,)
     if isinstance(step, Copy | Cholesky):
         return (step.source,), (step.target,)
     if isinstance(step, Normal):

@@ -67,7 +67,7 @@ def open_campaign(
     FlexhinfError
         As `flexhinf.design.design`.
     """
-    _ = asked.stated  # refuses what does not fit
+    _ = asked.stated, asked.metrics  # refuses what does not fit
     journal = Journal.read(folder, (SETUP,))
     place = Path(folder).expanduser().absolute()
     if journal is None:
@@ -110,15 +110,22 @@ def _begun(
 def designed_controller(
     asked: DesignCampaign, progress: Callable[[str], None] = print
 ) -> tuple[Controller, float]:
-    """The controller and the length of its step, s: of a report that nobody changed, or designed now.
+    """The controller and the length of its runs, s: of a report that nobody changed, or designed now.
+
+    What a report holds begins where its step does, so for a move it is designed again, to begin where that does.
 
     Raises
     ------
     FlexhinfError
         As `flexhinf.design.design`.
     """
-    path = asked.file
-    if path is not None and path.name == DESIGN_FILE and unchanged(path.parent, (DESIGN_FILE, CONTROLLER)):
+    path, plan = asked.file, asked.plan
+    if (
+        plan is None
+        and path is not None
+        and path.name == DESIGN_FILE
+        and unchanged(path.parent, (DESIGN_FILE, CONTROLLER))
+    ):
         length = read_toml(path, "design file").get("result", {}).get("duration")
         if isinstance(length, float) and fields_text(load_design(path)[1]) == fields_text(
             asked.specification
@@ -127,7 +134,11 @@ def designed_controller(
     robot, s = asked.request.robot, asked.specification
     synthesis = synthesise(robot, s, progress)
     setup = brought_to_rest(synthesis.setup(robot, s))[0]
-    return setup.bumpless_controller, step_duration(LawEvaluation(DESIGN, setup), synthesis)
+    length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
+    if plan is None:
+        return setup.bumpless_controller, length
+    periods = round((plan.duration + length) / s.period)
+    return setup.controller(asked.ends[0], moving=True), periods * s.period
 
 
 def reopened(asked: DesignCampaign, journal: Journal) -> Campaign:

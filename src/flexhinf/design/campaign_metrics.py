@@ -1,123 +1,226 @@
-"""Figures of the step of a design's campaign: of a run's signals, or of runs in lanes, with the same numbers."""
+"""Figures of the runs of a design's campaign, of a run's signals or of runs in lanes, with the same numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from flexhinf.campaign import Metrics
 from flexhinf.design.joint_limits import JointLimits
-from flexhinf.design.monte_carlo import step_reductions
-from flexhinf.design.responses import Response
-from flexhinf.loop import EnsembleResult, Trajectory
+from flexhinf.design.monte_carlo import move_reductions, step_reductions
+from flexhinf.design.responses import Plan, Response
+from flexhinf.loop import EnsembleResult, Reduction, Trajectory
+from flexhinf.loop.simulation.metrics import tail_of
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["StepMetrics"]
+__all__ = ["MoveMetrics", "RunMetrics", "StepMetrics"]
+
+
+@dataclass(frozen=True)
+class JointFigure:
+    """A figure that joints have: its unit for each joint, and which of them have it."""
+
+    units: Sequence[str]
+    joints: Sequence[int]
+
+    @property
+    def unit(self) -> str:
+        """Of the worst of all joints; empty where they differ."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
 
 
 @dataclass(frozen=True, eq=False)
-class StepMetrics:
-    """Figures of the step of all joints, each the worst of them: what `Response` and `JointLimits` say."""
+class RunMetrics(ABC):
+    """Figures of a run of all joints, each the worst of them, and where there are several those of each joint."""
 
-    start: np.ndarray
-    goal: np.ndarray
     limits: JointLimits
+
+    # What a step, or a move, has of its own -----------------------------------------------------------
+    @property
+    @abstractmethod
+    def own(self) -> dict[str, JointFigure]:
+        """Its figures, the main one first."""
+
+    @abstractmethod
+    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
+        """A run, and for each joint all its figures by name; None where it does not come to one."""
+
+    @abstractmethod
+    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Its figures of N runs by name, (N, n); what is said of a joint that has none does not count."""
+
+    @abstractmethod
+    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
+        """What is kept of runs in lanes for `of_many`."""
+
+    # What both have -----------------------------------------------------------------------------------
+    @property
+    def every(self) -> range:
+        """All joints."""
+        return range(len(self.limits.joints))
+
+    @cached_property
+    def figures(self) -> dict[str, JointFigure]:
+        """Its own, then peaks."""
+        peaks = {"peak_input": self.limits.effort_units, "peak_speed": self.limits.speed_units}
+        return {**self.own, **{name: JointFigure(units, self.every) for name, units in peaks.items()}}
 
     @property
     def units(self) -> dict[str, str]:
         """By name; a fraction of a limit only where there is one."""
-        position, speed, effort = (
-            units[0] if len(set(units)) == 1 else ""
-            for units in (self.limits.position_units, self.limits.speed_units, self.limits.effort_units)
-        )
-        found = {
-            "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": position,
-            "peak_input": effort, "peak_speed": speed, "estimation_error": position,
-        }  # fmt: skip
+        found = {name: figure.unit for name, figure in self.figures.items()}
+        found["estimation_error"] = JointFigure(self.limits.position_units, self.every).unit
         found |= {"input_limit_use": ""} if self.limits.limits_peak else {}
         found |= {"speed_limit_use": ""} if self.limits.limits_speed else {}
-        return found | {name: unit for name, (_, _, unit) in self._joints.items()}
+        return found | {name: self.figures[kind].units[k] for name, (kind, k) in self._parts.items()}
 
-    @property
-    def moving(self) -> list[int]:
-        """Joints that the step moves."""
-        return [k for k in range(len(self.goal)) if self.start[k] != self.goal[k]]
-
-    @property
-    def _joints(self) -> dict[str, tuple[str, int, str]]:
-        """Figures of single joints, where there are several: what it is, of which joint, and its unit."""
-        every, limits = list(range(len(self.goal))), self.limits
-        percent, seconds = ["%"] * len(every), ["s"] * len(every)
-        kinds = (
-            ("overshoot_percent", self.moving, percent), ("settling_time_s", self.moving, seconds),
-            ("rise_time_s", self.moving, seconds), ("steady_state_error", every, limits.position_units),
-            ("peak_input", every, limits.effort_units), ("peak_speed", every, limits.speed_units),
-        )  # fmt: skip
-        return {
-            f"{kind}_{limits.joints[k]}": (kind, k, units[k])
-            for kind, joints, units in kinds
-            for k in (joints if len(every) > 1 else ())
-        }
+    @cached_property
+    def _parts(self) -> dict[str, tuple[str, int]]:
+        """Figures of single joints, where there are several: what it is, and of which joint."""
+        several = self.figures.items() if len(self.every) > 1 else ()
+        names = self.limits.joints
+        return {f"{kind}_{names[k]}": (kind, k) for kind, figure in several for k in figure.joints}
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
         """Of one run."""
-        response = Response(run, self.goal, self.start, self.limits.joints)
-        moved = [row for row in response.metrics if "overshoot_percent" in row] or response.metrics
-        found = {
-            name: max(np.inf if row[name] is None else row[name] for row in rows if name in row)
-            for name, rows in (
-                *((name, moved) for name in ("overshoot_percent", "settling_time_s", "rise_time_s")),
-                *((name, response.metrics) for name in ("steady_state_error", "peak_input", "peak_speed")),
-            )
-            if any(name in row for row in rows)
+        response, rows = self.of_run(run)
+        values = {
+            kind: np.array([np.inf if rows[k][kind] is None else rows[k][kind] for k in figure.joints])
+            for kind, figure in self.figures.items()
         }
-        estimates = [
-            k for k in signal_names("link_position", self.limits.joints) if k in run.names["estimate"]
-        ]
+        found = {kind: float(each.max()) if each.size else np.nan for kind, each in values.items()}
+        for name, (kind, k) in self._parts.items():
+            found[name] = float(values[kind][list(self.figures[kind].joints).index(k)])
         found["estimation_error"] = max(
-            (float(np.abs(run.signal("estimate", k) - run.signal("state", k)).max()) for k in estimates),
+            (
+                float(np.abs(run.signal("estimate", name) - run.signal("state", name)).max())
+                for name in signal_names("link_position", self.limits.joints)
+                if name in run.names["estimate"]
+            ),
             default=np.nan,
         )
         found["input_limit_use"] = self.limits.input_use(response).share
         found["speed_limit_use"] = self.limits.speed_use(response).share
-        for name, (kind, k, _) in self._joints.items():
-            found[name] = np.inf if (value := response.metrics[k][kind]) is None else value
-        return {name: found.get(name, np.nan) for name in self.units}
+        return {name: found[name] for name in self.units}
 
     # In lanes -----------------------------------------------------------------------------------------
-    def metrics(self, states: Sequence[str], estimated: Sequence[str]) -> Metrics:
+    def metrics(self, states: Sequence[str], estimated: Sequence[str], commanded: Sequence[str]) -> Metrics:
         """For a campaign, of runs in lanes too.
 
         Parameters
         ----------
-        states, estimated : sequence of str
-            Of the true plant and of the estimate.
+        states, estimated, commanded : sequence of str
+            Of the true plant, of the estimate and of the command.
         """
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
-        reductions = step_reductions(self.start, self.goal, pairs)
-        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions, tuple(self._joints))
+        reductions = self.reductions(commanded, pairs)
+        return Metrics(self.units, self, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
 
     def _reduced(self, estimated: bool, found: EnsembleResult) -> dict[str, np.ndarray]:
         """As of one run, of N runs."""
-        kept, moving = found.common, self.moving
+        effort, speed = found.common["effort"], found.common["speed"]
+        nothing = np.full(len(found.codes), np.nan)
+        every = {**self.of_many(found.common), "peak_input": effort, "peak_speed": speed}
         values = {
-            name: np.max([kept[f"{k} {name}"] for k in moving], axis=0) if moving else np.full(len(found.codes), np.nan)
-            for name in ("overshoot_percent", "settling_time_s", "rise_time_s")
+            kind: every[kind][:, list(figure.joints)].max(axis=1) if len(figure.joints) else nothing
+            for kind, figure in self.figures.items()
+        }
+        values["estimation_error"] = found.common["estimate"] if estimated else nothing
+        values["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
+        values["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
+        return values | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class StepMetrics(RunMetrics):
+    """Of a step from start to goal (n,), rad or m: what `Response` and `JointLimits` say."""
+
+    start: np.ndarray
+    goal: np.ndarray
+
+    @property
+    def own(self) -> dict[str, JointFigure]:
+        """Of the joints that move, and where every joint ends."""
+        moving = np.flatnonzero(self.start != self.goal).tolist()
+        kinds = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
+        found = {name: JointFigure([unit] * len(self.goal), moving) for name, unit in kinds.items()}
+        return {**found, "steady_state_error": JointFigure(self.limits.position_units, self.every)}
+
+    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
+        """As `Response` says."""
+        response = Response(run, self.goal, self.start, self.limits.joints)
+        return response, response.metrics
+
+    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `step_reductions` say."""
+        late = common["late_error"]
+        found = {
+            kind: np.stack([common.get(f"{k} {kind}", late[:, k]) for k in self.every], axis=1)
+            for kind in ("overshoot_percent", "settling_time_s", "rise_time_s")
+        }
+        return {**found, "steady_state_error": late}
+
+    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
+        """Of the step."""
+        return step_reductions(self.start, self.goal, pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class MoveMetrics(RunMetrics):
+    """Of a move: what `Move` and `JointLimits` say.
+
+    Parameters
+    ----------
+    limits : JointLimits
+    plan : Plan
+    tracking, final : (n,)
+        Largest distances from the move, and from its end after it, rad or m.
+    """
+
+    plan: Plan
+    tracking: np.ndarray
+    final: np.ndarray
+
+    @property
+    def own(self) -> dict[str, JointFigure]:
+        """How far from the move, and from its end after it; and both as fractions of what is required."""
+        lengths, shares = self.limits.position_units, [""] * len(self.every)
+        kinds = {
+            "tracking_error": lengths, "tracking_error_use": shares,
+            "final_error": lengths, "final_error_use": shares,
         }  # fmt: skip
-        late, effort, speed = kept["late_error"], kept["effort"], kept["speed"]
-        values |= {"steady_state_error": late.max(axis=1), "peak_speed": speed.max(axis=1)}
-        values |= {"estimation_error": kept["estimate"] if estimated else np.full(len(found.codes), np.nan)}
-        values |= {
-            "peak_input": effort.max(axis=1),
-            "input_limit_use": (effort / self.limits.peak).max(axis=1),
-        }
-        values |= {"speed_limit_use": (speed / self.limits.speed).max(axis=1)}
-        columns = {"steady_state_error": late, "peak_input": effort, "peak_speed": speed}
-        return values | {
-            name: columns[kind][:, k] if kind in columns else kept[f"{k} {kind}"]
-            for name, (kind, k, _) in self._joints.items()
-        }
+        return {name: JointFigure(units, self.every) for name, units in kinds.items()}
+
+    def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
+        """As `Move` says, with the command of the run, which is the move at its samples."""
+        begin, end = (np.reshape(self.plan(t), -1) for t in (0.0, self.plan.duration))
+        response = Response(run, end, begin, self.limits.joints)
+        rows = []
+        for k, name in enumerate(signal_names("link_position", self.limits.joints)):
+            error = np.abs(response.positions[:, k] - run.signal("reference", name))
+            largest, final = float(error.max()), float(tail_of(error).max())
+            shares = {
+                "tracking_error_use": largest / self.tracking[k],
+                "final_error_use": final / self.final[k],
+            }
+            rows.append(response.metrics[k] | {"tracking_error": largest, "final_error": final, **shares})
+        return response, rows
+
+    def of_many(self, common: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `move_reductions` say."""
+        error, late = common["tracking_error"], common["late_error"]
+        return {
+            "tracking_error": error, "tracking_error_use": error / self.tracking,
+            "final_error": late, "final_error_use": late / self.final,
+        }  # fmt: skip
+
+    def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
+        """Of the move."""
+        names = signal_names("link_position", self.limits.joints)
+        return move_reductions([tuple(commanded).index(name) for name in names], pairs)

@@ -1,11 +1,11 @@
-"""The campaign of a design: its step as deployed, on robots within their tolerances, with its controller as it is."""
+"""The campaign of a design: its step or move on robots within their tolerances, with its controller as it is."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,17 @@ from flexhinf.campaign import (
     check_counts,
     one_of,
 )
-from flexhinf.design.campaign_metrics import StepMetrics
+from flexhinf.design.campaign_metrics import MoveMetrics, RunMetrics, StepMetrics
 from flexhinf.design.design_file import DesignRequest, plain
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_plants import LoopPlants
-from flexhinf.design.plans import has_integrals, step_command
-from flexhinf.design.scenario import LOAD_START, default_start
+from flexhinf.design.move_evaluation import final_limits, tracking_limits
+from flexhinf.design.plans import has_integrals, stated_move, step_command
+from flexhinf.design.responses import Plan
+from flexhinf.design.scenario import LOAD_START, start_and_goal
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop import Controller, Loop, Moving, Step
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.extras import inactive_parameters
@@ -169,26 +171,22 @@ class DesignCampaign:
         return robot
 
     @cached_property
-    def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start and goal of the step (n,), rad or m.
+    def plan(self) -> Plan | None:
+        """The move that the design is judged along; None for a step.
 
         Raises
         ------
         InvalidInput
-            For a design that is judged along a move: samples make a step, and would say nothing of it.
+            As `stated_move`.
         """
-        if self.specification.move is not None:
-            raise InvalidInput(
-                "The design is judged along a move, and a campaign runs steps.",
-                "expected a design without `move`, got one with waypoints",
-                "the same design file without its move, and with start and goal of a step; or in Python "
-                "fh.run_campaign(loop, robot.draw, 1000, reference=move) with the loop and the move of your own",
-            )
-        s, robot, n = self.specification, self.request.robot, len(self.request.robot.joint_names)
-        goal = robot.operating_point(s.pose)[0][:n]
-        return (
-            default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
-        ), goal
+        return stated_move(self.request.robot, self.specification)
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where a run begins, and where it should end (n,), rad or m."""
+        if self.plan is not None:
+            return np.reshape(self.plan(0.0), -1), np.reshape(self.plan(self.plan.duration), -1)
+        return start_and_goal(self.request.robot, self.specification, None)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -252,34 +250,49 @@ class DesignCampaign:
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
-        s, robot, (start, goal) = self.specification, self.robot, self.ends
+        s, robot = self.specification, self.robot
         plants = LoopPlants(robot, s)
         plant = robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
         options: dict[str, Any] = {"duration": duration}
-        command = step_command(self.request.robot, s, start, goal) if has_integrals(controller.law) else None
-        options |= {} if command is None else {"reference": command}
+        reference = self._reference(controller, plants.dry_friction)
+        options |= {} if reference is None else {"reference": reference}
         options |= {} if plants.noise is None else {"noise": plants.noise}
         if self.options.disturbance:  # of one N·m or N; what a sample draws is the factor
             torques = signal_names(TORQUE, robot.joint_names)
             options["disturbance"] = dict.fromkeys(torques, Step(1.0, at=LOAD_START * duration))
-        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, start, s.extras))
+        draw = Tolerances(self.variables, self.options.method, RobotDraw(robot, self.ends[0], s.extras))
         return Campaign(
             loop, draw, self.options.samples, self.options.seed, options,
-            self.metrics.metrics(plant.states, controller.states),
+            self.metrics.metrics(plant.states, controller.states, controller.commanded),
             signal_names("link_position", robot.joint_names), self.options.batch, self.stated,
         )  # fmt: skip
 
+    def _reference(self, controller: Controller, dry_friction: tuple[str, ...]) -> Any:
+        """The move with its feedforward, the shaped step, or nothing where the law holds its goal."""
+        if self.plan is not None:
+            return Moving(self.plan, partial(self.request.robot.inverse_dynamics, extras=dry_friction))
+        if not has_integrals(controller.law):
+            return None
+        return step_command(self.request.robot, self.specification, *self.ends)
+
     @cached_property
-    def metrics(self) -> StepMetrics:
+    def metrics(self) -> RunMetrics:
         """Of each run."""
-        return StepMetrics(*self.ends, joint_limits(self.request.robot, self.specification))
+        s, limits = self.specification, joint_limits(self.request.robot, self.specification)
+        if self.plan is None:
+            return StepMetrics(limits, *self.ends)
+        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+        ways = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return MoveMetrics(limits, self.plan, tracking_limits(s, limits, ways), final_limits(limits, ways))
 
     @property
     def requirements(self) -> tuple[str, ...]:
         """What a run must keep by the design's specification, besides reaching its end."""
         limits = self.metrics.limits
-        found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
+        found = ["tracking_error_use<=1", "final_error_use<=1"]
+        if self.plan is None:
+            found = ["settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}"]
         found += ["input_limit_use<=1"] if limits.limits_peak else []
         return (*found, *(["speed_limit_use<=1"] if limits.limits_speed else []))
 

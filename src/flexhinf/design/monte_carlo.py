@@ -10,11 +10,19 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.loop import Instant, Reduction
+from flexhinf.loop import Controller, Instant, Reduction
 from flexhinf.loop.simulation.reductions import Command, step_reduction
+from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import maximum, where
 
-__all__ = ["MonteCarlo", "move_errors", "sampled_runs", "step_reductions"]
+__all__ = [
+    "MonteCarlo",
+    "move_errors",
+    "move_reductions",
+    "position_columns",
+    "sampled_runs",
+    "step_reductions",
+]
 
 #: At most so many instants of each run are kept.
 KEPT = 400
@@ -144,25 +152,18 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    commanded = setup.tracking_controller.commanded
-    columns = tuple(commanded.index(name) for name in setup.true_plant.states[: len(setup.goal)])
-    follow = Reduction((0.0,), partial(_follow, columns), _followed, ("follow", columns))
-    found = setup.moves(robots, plan, sub_steps, rest, reductions=[follow]).common["error"]
-    return np.where(np.isnan(found), np.inf, found)
+    columns = position_columns(setup.tracking_controller, setup.joints)
+    found = setup.moves(robots, plan, sub_steps, rest, reductions=move_reductions(columns))
+    errors = found.common["tracking_error"].max(axis=1)
+    return np.where(np.isnan(errors), np.inf, errors)
 
 
-def _follow(columns: Sequence[int], kept: Any, now: Instant) -> Any:
-    largest = kept[0]
-    for k, column in enumerate(columns):
-        largest = maximum(largest, abs(now.state[k] - now.reference[column]))
-    return np.array([largest])
+def position_columns(controller: Controller, joints: Sequence[str]) -> tuple[int, ...]:
+    """Columns of a controller's command in which the joints' link positions are."""
+    return tuple(controller.commanded.index(name) for name in signal_names("link_position", joints))
 
 
-def _followed(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {"error": kept[0]}
-
-
-# Numbers of a step ----------------------------------------------------------------------------------------
+# Numbers of a step and of a move --------------------------------------------------------------------------
 def step_reductions(
     start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
 ) -> list[Reduction]:
@@ -183,9 +184,29 @@ def step_reductions(
     return [
         *(_named(step_reduction(k, float(start[k]), float(goal[k])), f"{k} ") for k in moving),
         Reduction(
-            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_largest, n, pairs), partial(_sizes, n),
-            ("largest of a step", n, pairs),
+            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_step_sizes, n, pairs), partial(_named_sizes, n),
+            ("sizes of a step", n, pairs),
         ),
+    ]  # fmt: skip
+
+
+def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
+    """What is said of a move while it runs: ``tracking_error``, the largest distances from it, (N, n), and of
+    `step_reductions` those of all joints, ``late_error`` as the distance from where the move then is.
+
+    Parameters
+    ----------
+    columns : sequence of int
+        Of the command, in which the link positions are, (n,).
+    pairs
+        As for `step_reductions`.
+    """
+    n = len(columns)
+    return [
+        Reduction(
+            (0.0,) * (4 * n + 1), partial(_move_sizes, columns, pairs), partial(_named_move_sizes, n),
+            ("sizes of a move", tuple(columns), pairs),
+        )
     ]  # fmt: skip
 
 
@@ -198,27 +219,40 @@ def _renamed(result: Any, before: str, kept: np.ndarray, command: Command) -> di
     return {before + name: values for name, values in result(kept, command).items()}
 
 
-def _largest(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    """Goals (n), then the largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
-    goal, late, effort, speed, estimate = (
-        kept[:n],
-        kept[n : 2 * n],
-        kept[2 * n : 3 * n],
-        kept[3 * n : -1],
-        kept[-1],
-    )
+def _step_sizes(n: int, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+    """Goals (n,), then `_sizes`."""
+    goal = kept[:n]
     errors = [abs(now.state[k] - goal[k]) for k in range(n)]
+    return np.array([*goal, *_sizes(errors, pairs, kept[n:], now)])
+
+
+def _move_sizes(columns: Sequence[int], pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+    """Largest distances from the move (n,), then `_sizes`."""
+    n = len(columns)
+    errors = [abs(now.state[k] - now.reference[column]) for k, column in enumerate(columns)]
+    largest = [maximum(old, new) for old, new in zip(kept[:n], errors)]
+    return np.array([*largest, *_sizes(errors, pairs, kept[n:], now)])
+
+
+def _sizes(errors: Sequence[Any], pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> list[Any]:
+    """Largest late errors, inputs and speeds (n each), then the largest error of an estimate."""
+    n = len(errors)
+    late, effort, speed, estimate = kept[:n], kept[n : 2 * n], kept[2 * n : 3 * n], kept[-1]
     late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
     effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
     speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
     for one, other in pairs:
         estimate = maximum(estimate, abs(now.estimate[one] - now.state[other]))
-    return np.array([*goal, *late, *effort, *speed, estimate])
+    return [*late, *effort, *speed, estimate]
 
 
-def _sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+def _named_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
     late, effort, speed = (kept[k * n : (k + 1) * n].T for k in (1, 2, 3))
     return {"late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
+
+
+def _named_move_sizes(n: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"tracking_error": kept[:n].T, **_named_sizes(n, kept, command)}
 
 
 def _kept(samples: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from flexhinf.design.responses import Move
 from flexhinf.design.specification import TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
-__all__ = ["TRACKING_FRACTION", "move_requirements", "tracking_limits"]
+__all__ = ["TRACKING_FRACTION", "final_limits", "move_requirements", "tracking_limits"]
 
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.
 TRACKING_FRACTION = 0.05
@@ -40,14 +40,14 @@ def move_requirements(
     """
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
-    most, option = tracking_limits(s, limits, move), stating_option(s, "tracking_error")
+    most, option = tracking_limits(s, limits, move.ways), stating_option(s, "tracking_error")
     return [
         _nearest(
             limits, move, "tracking error", "largest_error", most, option,
             "largest distance of a true link position from the move, of the joint nearest to its limit",
         ),
         _nearest(
-            limits, move, "distance after the move", "final_error", SETTLING_BAND * _ways(limits, move), "default",
+            limits, move, "distance after the move", "final_error", final_limits(limits, move.ways), "default",
             "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
         ),
         *limit_requirements(limits, move.response, STATED),
@@ -82,8 +82,14 @@ def margins_requirements(s: Specification, along: AlongMove) -> list[Requirement
     return lines
 
 
-def tracking_limits(s: Specification, limits: JointLimits, move: Move) -> np.ndarray:
+def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     """Largest tracking error (n,) of each joint, rad or m: as stated, or `TRACKING_FRACTION` of its way.
+
+    Parameters
+    ----------
+    s, limits
+    ways : (n,)
+        `Move.ways`.
 
     Raises
     ------
@@ -91,7 +97,7 @@ def tracking_limits(s: Specification, limits: JointLimits, move: Move) -> np.nda
         For a number of limits that is not the number of joints.
     """
     if s.tracking_error is None:
-        return TRACKING_FRACTION * _ways(limits, move)
+        return TRACKING_FRACTION * _counted(limits, ways)
     stated, count = np.array(s.tracking_error), len(limits.joints)
     if len(stated) not in (1, count):
         raise SpecificationError(
@@ -103,9 +109,14 @@ def tracking_limits(s: Specification, limits: JointLimits, move: Move) -> np.nda
     return np.array(np.broadcast_to(stated, (count,)))
 
 
-def _ways(limits: JointLimits, move: Move) -> np.ndarray:
+def final_limits(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
+    """Largest distance (n,) of each joint from the end of a move after it, rad or m."""
+    return SETTLING_BAND * _counted(limits, ways)
+
+
+def _counted(limits: JointLimits, ways: np.ndarray) -> np.ndarray:
     """Way (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
-    ways, units = move.ways, np.array(limits.position_units)
+    units = np.array(limits.position_units)
     largest = np.array([ways[units == unit].max() for unit in units])
     return np.maximum(ways, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
 

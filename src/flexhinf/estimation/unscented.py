@@ -154,7 +154,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def points(self, run: Any, mean: Any, root: Any) -> Any:
         """Sigma points inside the bounds, (n, 2n + 1)."""
-        return self.inside(run, run.column_stack((mean, *run.columns(self.sigma.pair, root, mean))))
+        return self.inside(run, run.beside(mean, self.sigma.pair, root, mean))
 
     def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any]:
         """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from.
@@ -169,7 +169,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         points = self.points(run, mean, root)
         if not self.bounds:  # not points − mean: those digits are lost already
             still = run.call(np.zeros_like, mean)
-            return points, run.column_stack((still, *run.columns(self.sigma.offsets, root))), mean
+            return points, run.beside(still, self.sigma.offsets, root), mean
         centre = run.combination(points, self.sigma.mean_weights)
         return points, self.deviations(run, points, centre), centre
 

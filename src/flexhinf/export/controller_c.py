@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Program, Repeat, Sweep, When
+from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Program, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
@@ -330,6 +330,8 @@ def _operations(step: Step) -> int:
         return step.count * sum(map(_operations, step.body))
     if isinstance(step, OuterSum):
         return step.count * step.target.size
+    if isinstance(step, Polynomial):
+        return step.rows * step.columns
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0
 
 

@@ -79,8 +79,7 @@ class PolynomialLaw:
 def _total(coefficients: np.ndarray, powers: np.ndarray) -> np.ndarray:
     """Σ_a coefficients[:, a] powers[a]; of objects in eight parts, a modulo 8, which are added in pairs.
 
-    That is the order of a kernel's tables, and an eighth of the latency of one sum after the other: the law lies
-    between measurement and input.
+    That is an eighth of the latency of one sum after the other: the law lies between measurement and input.
     """
     if powers.dtype != object or not powers.size:
         return coefficients @ powers

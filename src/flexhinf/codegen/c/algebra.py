@@ -3,76 +3,132 @@
 from __future__ import annotations
 
 from flexhinf.codegen.c.numbers import Real, constant
+from flexhinf.polynomial import basis
 
-__all__ = ["cholesky", "column", "columns", "copy", "finite", "outer_sum"]
+__all__ = ["cholesky", "column", "columns", "copy", "finite", "outer_sum", "polynomial"]
 
 #: A pivot below so many times its diagonal element, times n, counts as zero: 45 units of the last place.
 #: As `flexhinf.scalars.cholesky` in double, which says what it means.
 PIVOT_ULPS = 45.0
 
 
-#: Parts of a sum, as in machine code: the same order of additions gives the same bits. Columns that go together.
-PARTS, TOGETHER = 8, 8
+#: Rows, columns and terms of a sum that go together: what is loaded serves all of them.
+TALL, WIDE, TERMS = 2, 8, 4
 
 
-def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, wide: bool) -> str:
+def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int, wide: int) -> str:
     """Σ_k w_k l_kᵀ r_k + plus of (count, rows) and (count, columns), see `flexhinf.codegen.steps.OuterSum`.
 
-    With `wide` there are at least `TOGETHER` columns: compilers make vectors of loops of that many. The last of them
-    are then computed again with those before, so that none is left over; `plus` must not be the target.
+    There are at least `tall` rows and `wide` columns that go together: compilers make vectors of loops of that many.
+    The last of them are then computed again with those before, so that none is left over; `plus` must not be the
+    target. One and one ask for nothing.
     """
     arguments = ["const {R} *left", "const {R} *right"]
     arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
-    sizes = "int count, int rows, int columns"
-    plus = " + plus[i * columns + j + e]" if added else ""
-
-    def term(ahead: int, part: str, width: str, indent: int) -> str:
-        k = f"(k + {ahead})" if ahead else "k"
-        weight = f" * weights[{k.strip('()')}]" if weighted else ""
-        lines = (
-            f"const {{R}} factor = left[{k} * rows + i]{weight};",
-            f"for (int e = 0; e < {width}; ++e) {{",
-            f"    part[{part}][e] = FMA(factor, right[{k} * columns + j + e], part[{part}][e]);",
-            "}",
-        )
-        return "\n".join(" " * indent + line for line in lines)
-
-    first, blocks = "block", ""
-    if wide:
-        first = f"(columns - block < {TOGETHER}) ? columns - {TOGETHER} : block"
-        eight = "\n                }\n                {\n".join(
-            term(ahead, str(ahead), str(TOGETHER), 20) for ahead in range(PARTS)
-        )
-        blocks = f"""
-            for (; k + {PARTS} <= count; k += {PARTS}) {{
-                {{
-{eight}
-                }}
-            }}"""
+    width = str(wide) if wide > 1 else f"((columns - j < {WIDE}) ? columns - j : {WIDE})"
+    plus = " + plus[i * columns + j + e]" * added
     mirror = """
     for (int i = 0; i < rows; ++i) {
         for (int j = 0; j < i; ++j) {
             target[j * columns + i] = target[i * columns + j];
         }
     }"""
-    return f"""static void {name}({", ".join(arguments)}, {{R}} *target, {sizes})
+    return f"""static void {name}({", ".join(arguments)}, {{R}} *target, int count, int rows, int columns)
 {{
-    for (int block = 0; block < columns; block += {TOGETHER}) {{
-        const int j = {first};
-        const int width = (columns - j < {TOGETHER}) ? columns - j : {TOGETHER};
-        for (int i = {"j" if symmetric else "0"}; i < rows; ++i) {{
-            {{R}} part[{PARTS}][{TOGETHER}] = {{{{{{0}}}}}};
-            int k = 0;{blocks}
-            for (; k < count; ++k) {{
-{term(0, f"k % {PARTS}", "width", 16)}
+    for (int block = 0; block < columns; block += {WIDE}) {{
+        const int j = {_last("block", "columns", wide)};
+        for (int band = {"block" if symmetric else "0"}; band < rows; band += {tall}) {{
+            const int first = {_last("band", "rows", tall)};
+            {{R}} part[{tall}][{WIDE}] = {{{{{{0}}}}}};
+            for (int k = 0; k + {TERMS} <= count; k += {TERMS}) {{
+{_terms(TERMS, tall, width, weighted)}
             }}
-            for (int e = 0; e < width; ++e) {{
-                target[i * columns + j + e] = (((part[0][e] + part[1][e]) + (part[2][e] + part[3][e]))
-                    + ((part[4][e] + part[5][e]) + (part[6][e] + part[7][e]))){plus};
+            for (int k = count - count % {TERMS}; k < count; ++k) {{
+{_terms(1, tall, width, weighted)}
+            }}
+            for (int i = first; i < first + {tall}; ++i) {{
+                for (int e = 0; e < {width}; ++e) {{
+                    target[i * columns + j + e] = part[i - first][e]{plus};
+                }}
             }}
         }}
     }}{mirror if symmetric else ""}
 }}"""
+
+
+def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
+    """Terms k, k + 1 … of some rows, one after the other."""
+
+    def ahead(text: str, number: int) -> str:
+        return f"({text} + {number})" if number else text
+
+    lines = ["const {R} *value = right + k * columns + j;"]
+    for k in range(count):
+        weight = f" * weights[{ahead('k', k).strip('()')}]" * weighted
+        lines += [
+            f"const {{R}} factor{a}{k} = left[{ahead('k', k)} * rows + {ahead('first', a).strip('()')}]{weight};"
+            for a in range(tall)
+        ]
+    lines.append(f"for (int e = 0; e < {width}; ++e) {{")
+    for a in range(tall):
+        total = f"part[{a}][e]"
+        for k in range(count):
+            place = f"{k} * columns + e" if k > 1 else "columns + e" if k else "e"
+            total = f"FMA(factor{a}{k}, value[{place}], {total})"
+        lines.append(f"    part[{a}][e] = {total};")
+    return "\n".join(" " * 16 + line for line in (*lines, "}"))
+
+
+def _last(first: str, count: str, together: int) -> str:
+    """Where some neighbours begin, so that there are enough of them."""
+    return f"({count} - {first} < {together}) ? {count} - {together} : {first}" if together > 1 else first
+
+
+def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int, ...]) -> str:
+    """Polynomials in nested form, see `flexhinf.codegen.steps.Polynomial`: one loop inside the other."""
+    width, highest = min(columns, WIDE), degrees[-1]
+    begin, before = [], 0
+    for degree in degrees:
+        begin.append(
+            f"        const {{R}} *row{degree} = table + first{f' + {before * columns}' if before else ''};"
+        )
+        before += basis.count(n, degree)
+
+    def each(indent: int, line: str, end: str = str(width)) -> list[str]:
+        lines = (f"for (int e = 0; e < {end}; ++e) {{", f"    {line}", "}")
+        return [" " * indent + line for line in lines]
+
+    def sums(chosen: int, indent: int) -> list[str]:
+        """What follows when so many variables are chosen."""
+        space, start = " " * indent, f"row{chosen}[e]" if chosen in degrees else "{0}"
+        lines = [f"{space}{{R}} sum{chosen}[{width}];", *each(indent, f"sum{chosen}[e] = {start};")]
+        if chosen in degrees:
+            lines.append(f"{space}row{chosen} += {columns};")
+        if chosen == highest:
+            return lines
+        i, first = f"i{chosen + 1}", f"i{chosen}" if chosen else "0"
+        lines.append(f"{space}for (int {i} = {first}; {i} < {n}; ++{i}) {{")
+        if chosen + 1 == highest:
+            lines += each(indent + 4, f"sum{chosen}[e] = FMA(x[{i}], row{highest}[e], sum{chosen}[e]);")
+            lines.append(f"{space}    row{highest} += {columns};")
+        else:
+            lines += sums(chosen + 1, indent + 4)
+            lines += each(indent + 4, f"sum{chosen}[e] = FMA(x[{i}], sum{chosen + 1}[e], sum{chosen}[e]);")
+        return [*lines, f"{space}}}"]
+
+    several = values > width
+    end = f"(({values} - first < {width}) ? {values} - first : {width})" if several else str(values)
+    lines = [
+        f"static void {name}(const {{R}} *x, const {{R}} *table, {{R}} *target)",
+        "{",
+        f"    for (int first = 0; first < {values}; first += {width}) {{",
+        *begin,
+        *sums(0, 8),
+        *each(8, "target[first + e] = sum0[e];", end),
+        "    }",
+        "}",
+    ]
+    return "\n".join(lines)
 
 
 def cholesky(name: str, real: Real) -> str:

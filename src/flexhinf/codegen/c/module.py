@@ -14,7 +14,19 @@ from flexhinf.codegen.c.trigonometry import function as sine_function
 from flexhinf.codegen.c.trigonometry import row_function
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import Program, Unsupported
-from flexhinf.codegen.steps import Call, Cholesky, Copy, Guard, Map, OuterSum, Repeat, Step, Sweep, When
+from flexhinf.codegen.steps import (
+    Call,
+    Cholesky,
+    Copy,
+    Guard,
+    Map,
+    OuterSum,
+    Polynomial,
+    Repeat,
+    Step,
+    Sweep,
+    When,
+)
 from flexhinf.scalars import drop_empty
 
 if TYPE_CHECKING:
@@ -96,6 +108,8 @@ class Translator:
                 yield from self._sweep(step, loops)
             elif isinstance(step, OuterSum):
                 yield self._outer_sum(step, loops)
+            elif isinstance(step, Polynomial):
+                yield self._polynomial(step, loops)
             elif isinstance(step, Cholesky):
                 name = self._helper("cholesky", algebra.cholesky(f"{self.prefix}_cholesky", self.real))
                 places = self._at(step.source, loops), self._at(step.target, loops)
@@ -129,13 +143,21 @@ class Translator:
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         apart = step.plus is None or not overlap(step.plus, step.target)
-        wide = step.shape[1] >= algebra.TOGETHER and apart
-        flags = step.weights is not None, step.plus is not None, step.symmetric, wide
-        short = "sum" + "".join(letter for letter, flag in zip("wpsv", flags) if flag)
-        name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags))
+        wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
+        tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
+        flags = step.weights is not None, step.plus is not None, step.symmetric
+        short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
+        name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags, tall, wide))
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
         return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
+
+    def _polynomial(self, step: Polynomial, loops: Sequence[str]) -> str:
+        sizes = step.point.size, step.target.size, step.columns
+        short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
+        name = self._helper(short, algebra.polynomial(f"{self.prefix}_{short}", *sizes, step.degrees))
+        places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
+        return f"{name}({', '.join(places)});"
 
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""

@@ -12,17 +12,11 @@ from dataclasses import dataclass
 from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.text import Lanes, Writer
 
-__all__ = ["PARTS", "Algebra", "Operand"]
+__all__ = ["Algebra", "Operand", "Terms"]
 
-PARTS = 8
-"""Parts of a sum: as many sums as the latency of an addition asks for."""
-
-GROUP = 3
-"""Columns of a sum that share what is loaded, in lanes: three times eight parts leave a few of 32 registers."""
-
-STRETCH = 24
-"""Blocks of terms that are summed for all elements before the next: 192 numbers in lanes are 12 kB, a quarter of the
-first cache."""
+TILE, WIDE = 4, 8
+"""Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
+lanes; in a kernel for a single run eight rows of eight columns in a vector each."""
 
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.linear_algebra, which says what it means
 
@@ -48,6 +42,17 @@ class Terms:
 
 
 @dataclass(frozen=True)
+class Tile:
+    """Neighbouring elements of a matrix, from row i and column j on; the matrix has rows of `pitch` numbers."""
+
+    i: str
+    height: int
+    j: str
+    width: int
+    pitch: int
+
+
+@dataclass(frozen=True)
 class Algebra:
     """Emits the loops.
 
@@ -70,212 +75,122 @@ class Algebra:
         return self.writer.lanes.width == 1
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
-    def outer_sum(
-        self,
-        left: Operand,
-        right: Operand,
-        weights: Operand | None,
-        plus: Operand | None,
-        target: str,
-        sizes: tuple[int, int, int],
-        symmetric: bool,
-    ) -> None:
-        """See `flexhinf.codegen.steps.OuterSum`; sizes are (N, r, c)."""
-        if not self.single:
-            self._outer_sum_in_lanes(Terms(left, right, weights, *sizes), plus, target, symmetric)
-            return
-        _, rows, columns = sizes
-        column = 0
-        while column < columns:
-            together = 1
-            while together < 8 and column + 2 * together <= columns:
-                together *= 2
+    def outer_sum(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
+        """See `flexhinf.codegen.steps.OuterSum`: tiles, whose sums stay in registers while k runs."""
 
-            def row(i: str, column: int = column, together: int = together) -> None:
-                total = self._sum(left, right, weights, sizes, i, column, together)
-                place = self._at(i, columns, column)
-                if plus is not None:
-                    total = self.writer_of(together).real("fadd", total, self._load(plus, place, together))
-                self._store(target, place, total, together)
+        def some_rows(i: str, height: int, number: str) -> None:
+            factors = self._factors(terms, i, height)
 
-            self.loop(str(column if symmetric else 0), str(rows), row)
-            column += together
+            def tile(j: str, width: int) -> None:
+                place = Tile(i, height, j, width, terms.columns)
+                for cell, together, total in self._tile(place, terms.right, str(terms.count), factors):
+                    if plus is not None:
+                        added = self.load(plus, cell, together)
+                        total = self.writer_of(together).real("fadd", total, added)
+                    self.store(target, cell, total, together)
+
+            if symmetric:  # left of the diagonal, and across it
+                self.loop("0", number, lambda turn: tile(self._times(turn, self.side), self.side))
+                tile(i, height)
+            else:
+                wide = self.side * max(1, self.side // height)
+                self._blocks(terms.columns, wide, lambda j, width, _: tile(j, width))
+
+        self._blocks(terms.rows, self.side, some_rows)
         if symmetric:
-            self._mirror(target, rows)
+            self._mirror(target, terms.rows)
 
-    def _sum(
-        self,
-        left: Operand,
-        right: Operand,
-        weights: Operand | None,
-        sizes: tuple[int, int, int],
-        i: str,
-        column: int,
-        together: int,
-    ) -> str:
-        """Elements (i, column …) of the sum."""
-        count, rows, columns = sizes
-        writer, wide = self.writer, self.writer_of(together)
-        parts = [writer.allocate(wide.lanes.real) for _ in range(PARTS)]
-        for part in parts:
-            writer.do(f"store {wide.lanes.real} {wide.lanes.constant(0.0)}, ptr {part}, align 8")
-
-        def term(k: str, part: str) -> None:
-            place = writer.let(f"add nsw i64 {writer.let(f'mul nsw i64 {k}, {rows}')}, {i}")
-            factor = self._load(left, place, 1)
-            if weights is not None:
-                factor = writer.real("fmul", factor, self._load(weights, k, 1))
-            value = self._load(right, self._at(k, columns, column), together)
-            so_far = writer.let(f"load {wide.lanes.real}, ptr {part}, align 8")
-            total = self.multiply_add(wide, self._spread(factor, together), value, so_far)
-            writer.do(f"store {wide.lanes.real} {total}, ptr {part}, align 8")
-
-        def block(turn: str) -> None:
-            first = writer.let(f"mul nsw i64 {turn}, {PARTS}")
-            for k, part in enumerate(parts):
-                term(writer.let(f"add nsw i64 {first}, {k}"), part)
-
-        if count >= PARTS:
-            self.loop("0", str(count // PARTS), block)
-        for k in range(count - count % PARTS, count):
-            term(str(k), parts[k % PARTS])
-        sums = [writer.let(f"load {wide.lanes.real}, ptr {part}, align 8") for part in parts]
-        while len(sums) > 1:
-            sums = [wide.real("fadd", a, b) for a, b in zip(sums[::2], sums[1::2], strict=True)]
-        return sums[0]
-
-    def _outer_sum_in_lanes(self, terms: Terms, plus: Operand | None, target: str, symmetric: bool) -> None:
-        """Three columns at a time, whose sums stay in registers; long sums in stretches that stay in a cache."""
-        rows, columns, writer = terms.rows, terms.columns, self.writer
-        groups = [range(first, min(first + GROUP, columns)) for first in range(0, columns, GROUP)]
-        blocks = terms.count // PARTS
-
-        def finished(i: str, group: range, sums: list[list[str]]) -> None:
-            for j, parts in zip(group, sums, strict=True):
-                for k in range(blocks * PARTS, terms.count):
-                    self._add_terms(terms, str(k), i, range(j, j + 1), [parts[k % PARTS]])
-                values = [self._loaded(part) for part in parts]
-                while len(values) > 1:
-                    values = [
-                        writer.real("fadd", a, b) for a, b in zip(values[::2], values[1::2], strict=True)
-                    ]
-                place = self._at(i, columns, j)
-                added = (
-                    values[0] if plus is None else writer.real("fadd", values[0], self._load(plus, place, 1))
-                )
-                self._store(target, place, added, 1)
-
-        if blocks <= STRETCH:
-            for group in groups:
-
-                def row(i: str, group: range = group) -> None:
-                    sums = [self._zeros() for _ in group]
-                    self._add_blocks(terms, "0", str(blocks), i, group, sums)
-                    finished(i, group, sums)
-
-                self.loop(str(group[0]) if symmetric else "0", str(rows), row)
-        else:
-            self._stretches(terms, blocks, groups, finished)
-        if symmetric:
-            self._mirror(target, rows)
-
-    def _stretches(
-        self,
-        terms: Terms,
-        blocks: int,
-        groups: list[range],
-        finished: Callable[[str, range, list[list[str]]], None],
-    ) -> None:
-        """All elements of the sum over one stretch after the other; in between their parts are in memory."""
-        writer, columns, rows = self.writer, terms.columns, str(terms.rows)
-        memory = writer.allocate(f"[{terms.rows * columns * PARTS} x {writer.lanes.element}]")
-
-        def places(i: str, group: range) -> list[list[str]]:
-            starts = [writer.let(f"mul nsw i64 {self._at(i, columns, j)}, {PARTS}") for j in group]
-            element = writer.lanes.element
-            offsets = [[writer.let(f"add nsw i64 {start}, {k}") for k in range(PARTS)] for start in starts]
-            return [
-                [writer.let(f"getelementptr {element}, ptr {memory}, i64 {at}") for at in several]
-                for several in offsets
-            ]
-
-        def moved(i: str, group: range, work: Callable[[list[list[str]]], None]) -> None:
-            kept, sums = places(i, group), [self._zeros() for _ in group]
-            pairs = [pair for several in zip(kept, sums, strict=True) for pair in zip(*several, strict=True)]
-            for place, part in pairs:
-                writer.do(f"store {writer.lanes.real} {self._loaded(place)}, ptr {part}, align 8")
-            work(sums)
-            for place, part in pairs:
-                writer.do(f"store {writer.lanes.real} {self._loaded(part)}, ptr {place}, align 8")
-
-        def clear(i: str) -> None:
-            for group in groups:
-                for place in (place for several in places(i, group) for place in several):
-                    writer.do(f"store {writer.lanes.real} {writer.lanes.constant(0.0)}, ptr {place}, align 8")
-
-        def stretch(turn: str) -> None:
-            first = writer.let(f"mul nsw i64 {turn}, {STRETCH}")
-            end = writer.let(f"add nsw i64 {first}, {STRETCH}")
-            more = writer.let(f"icmp slt i64 {end}, {blocks}")
-            end = writer.let(f"select i1 {more}, i64 {end}, i64 {blocks}")
-
-            def row(i: str) -> None:
-                for group in groups:
-                    moved(
-                        i,
-                        group,
-                        lambda sums, group=group: self._add_blocks(terms, first, end, i, group, sums),
-                    )
-
-            self.loop("0", rows, row)
-
-        def finish(i: str) -> None:
-            for group in groups:
-                moved(i, group, lambda sums, group=group: finished(i, group, sums))
-
-        self.loop("0", rows, clear)
-        self.loop("0", str(-(-blocks // STRETCH)), stretch)
-        self.loop("0", rows, finish)
-
-    def _zeros(self) -> list[str]:
-        """Places for the parts of a sum, zero."""
-        writer = self.writer
-        parts = [writer.allocate(writer.lanes.real) for _ in range(PARTS)]
-        for part in parts:
-            writer.do(f"store {writer.lanes.real} {writer.lanes.constant(0.0)}, ptr {part}, align 8")
-        return parts
-
-    def _loaded(self, place: str) -> str:
-        return self.writer.let(f"load {self.writer.lanes.real}, ptr {place}, align 8")
-
-    def _add_blocks(
-        self, terms: Terms, first: str, end: str, i: str, group: range, sums: list[list[str]]
-    ) -> None:
-        """Row i of the sums grows by blocks of `PARTS` terms."""
-
-        def block(turn: str) -> None:
-            start = self.writer.let(f"mul nsw i64 {turn}, {PARTS}")
-            for k in range(PARTS):
-                term = self.writer.let(f"add nsw i64 {start}, {k}")
-                self._add_terms(terms, term, i, group, [parts[k] for parts in sums])
-
-        self.loop(first, end, block)
-
-    def _add_terms(self, terms: Terms, k: str, i: str, group: range, parts: list[str]) -> None:
-        """Term k of row i, for each column of a group, to a part of its sum."""
-        writer = self.writer
-        factor = self._load(terms.left, self._at(k, terms.rows, i), 1)
+    def _factors(self, terms: Terms, i: str, height: int) -> Callable[[str], list[str]]:
+        """Term k's factors of some rows from i on: weighted ones are computed once, for all columns."""
+        left, pitch, start = terms.left, terms.rows, i
         if terms.weights is not None:
-            factor = writer.real("fmul", factor, self._load(terms.weights, k, 1))
-        for j, part in zip(group, parts, strict=True):
-            value = self._load(terms.right, self._at(k, terms.columns, j), 1)
-            total = self.multiply_add(writer, factor, value, self._loaded(part))
-            writer.do(f"store {writer.lanes.real} {total}, ptr {part}, align 8")
+            left, pitch, start = self._weighted(terms, terms.weights, i, height), height, "0"
+
+        def factors(k: str) -> list[str]:
+            first = self.at(k, pitch, start)
+            return [self.load(left, self.ahead(first, a), 1) for a in range(height)]
+
+        return factors
+
+    def _weighted(self, terms: Terms, weights: Operand, i: str, height: int) -> Operand:
+        """w_k l_ki of some rows from i on, (N, height)."""
+        memory = self.writer.allocate(f"[{terms.count * height} x {self.writer.lanes.element}]")
+
+        def term(k: str) -> None:
+            weight = self.load(weights, k, 1)
+            for first, together in self._vectors(height):
+                factor = self.load(terms.left, self.at(k, terms.rows, self.ahead(i, first)), together)
+                product = self.writer_of(together).real("fmul", factor, self.spread(weight, together))
+                self.store(memory, self.at(k, height, first), product, together)
+
+        self.loop("0", str(terms.count), term)
+        return Operand(memory)
+
+    def _tile(
+        self,
+        tile: Tile,
+        right: Operand,
+        count: str,
+        factors: Callable[[str], list[str]],
+        begun: str = "",
+    ) -> list[tuple[str, int, str]]:
+        """Σ_k<count factors(k)ᵀ r_k, beginning with zeros or with what is in a matrix.
+
+        Returns
+        -------
+        list of (str, int, str)
+            Place of a vector's first element in the tile's matrix, elements, and their sums.
+        """
+        vectors = [(self.ahead(tile.j, first), n) for first, n in self._vectors(tile.width)]
+        cells = []
+        for a in range(tile.height):
+            row = self.ahead(tile.i, a)
+            for b, (column, together) in enumerate(vectors):
+                cell = self.at(row, tile.pitch, column)
+                zero = self.writer_of(together).lanes.constant(0.0)
+                start = self.load(Operand(begun), cell, together) if begun else zero
+                cells.append((a, b, cell, together, self.place(start, together)))
+
+        def term(k: str) -> None:
+            rows = factors(k)
+            values = [self.load(right, self.at(k, tile.pitch, column), n) for column, n in vectors]
+            for a, b, _, together, place in cells:
+                factor = self.spread(rows[a], together)
+                total = self.multiply_add(
+                    self.writer_of(together), factor, values[b], self.loaded(place, together)
+                )
+                self.keep(place, total, together)
+
+        self.loop("0", count, term)
+        return [(cell, together, self.loaded(place, together)) for *_, cell, together, place in cells]
+
+    @property
+    def side(self) -> int:
+        """Rows of a tile, and columns of a symmetric one."""
+        return WIDE if self.single else TILE
+
+    def _blocks(self, size: int, block: int, body: Callable[[str, int, str], None]) -> None:
+        """``body(first, length, number)`` of all blocks, of which the last may be shorter."""
+        if size >= block:
+            self.loop("0", str(size // block), lambda turn: body(self._times(turn, block), block, turn))
+        if size % block:
+            body(str(size - size % block), size % block, str(size // block))
+
+    def _vectors(self, size: int) -> list[tuple[int, int]]:
+        """First number and length of the vectors that hold so many neighbours; in lanes each goes alone."""
+        found, first = [], 0
+        while first < size:
+            together = 1
+            while self.single and together < WIDE and first + 2 * together <= size:
+                together *= 2
+            found.append((first, together))
+            first += together
+        return found
 
     def _mirror(self, target: str, n: int) -> None:
         def row(i: str) -> None:
             def element(j: str) -> None:
-                self._store(target, self._at(j, n, i), self._load(Operand(target), self._at(i, n, j), 1), 1)
+                self.store(target, self.at(j, n, i), self.load(Operand(target), self.at(i, n, j), 1), 1)
 
             self.loop("0", i, element)
 
@@ -283,86 +198,132 @@ class Algebra:
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
-        """See `flexhinf.codegen.steps.Cholesky`: row by row of Lᵀ, which is then taken from the rows below."""
-        writer = self.writer
-        together = 8 if self.single else 1
+        """See `flexhinf.codegen.steps.Cholesky`: some rows of Lᵀ after the other, less what those above say."""
+        writer, together = self.writer, WIDE if self.single else 1
         pitch = -(-n // together) * together
-        work = writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
-        tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
-        one, zero = writer.lanes.constant(1.0), writer.lanes.constant(0.0)
+        work = target if pitch == n else writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
+        zero = writer.lanes.constant(0.0)
 
         def fill(i: str) -> None:
-            def element(j: str) -> None:
-                self._store(work, self._at(i, pitch, j), self._load(source, self._at(i, n, j), 1), 1)
+            self.loop("0", str(n), lambda j: copied(source, self.at(i, n, j), work, self.at(i, pitch, j)))
+            self.loop(str(n), str(pitch), lambda j: self.store(work, self.at(i, pitch, j), zero, 1))
 
-            self.loop("0", str(n), element)
-            self.loop(str(n), str(pitch), lambda j: self._store(work, self._at(i, pitch, j), zero, 1))
+        def finish(i: str) -> None:  # what is left of the diagonal was computed in vain
+            self.loop("0", i, lambda j: self.store(target, self.at(i, n, j), zero, 1))
+            if work != target:
+                element = Operand(work)
+                self.loop(
+                    i, str(n), lambda j: copied(element, self.at(i, pitch, j), target, self.at(i, n, j))
+                )
 
-        def eliminate(j: str) -> None:
-            pivot = self._load(Operand(work), self._at(j, pitch, j), 1)
-            diagonal = self._load(source, self._at(j, n, j), 1)
-            tiny = writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
-            singular = writer.compare("ole", writer.intrinsic("fabs", pivot), tiny)
-            inverse = writer.real("fdiv", one, writer.intrinsic("sqrt", pivot))
-            inverse = writer.select(singular, zero, inverse)
-            chunk = writer.let(f"udiv i64 {j}, {together}")
+        def copied(one: Operand, here: str, other: str, there: str) -> None:
+            self.store(other, there, self.load(one, here, 1), 1)
 
-            def scale(q: str) -> None:
-                place = self._at(j, pitch, writer.let(f"mul nsw i64 {q}, {together}"))
-                value = self._load(Operand(work), place, together)
-                wide = self.writer_of(together)
-                self._store(work, place, wide.real("fmul", value, self._spread(inverse, together)), together)
+        def some_rows(first: str, height: int, number: str) -> None:
+            def factors(k: str) -> list[str]:
+                start = self.at(k, pitch, first)
+                rows = [self.load(Operand(work), self.ahead(start, a), 1) for a in range(height)]
+                return [writer.real("fneg", row) for row in rows]
 
-            self.loop(chunk, str(pitch // together), scale)
+            def tile(j: str, width: int) -> None:
+                place = Tile(first, height, j, width, pitch)
+                for cell, size, total in self._tile(place, Operand(work), first, factors, work):
+                    self.store(work, cell, total, size)
 
-            def take(k: str) -> None:
-                factor = self._load(Operand(work), self._at(j, pitch, k), 1)
-                spread = self._spread(writer.real("fneg", factor), together)
+            self.loop(
+                number, str(pitch // self.side), lambda turn: tile(self._times(turn, self.side), self.side)
+            )
+            if pitch % self.side:
+                tile(str(pitch - pitch % self.side), pitch % self.side)
+            end = writer.let(f"add nsw i64 {first}, {height}")
+            self.loop(first, end, lambda j: self._eliminate(source, work, (n, pitch, together), j, end))
 
-                def some(q: str) -> None:
-                    column = writer.let(f"mul nsw i64 {q}, {together}")
-                    value = self._load(Operand(work), self._at(j, pitch, column), together)
-                    place = self._at(k, pitch, column)
-                    old = self._load(Operand(work), place, together)
-                    new = self.multiply_add(self.writer_of(together), spread, value, old)
-                    self._store(work, place, new, together)
+        self.loop("0", str(n), fill)
+        self._blocks(n, self.side, some_rows)
+        self.loop("0", str(n), finish)
 
-                self.loop(writer.let(f"udiv i64 {k}, {together}"), str(pitch // together), some)
+    def _eliminate(self, source: Operand, work: str, sizes: tuple[int, int, int], j: str, end: str) -> None:
+        """Row j by its pivot's root, and rows j + 1 … end − 1 less what it says."""
+        (n, pitch, together), writer = sizes, self.writer
+        wide = self.writer_of(together)
+        pivot, diagonal = (
+            self.load(Operand(work), self.at(j, pitch, j), 1),
+            self.load(source, self.at(j, n, j), 1),
+        )
+        tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
+        tiny = writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
+        singular = writer.compare("ole", writer.intrinsic("fabs", pivot), tiny)
+        inverse = writer.real("fdiv", writer.lanes.constant(1.0), writer.intrinsic("sqrt", pivot))
+        inverse = self.spread(writer.select(singular, writer.lanes.constant(0.0), inverse), together)
 
-            self.loop(writer.let(f"add nsw i64 {j}, 1"), str(n), take)
+        def scale(q: str) -> None:
+            place = self.at(j, pitch, self._times(q, together))
+            value = self.load(Operand(work), place, together)
+            self.store(work, place, wide.real("fmul", value, inverse), together)
 
-        def finish(i: str) -> None:
-            self.loop("0", i, lambda j: self._store(target, self._at(i, n, j), zero, 1))
+        def take(k: str) -> None:
+            factor = self.load(Operand(work), self.at(j, pitch, k), 1)
+            spread = self.spread(writer.real("fneg", factor), together)
 
-            def element(j: str) -> None:
-                self._store(target, self._at(i, n, j), self._load(Operand(work), self._at(i, pitch, j), 1), 1)
+            def some(q: str) -> None:
+                column = self._times(q, together)
+                value = self.load(Operand(work), self.at(j, pitch, column), together)
+                place = self.at(k, pitch, column)
+                old = self.load(Operand(work), place, together)
+                self.store(work, place, self.multiply_add(wide, spread, value, old), together)
 
-            self.loop(i, str(n), element)
+            self.loop(writer.let(f"udiv i64 {k}, {together}"), str(pitch // together), some)
 
-        for body in (fill, eliminate, finish):
-            self.loop("0", str(n), body)
+        self.loop(writer.let(f"udiv i64 {j}, {together}"), str(pitch // together), scale)
+        self.loop(writer.let(f"add nsw i64 {j}, 1"), end, take)
 
     # Elements ------------------------------------------------------------------------------------------
     def writer_of(self, together: int) -> Writer:
         """A writer for as many columns at once into the same text."""
         return self.writer if not self.single else self.writer.alike(Lanes(together))
 
-    def _at(self, row: str, width: int, column: int | str) -> str:
+    def at(self, row: str, width: int, column: int | str) -> str:
+        """Place of an element of a matrix of rows of `width` numbers."""
         start = self.writer.let(f"mul nsw i64 {row}, {width}")
         return self.writer.let(f"add nsw i64 {start}, {column}")
 
-    def _load(self, operand: Operand, place: str, together: int) -> str:
+    def ahead(self, index: str, k: int) -> str:
+        """index + k."""
+        return self.writer.let(f"add nsw i64 {index}, {k}") if k else index
+
+    def _times(self, turn: str, block: int) -> str:
+        return self.writer.let(f"mul nsw i64 {turn}, {block}")
+
+    def place(self, start: str, together: int) -> str:
+        """Memory for a sum that begins so, until LLVM promotes it to a register."""
+        kind = self.writer_of(together).lanes.real
+        place = self.writer.allocate(kind)
+        self.keep(place, start, together)
+        return place
+
+    def keep(self, place: str, total: str, together: int) -> None:
+        """Such a sum has come to this."""
+        self.writer.do(f"store {self.writer_of(together).lanes.real} {total}, ptr {place}, align 8")
+
+    def loaded(self, place: str, together: int) -> str:
+        """What such a sum has come to."""
+        return self.writer.let(f"load {self.writer_of(together).lanes.real}, ptr {place}, align 8")
+
+    def load(self, operand: Operand, place: str, together: int) -> str:
+        """So many neighbours from a place on; in lanes one element."""
         if not self.single:
             return load(self.writer, operand.pointer, place, operand.shared)
         pointer = self.writer.let(f"getelementptr double, ptr {operand.pointer}, i64 {place}")
         return self.writer.let(f"load {Lanes(together).real}, ptr {pointer}, align 8")
 
-    def _store(self, target: str, place: str, value: str, together: int) -> None:
+    def store(self, target: str, place: str, value: str, together: int) -> None:
+        """Likewise."""
         lanes = Lanes(together) if self.single else self.writer.lanes
         pointer = self.writer.let(f"getelementptr {self.writer.lanes.element}, ptr {target}, i64 {place}")
         self.writer.do(f"store {lanes.real} {value}, ptr {pointer}, align 8")
 
-    def _spread(self, value: str, together: int) -> str:
+    def spread(self, value: str, together: int) -> str:
+        """A number for so many neighbours; in lanes it is as it is."""
         return self.writer_of(together).splat(value) if self.single else value
 
     def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:

@@ -21,11 +21,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flexhinf.codegen.emit.algebra import Algebra, Operand
+from flexhinf.codegen.emit.algebra import Algebra, Operand, Terms
 from flexhinf.codegen.emit.columns import BLOCK, Packer
 from flexhinf.codegen.emit.function import emit_function, load, store
 from flexhinf.codegen.emit.guards import Guards
 from flexhinf.codegen.emit.normal import emit_normal
+from flexhinf.codegen.emit.polynomial import Nested
 from flexhinf.codegen.emit.text import Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import ENTRY, PREFIX, Program
@@ -37,6 +38,7 @@ from flexhinf.codegen.steps import (
     Map,
     Normal,
     OuterSum,
+    Polynomial,
     Repeat,
     Step,
     Sweep,
@@ -46,7 +48,7 @@ from flexhinf.codegen.steps import (
 if TYPE_CHECKING:
     import casadi
 
-_UNROLLED = 32  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
+_UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
 _PLACES = (
     2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
 )
@@ -108,7 +110,7 @@ class _Emitter:
         self.writer = Writer(self.module)
         self.pointers: dict[str, str] = {}
         self.turns: dict[str, str] = {}
-        self.scratch = ""  # memory for the columns that a Map has in hand
+        self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> Module:
         writer, width = self.writer, self.lanes.width
@@ -171,6 +173,8 @@ class _Emitter:
                 self._sweep(step, turns)
             elif isinstance(step, OuterSum):
                 self._outer_sum(step, turns)
+            elif isinstance(step, Polynomial):
+                self._polynomial(step, turns)
             elif isinstance(step, Cholesky):
                 self._algebra.cholesky(
                     self._operand(step.source, turns), self._address(step.target, turns), step.order
@@ -260,7 +264,7 @@ class _Emitter:
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
 
         def some(first: str, left: int) -> None:
-            packer, free = Packer(writer, self._each, wide, left), 0
+            packer = Packer(writer, self._each, wide, left)
             pointers, packed = [], []
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
@@ -270,8 +274,7 @@ class _Emitter:
                 unit = "double" if shared_ else self.lanes.element
                 offset = writer.let(f"mul nsw i64 {first}, {piece.moves[1]}")
                 columns = writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
-                place = writer.let(f"getelementptr {wide.element}, ptr {self._scratch(wide)}, i64 {free}")
-                free += piece.size
+                place = writer.allocate(f"[{piece.size} x {wide.element}]")
                 pointers.append(place)
                 packed.append((place, piece, columns))
                 if len(pointers) <= len(step.inputs):
@@ -327,13 +330,7 @@ class _Emitter:
 
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:
-            steps = [step for step, _ in self.program.steps() if isinstance(step, Map | Sweep)]
-            needed = [
-                step.size
-                if isinstance(step, Sweep)
-                else sum(piece.size for piece in (*step.inputs, *step.outputs) if isinstance(piece, Columns))
-                for step in steps
-            ]
+            needed = [step.size for step, _ in self.program.steps() if isinstance(step, Sweep)]
             self.scratch = self.writer.allocate(f"[{max(needed)} x {wide.element}]")
         return self.scratch
 
@@ -355,10 +352,13 @@ class _Emitter:
         )
         assert left is not None
         assert right is not None
-        sizes = (step.count, *step.shape)
-        self._algebra.outer_sum(
-            left, right, weights, plus, self._address(step.target, turns), sizes, step.symmetric
-        )
+        terms = Terms(left, right, weights, step.count, *step.shape)
+        self._algebra.outer_sum(terms, plus, self._address(step.target, turns), step.symmetric)
+
+    def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
+        point, table = self._operand(step.point, turns), self._operand(step.table, turns)
+        sizes = step.point.size, step.target.size, step.columns
+        Nested(self._algebra, point, table, *sizes, step.degrees).emit(self._address(step.target, turns))
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer

@@ -31,7 +31,9 @@ WORDS = {
     "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",
     "tracking_rmse": "RMS tracking error", "estimation_rmse": "RMS estimation error",
     "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
-    "speed_limit_use": "use of the speed's limit",
+    "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
+    "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
+    "final_error": "distance after the move",
 }  # fmt: skip
 
 #: Numbers of a sample that are listed.

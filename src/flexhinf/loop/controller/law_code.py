@@ -25,9 +25,9 @@ TABLE = 500
 class LawCode:
     """A law and the form of its numbers in a kernel.
 
-    From `TABLE` coefficients on, a composed kernel evaluates a polynomial law (`Law.law_table`) in loops: it forms
-    the monomials by multiplying rows of them with one variable, and sums the rows of the coefficients' table, one
-    row per monomial and one column per input, padded with zero columns so that rows fill vectors.
+    From `TABLE` coefficients on, a composed kernel evaluates a polynomial law (`Law.law_table`) in loops, in nested
+    form: the table of its coefficients has one row per monomial and one column per input, padded with zero columns so
+    that rows fill vectors.
 
     Parameters
     ----------
@@ -105,14 +105,12 @@ class LawCode:
         return lambda x: run.call(self.law.evaluate_law, x, data)
 
     def _from_table(self, run: Composer, data: Block, active: Block | None, x: Block) -> Block:
-        """The monomials once, and the sum over them for the active law alone."""
+        """The polynomials of the active law alone."""
         assert self.table is not None
-        inputs, size = len(self.law.input_names), self.data.size
-        powers = monomials(run, x, self.table.degrees)
+        inputs, size, degrees = len(self.law.input_names), self.data.size, self.table.degrees
 
         def total(law: int) -> Block:
-            rows = data[law * size : (law + 1) * size].reshape(len(powers), self.columns)
-            return run.combination(rows.T, powers)[:inputs]
+            return run.polynomial(x, data[law * size : (law + 1) * size], degrees, inputs)
 
         if active is None:
             return total(0)
@@ -131,33 +129,3 @@ def _of_active(active: Any, rows: Any) -> Any:
 def _chosen(active: Any, *values: Any) -> Any:
     """The active law's value; the others may never have been computed."""
     return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
-
-
-def monomials(run: Composer, x: Block, degrees: tuple[int, ...]) -> Block:
-    """All monomials of these degrees, (Nmon,): products of one variable and the monomials of one degree less."""
-    n = len(x)
-    powers = run.work((sum(basis.count(n, k) for k in degrees),))
-    lower, begin = Block(None, (0,)), 0
-    for k in range(max(degrees) + 1):
-        size = basis.count(n, k)
-        if k in degrees:
-            higher, begin = powers[begin : begin + size], begin + size
-        else:
-            higher = run.work((size,))
-        if k == 0:
-            run.copy(run.call(lambda: np.ones(1)), higher)
-        elif k == 1:
-            run.copy(x, higher)
-        else:
-            start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
-            for j in range(n):
-                source, target = lower[int(start[j]) :], higher[int(first[j]) : int(first[j + 1])]
-                row = (1, target.size)
-                run.columns(times, source.reshape(row), x[j : j + 1], into=(target.reshape(row),))
-        lower = higher
-    return powers
-
-
-def times(monomial: Any, variable: Any) -> Any:
-    """Their product."""
-    return monomial * variable

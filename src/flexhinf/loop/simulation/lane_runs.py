@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.codegen import Kernel
+from flexhinf.codegen import Kernel, aligned
 
 __all__ = ["Recorded", "Task"]
 
@@ -88,7 +88,8 @@ class Task:
             else:
                 start["inputs"] = np.tile(start["held"], self.delay)
         sizes["kept"] = self.samples * found.kept.shape[2]
-        arrays = {name: np.zeros((size, self.kernel.lanes)) for name, size in sizes.items() if size}
+        lanes = self.kernel.lanes
+        arrays = {name: aligned(size * lanes).reshape(size, lanes) for name, size in sizes.items() if size}
         run = self.kernel.bind({**self.shared, **arrays}, counts)
         for rows in rest:  # an iterator of a list, from which each thread takes the next
             filled = np.append(
