@@ -121,8 +121,8 @@ class Peer:
 def started_peers(task: dict[str, Any]) -> dict[str, Peer]:
     """Those that are installed; the others are named."""
     found = {}
-    for name in ("numba", "jax"):
-        probe = [str(PEERS / "bin" / "python"), "-c", f"import {name}"]
+    for name in ("numba", "numba_lanes", "jax"):
+        probe = [str(PEERS / "bin" / "python"), "-c", f"import {name.partition('_')[0]}"]
         try:
             subprocess.run(probe, check=True, capture_output=True)
         except (OSError, subprocess.CalledProcessError):
@@ -158,7 +158,7 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
     arm = PaperArm(plants, steps)
     single, accurate = arm.ensemble(1), arm.ensemble(None)
     parts = int(accurate.run(arm.parameters[:LANES]).sub_steps.max())
-    peers, few = started_peers(arm.task()), {"numba": max(2, plants // 10), "jax": max(2, plants // 10)}
+    peers, few = started_peers(arm.task()), max(2, plants // 10)
     agreed = {name: check_peer(arm, peer) for name, peer in peers.items()}
     filterpy = FilterpyLoop(PERIOD, Q, R, arm.law.exponents, arm.law.coefficients[0])
     noise = math.sqrt(R) * np.random.default_rng(0).normal(size=500)
@@ -169,7 +169,7 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
         "filterpy": (lambda: filterpy.run(noise, GOAL), len(noise)),
     }
     for name, peer in peers.items():
-        some = arm.peer_plants(few[name])
+        some = arm.peer_plants(few)
         works[name] = (lambda peer=peer, some=some: peer.run(some, steps), len(some) * steps)
     t = alternate(works, repetitions)
     for peer in peers.values():
@@ -182,7 +182,7 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
         _row("the same, 1 thread", t["one thread"], f"{THREADS} threads >= 1.8 x", two >= 1.8, f"{two:.2f} x"),
         _row(f"{THREADS} threads, {parts} sub-steps: right to 1e-9", t["accurate"]),
     ]  # fmt: skip
-    for name, least in (("numba", 10.0), ("jax", 20.0), ("filterpy", 5000.0)):
+    for name, least in (("numba", 10.0), ("numba_lanes", 10.0), ("jax", 20.0), ("filterpy", 5000.0)):
         if name not in t:
             continue
         ratio = t[name].median / t["ours"].median
