@@ -146,6 +146,14 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
     ("words", "text"),
     [
         (["certify"], "a robot, a design file, or --check FILE"),
+        (["certify", "--check", "certificate.json", "--tolerances"], "got --tolerances"),
+        (["certify", "--check", "certificate.json", "--goal", "0"], "got --pose"),
+        (["certify", "paper", "--page", "nowhere/page.html"], "nowhere/page.html: No such file"),
+        (["certify", "paper", "--out", "."], "there is a folder"),
+        (
+            ["certify", "paper", "--goal", "0", "--from-pose", "0.1", "--decay", "nan"],
+            "decay >= 0 in 1/s, got nan",
+        ),
         (["certify", "paper", "--check", "certificate.json"], "without a robot"),
         pytest.param(
             ["certify", "paper", "--goal", "90deg", "--degrees", "2"],

@@ -24,7 +24,7 @@ from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.untrusted import HUGE
 
-__all__ = ["NotProved", "certify", "check_states", "method_of", "prove"]
+__all__ = ["NotProved", "certify", "check_decay", "check_states", "method_of", "prove"]
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
@@ -90,6 +90,7 @@ def certify(
 ) -> Certificate:
     """What `HJISolution.certify` does."""
     check_states(len(solution.P))
+    check_decay(decay)
     if observer is not None:
         check_bandwidth(solution, observer)
     statement = statement_of(solution, gamma, penalty, decay=decay, about=about)
@@ -116,6 +117,16 @@ def certify(
         if outcome.value == outcome.value:
             tried = min(tried, outcome.value)
     raise NotProved.at(tried, outcome, _in_state(statement, outcome))
+
+
+def check_decay(decay: float) -> None:
+    """Refuse a rate of decay that is negative or not finite."""
+    if not 0.0 <= decay < np.inf:
+        raise InvalidInput(
+            "There is no such rate of decay.",
+            f"expected a finite decay >= 0 in 1/s, got {decay}",
+            "0.2, or 0 for none",
+        )
 
 
 def check_states(count: int) -> None:

@@ -108,6 +108,7 @@ def certify(
             "flexhinf certify --check certificate.json --every-cell",
         )
     if check is not None:
+        _refuse_ignored(context, check)
         _check(check, robot, threads, every_cell)
         return
     if not robot:
@@ -132,6 +133,8 @@ def certify(
     from flexhinf.design.certification import certify_design, evidence, proved
 
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
+    for place, what in ((out, "certificate"), (page, "page")):
+        _refuse_place(place, what)
     with ProofProgress() as bar:
         found = certify_design(
             request.robot,
@@ -159,6 +162,30 @@ def certify(
         theorem_text(shown.certificate, Verification(True, gradient_law=shown.certificate.is_gradient_law))
     )
     typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
+
+
+def _refuse_place(path: Path, what: str) -> None:
+    """Refuse a place that cannot be written before the proof, which may take minutes; and write both files or none."""
+    folder = path.is_dir()
+    if folder or not path.parent.is_dir():
+        raise InvalidInput(
+            f"The {what} cannot be written.",
+            f"{path}: {'there is a folder of this name' if folder else 'No such file or directory'}",
+            "a writable folder that exists",
+        )
+
+
+def _refuse_ignored(context: typer.Context, path: Path) -> None:
+    """A check reads nothing but the file, so options that state what is to be proved are a mistake."""
+    used = ("check", "every_cell", "threads", "robot")
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in used and source is not None and source.name == "COMMANDLINE":
+            raise InvalidInput(
+                "A certificate is checked as it is.",
+                f"expected --check FILE with --every-cell or --threads alone, got --{name.replace('_', '-')}",
+                f"flexhinf certify --check {path}",
+            )
 
 
 def _check(path: Path, robot: str, threads: int, every_cell: bool) -> None:

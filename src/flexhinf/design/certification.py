@@ -20,7 +20,7 @@ from flexhinf.certify.pictures import (
     start_surface,
     worst_step,
 )
-from flexhinf.certify.proof import certify, check_states
+from flexhinf.certify.proof import certify, check_decay, check_states
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
 from flexhinf.certify.tolerances import parameter_ranges
 from flexhinf.design.box_proof import (
@@ -125,6 +125,7 @@ def certify_design(
         As the design does; and InvalidInput for a plant that the method cannot take, by name.
     """
     check_states(5 * len(robot.joint_names))
+    check_decay(decay)
     if tolerances and not robot.uncertain:
         raise InvalidInput(
             f"The robot {robot.name!r} states no tolerances.",
