@@ -99,6 +99,20 @@ def test_each_end_is_needed(skipped: str, monkeypatch: pytest.MonkeyPatch) -> No
     assert not wrong.check(threads=1).proved
 
 
+def test_an_interrupted_check_ends_at_once_in_all_threads() -> None:
+    """Ctrl-C reaches one thread: the others do not go on to the end of their faces."""
+    seen = []
+
+    def tick(cells: int) -> None:
+        seen.append(cells)
+        if len(seen) == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        upright(level=LEVEL / 4).check(threads=2, sample=None, by_cells=True, tick=tick)
+    assert len(seen) < 30  # of some hundred cells
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "offset", "halves"),

@@ -40,6 +40,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 
 import numpy as np
 from flint import ctx, fmpq_mat
@@ -134,11 +135,19 @@ def verify(
             spent, law = time.process_time() - began, exact.gradient_law
             return Verification(True, corners=corners, starts=starts, gradient_law=law, cpu_s=spent)
         proof = Proof(claim)
+        stopped = Event()
+
+        def watch(cells: int) -> None:
+            if stopped.is_set():
+                raise Refusal("interrupted")
+            tick(cells)
+
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(_face, proof, face, sample, seed, tick) for face in proof.faces]
+            jobs = [pool.submit(_face, proof, face, sample, seed, watch) for face in proof.faces]
             try:
                 marched = [job.result() for job in jobs]
-            except BaseException:
+            except BaseException:  # the other threads end at their next cells, not at the end of their faces
+                stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         again = _again(proof, [cell for face in marched for cell in face.sample], seed)
@@ -201,7 +210,7 @@ def _face(
     proof: Proof, face: tuple[int, int], sample: int | None, seed: int, tick: Callable[[int], None]
 ) -> Marched:
     with np.errstate(all="ignore"):  # what is not finite is not accepted
-        chosen = EveryCell(proof, face) if sample is None else Sample(face, sample, seed)
+        chosen = EveryCell(proof, face, tick) if sample is None else Sample(face, sample, seed)
         return march_face(Face(proof, face), chosen, tick=tick)
 
 

@@ -7,7 +7,7 @@ then s_i.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -175,8 +175,8 @@ class Sample:
 class EveryCell:
     """Every accepted or finished cell of a face, and its opposite where that has no face of its own, at all corners."""
 
-    def __init__(self, proof: Proof, face: tuple[int, int]) -> None:
-        self.proof, self.face, self.cells, self.count = proof, face, list[Cell](), 0
+    def __init__(self, proof: Proof, face: tuple[int, int], tick: Callable[[int], None]) -> None:
+        self.proof, self.face, self.cells, self.count, self.tick = proof, face, list[Cell](), 0, tick
 
     def offer(
         self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: Bounds, reach: float
@@ -185,6 +185,7 @@ class EveryCell:
         for chosen in (good, finished):
             for i in np.flatnonzero(chosen):
                 cell = cell_of(self.face, cells, int(i), bounds, reach)
+                self.tick(0)
                 for one in (cell, cell.opposite()) if self.proof.even else (cell,):
                     confirm(self.proof, one, range(len(self.proof.exact_corners)), ended=chosen is finished)
                     self.count += 1
