@@ -110,6 +110,28 @@ def test_derivatives_by_differences_and_the_average_by_quadrature():
     assert jumps.sum() <= 4  # near a corner of the jerk
 
 
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        (
+            97.04265271883386,
+            23543.191116770482,
+            11423468.597189462,
+        ),  # ruckig alone finds none: "error in step 1"
+        (1e6, 1e12, 1e18),
+        (1e-6, 1e-12, 1e-18),
+    ],
+)
+def test_motions_of_any_time_scale_are_found(bounds):
+    way = JerkLimited(0.0, 1.0, *bounds)
+    time = np.linspace(0.0, way.duration, 3001)
+    largest = np.abs(way.derivatives(time, 3)).max(axis=1)
+    assert way(0.0) == 0.0
+    assert way(way.duration) == 1.0
+    np.testing.assert_array_less(largest[1:], np.array(bounds) * (1.0 + 1e-9))
+    assert np.max(largest[1:] / bounds) > 0.999
+
+
 def test_a_way_of_nothing():
     still = JerkLimited(1.0, 1.0, 1.0, 1.0, 1.0, smoothing=0.1)
     np.testing.assert_array_equal(still.derivatives([-1.0, 0.0, 5.0])[0], 1.0)

@@ -185,21 +185,44 @@ class JerkLimited:
 
 
 def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
-    """Lengths and jerks of each channel's seven phases."""
-    from ruckig import InputParameter, Result, Ruckig, Trajectory  # imported when a motion is made
+    """Lengths and jerks of each channel's seven phases.
 
-    k = len(ways)
+    ruckig's tolerances are absolute, so it is asked in units of the longest way and of the longest time that one limit
+    alone makes a way take; both are powers of two, so that nothing is rounded.
+    """
+    from ruckig import (
+        InputParameter,
+        Result,
+        Ruckig,
+        RuckigError,
+        Trajectory,
+    )  # imported when a motion is made
+
+    k, way, bounds = len(ways), np.array(ways), np.array(limits)
     request, found = InputParameter(k), Trajectory(k)
-    request.target_position = ways  # from rest at zero
-    request.max_velocity, request.max_acceleration, request.max_jerk = limits
-    result = Ruckig(k).calculate(request, found)
-    if result not in (Result.Working, Result.Finished):
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):  # refused below
+        length = _power(np.abs(way).max())
+        time = _power(np.max((np.abs(way) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
+        scaled, jerk = bounds * [[time], [time**2], [time**3]] / length, length / time**3
+    request.target_position = (way / length).tolist()  # from rest at zero
+    request.max_velocity, request.max_acceleration, request.max_jerk = scaled.tolist()
+    try:
+        result = Ruckig(k).calculate(request, found)
+    except RuckigError:
+        result = Result.Error
+    if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
         raise InvalidInput(
             "No motion was found within the limits.",
             f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
             "limits of a size that fits the way",
         )
-    return [(np.array(profile.t), np.array(profile.j)) for profile in found.profiles[0]]
+    return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in found.profiles[0]]
+
+
+def _power(value: np.float64) -> np.float64:
+    """The power of two next below; 1 for what has none."""
+    fine = 0.0 < value < np.inf
+    return np.ldexp(1.0, np.frexp(value)[1] - 1) if fine else np.float64(1.0)
 
 
 def _numbers(name: str, value: Any) -> np.ndarray:
