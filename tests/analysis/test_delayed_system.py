@@ -162,8 +162,9 @@ def test_echoes_are_no_oscillations(made: SimpleNamespace) -> None:
     assert loop.outside(0.02 ** (1.0 / 1000)) > len(running.multipliers)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
-@pytest.mark.parametrize("delay", [10, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("delay", [10, 60])
 def test_seven_joints(made: SimpleNamespace, delay: int) -> None:
     """Clusters of poles, seven inputs: the smallest damping and the count are those of the long matrix."""
     robot = load_robot("seven-link")

@@ -174,6 +174,7 @@ def test_rows_are_reproducible(made: Callable[..., Comparison]) -> None:
         assert dict(a.evaluation.metrics) == dict(b.evaluation.metrics)
 
 
+@pytest.mark.slow
 def test_a_robust_design_is_compared_with_the_plain_weights(made: Callable[..., Comparison]) -> None:
     result = made(["lqr"], preset="robust", degrees=(2,), draws=0)
     names = [row.evaluation.setup.law.state_names for row in result.compared if row.evaluation]

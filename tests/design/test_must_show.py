@@ -82,6 +82,7 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     assert np.abs(response.positions[-1000:] - response.goal).max() < np.deg2rad(0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_so_do_the_arms_within_the_tolerances(

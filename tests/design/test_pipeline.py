@@ -300,6 +300,7 @@ def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: An
     assert attained is not None or result.attenuation.failure or np.isnan(result.chosen.level)
 
 
+@pytest.mark.slow
 def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
