@@ -63,7 +63,7 @@ def papers_setup(robot_of: Named) -> Callable[[str, int, int], LoopSetup]:
     return made
 
 
-PRESETS, GOALS = ("damped", "robust"), (90, 180)
+PRESETS, GOALS = ("damped", pytest.param("robust", marks=pytest.mark.slow)), (90, 180)
 
 
 @pytest.mark.slow
@@ -82,7 +82,6 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     assert np.abs(response.positions[-1000:] - response.goal).max() < np.deg2rad(0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_so_do_the_arms_within_the_tolerances(
@@ -181,6 +180,7 @@ def test_the_papers_reference_is_tracked_within_half_a_degree(
     assert peak < 60.0
 
 
+@pytest.mark.slow
 def test_tracking_withstands_a_start_against_the_limit_of_the_input(
     papers_setup: Callable[[str, int, int], LoopSetup],
 ) -> None:

@@ -228,7 +228,9 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
         {"preset": "damped", "peak_effort": 0.6, "draws": 12},
         {"preset": "paper", "peak_effort": 40.0},
         {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
-        {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1},
+        pytest.param(
+            {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> None:
