@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.certify.a_cubic import CUBIC
 
 import flexhinf as fh
-from flexhinf.certify import Certificate, Parameter, Signal, Start, Term
+from flexhinf.certify import Parameter, Signal
 from flexhinf.design import certification
 from flexhinf.design.certification import certify_design
 from flexhinf.design.design_proof import DesignProof, prove_design, with_tolerances
@@ -23,28 +24,6 @@ from flexhinf.errors import NumericalFailure
 ARM, page = fh.paper_arm(), import_module("flexhinf.design.report.certificate_page")
 PENALTY = fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0), effort=10.0)
 ASKED = Specification(pose=(np.pi,), checked_penalty=(60.0, 0.0, 0.0, 0.0, 300.0))
-
-
-#: ẋ = p x³ + u + d, u = −x, V = x²/2: r = −x²/2 + x²/(2γ²) + h²/2 + p x⁴ < 0 for x² < (1 − 1/γ² − h²)/(2p).
-CUBIC = Certificate(
-    about="a cubic",
-    states=(Signal("position", "m"),),
-    inputs=(Signal("pull", "N"),),
-    disturbances=(Signal("gust", "N"),),
-    drift=((Term(1.0, (3,), (("softening", 1),)),),),
-    g1=(((Term(1.0, (0,)),),),),
-    g2=(((Term(1.0, (0,)),),),),
-    penalty=((((1,), 0.5),),),
-    r2=((1.0,),),
-    value=(((2,), 0.5),),
-    law=((((1,), -1.0),),),
-    gamma=2.0,
-    level=0.1249,  # x² < 0.25 at p = 1
-    coordinates=((1.0,),),
-    reach=2.0,
-    parameters=(Parameter("softening", 0.5, 1.0, "N/m3"),),
-    starts=(Start("released at rest", 0.499, ((Term(-1.0, (1,)),),)),),
-)
 
 
 @pytest.fixture(scope="module")
