@@ -58,6 +58,8 @@ def measured() -> dict[str, list[dict[str, Any]]]:
         add(arm.given_storage(solver, 4, 2, (0.999, 0.99, 0.97)))
     for law, degree, goal in OURS:
         add(arm.ours_alone(law, degree, goal))
+        if "tolerances" in law:
+            add(arm.ours_alone(law, degree, goal, arm.COMMON))
     with Solver() as solver:
         gains = published.rows(solver)
         return {"arm": rows, "published": gains, "versions": [solver.versions]}
@@ -105,13 +107,15 @@ def main() -> int:
     """Measure and keep, or print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.certificates", description=__doc__)
     parser.add_argument("--table", action="store_true", help="print the rows that are kept")
-    parser.add_argument("--ours", nargs=3, metavar=("LAW", "DEGREE", "GOAL"), help="one row of ours, as JSON")
+    parser.add_argument(
+        "--ours", nargs=4, metavar=("LAW", "DEGREE", "GOAL", "V"), help="one row of ours, as JSON"
+    )
     given = parser.parse_args()
     if given.ours:
         from benchmarks.certificates import arm
 
-        law, degree, goal = given.ours
-        print(json.dumps(arm.ours(law, int(degree), int(goal))))
+        law, degree, goal, value = given.ours
+        print(json.dumps(arm.ours(law, int(degree), int(goal), value)))
         return 0
     if not given.table:
         from benchmarks.certificates.identities import Solver
