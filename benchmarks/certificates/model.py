@@ -19,10 +19,11 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.reading import nearest_double, rational, terms_of
+from flexhinf.certify.sampled_gain import quadratic_part
 from flexhinf.certify.statement import few_bits
 from flexhinf.certify.terms import Polynomial
 
-__all__ = ["Model", "evaluated", "even", "model_of", "quadratic_part", "quotient_bounds", "with_value"]
+__all__ = ["Model", "evaluated", "even", "model_of", "quotient_bounds", "with_value"]
 
 _SAMPLES = 20_001  # of the interval on which a polynomial is fitted to S
 
@@ -88,17 +89,6 @@ class Model:
         """V̇ + cost − |δ|², affine in V."""
         driven = sum(((a - d) * d for a, d in zip(self.along(value), self.disturbances)), self.number(0))
         return self.derivative(value, quotient) + self.cost + driven
-
-
-def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
-    """P of V_2 = ½ xᵀPx."""
-    p = np.zeros((n, n))
-    for powers, coefficient in value:
-        if sum(powers) == 2:
-            i, j = (k for k, power in enumerate(powers) for _ in range(power))
-            p[i, j] += coefficient
-            p[j, i] += coefficient
-    return p
 
 
 def model_of(claim: Certificate, parameters: dict[str, float] | None = None) -> Model:

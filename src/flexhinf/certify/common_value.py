@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.sampled_gain import box_vertices, quadratic_part, term_weight
+from flexhinf.certify.sampled_gain import box_vertices, linear_part, quadratic_part, term_weight
 from flexhinf.certify.starts import elementary
 from flexhinf.certify.terms import Function
 
@@ -64,20 +64,10 @@ def common_value(statement: Certificate, larger: float) -> CommonValue | None:
     return CommonValue((p + p.T) / 2, gamma)
 
 
-def _linear(rows: tuple[tuple[tuple[tuple[int, ...], float], ...], ...], n: int) -> np.ndarray:
-    """The linear part (rows, n) of polynomials."""
-    found = np.zeros((len(rows), n))
-    for k, row in enumerate(rows):
-        for powers, value in row:
-            if sum(powers) == 1:
-                found[k, powers.index(1)] += value
-    return found
-
-
 def _vertices(statement: Certificate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A_v with the law (V, n, n), B_v (V, n, w), and Q (n, n)."""
     n, r2 = len(statement.states), np.array(statement.r2)
-    gain, h = _linear(statement.law, n), _linear(statement.penalty, n)
+    gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
     ends = [_slopes(function) for function in statement.functions]
     systems = []
     for vertex, slopes in itertools.product(box_vertices(statement), itertools.product(*ends)):

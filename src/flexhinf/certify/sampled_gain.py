@@ -11,7 +11,7 @@ the worst are followed by smaller and smaller random steps. It proves nothing: i
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from flexhinf.certify.box import parameter_groups
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.terms import Polynomial, Term
 
-__all__ = ["SampledGain", "box_vertices", "quadratic_part", "sampled_gain", "term_weight"]
+__all__ = ["SampledGain", "box_vertices", "linear_part", "quadratic_part", "sampled_gain", "term_weight"]
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -96,6 +96,16 @@ def _points(
     inside = np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0)
     reach = grid[np.maximum(inside - 1, 0)]
     return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
+
+
+def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:
+    """The linear part (rows, n) of polynomials."""
+    found = np.zeros((len(rows), n))
+    for k, row in enumerate(rows):
+        for powers, coefficient in row:
+            if sum(powers) == 1:
+                found[k, powers.index(1)] += coefficient
+    return found
 
 
 def quadratic_part(value: Polynomial, n: int) -> np.ndarray:

@@ -24,13 +24,14 @@ from flexhinf.analysis.worst_gain import MovedLaw, worst_gain
 from flexhinf.campaign import Journal
 from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.certify import Certificate
+from flexhinf.certify.sampled_gain import linear_part
 from flexhinf.design.attenuation import LONGEST, MOST_STATES, STEPS, Attenuation
 from flexhinf.design.campaign_setup import DesignCampaign
 from flexhinf.design.design_proof import DesignProof, prove_design
 from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
 from flexhinf.untrusted import read_bytes
 
 __all__ = ["FoundGains", "GainRow", "GainSearch", "search_gain", "searches_gain", "stored_gains"]
@@ -186,6 +187,11 @@ class GainSearch:
         """At the goal."""
         return self.made.solution
 
+    @property
+    def estimator(self) -> Estimator | None:
+        """The design's, about the goal."""
+        return self.made.setup(self.asked.request.robot, self.asked.specification).estimator(self.made.goal)
+
     @cached_property
     def proof(self) -> DesignProof:
         """What is proved of the law."""
@@ -218,14 +224,10 @@ class GainSearch:
         if self.made.proved is not None and self.boxed:
             return self.made.proved.problem, certificate.level / self.made.proved.scale
         problem = self.law.problem
-        matrix = np.zeros((len(certificate.penalty), len(self.law.state_names)))
-        for row, polynomial in zip(matrix, certificate.penalty):
-            for powers, coefficient in polynomial:
-                if sum(powers) != 1:
-                    return None
-                row[powers.index(1)] += coefficient
-        if not isinstance(problem, GeneralisedPlant):
+        linear = all(sum(powers) == 1 for row in certificate.penalty for powers, _ in row)
+        if not linear or not isinstance(problem, GeneralisedPlant):
             return None
+        matrix = linear_part(certificate.penalty, len(self.law.state_names))
         return replace(problem, penalty=Penalty(matrix, np.array(certificate.r2))), certificate.level
 
     # Searches -------------------------------------------------------------------------------------------
@@ -281,7 +283,7 @@ class GainSearch:
     def _with_estimator(self, first: GainRow, progress: Callable[[str], None]) -> GainRow | None:
         """The nominal robot with the design's estimator, a disturbance of the same energy."""
         s, problem = self.asked.specification, self.made.problem
-        estimator = self.made.setup(self.asked.request.robot, s).estimator(self.made.goal)
+        estimator = self.estimator
         if estimator is None:
             return None
         progress("worst disturbance of the loop with the estimator")
@@ -318,7 +320,7 @@ class GainSearch:
             problem = proved[0]
         law, estimator = self.law, None
         if row.loop == "estimator":
-            estimator = self.made.setup(self.asked.request.robot, s).estimator(self.made.goal)
+            estimator = self.estimator
         if row.robot == "worst":
             problem = self.problem_of(problem, row.numbers)
             law = MovedLaw(self.law, problem)

@@ -12,8 +12,8 @@ import numpy as np
 
 from flexhinf.campaign import Metrics
 from flexhinf.design.joint_limits import JointLimits
-from flexhinf.design.monte_carlo import move_reductions, step_reductions
-from flexhinf.design.responses import Plan, Response
+from flexhinf.design.monte_carlo import move_reductions, position_columns, step_reductions
+from flexhinf.design.responses import Plan, Response, plan_ends
 from flexhinf.loop import EnsembleResult, Reduction, Trajectory
 from flexhinf.loop.simulation.metrics import tail_of
 from flexhinf.robot.signals import signal_names
@@ -90,12 +90,11 @@ class RunMetrics(ABC):
         """Of one run."""
         response, rows = self.of_run(run)
         values = {
-            kind: np.array([np.inf if rows[k][kind] is None else rows[k][kind] for k in figure.joints])
+            kind: {k: np.inf if rows[k][kind] is None else float(rows[k][kind]) for k in figure.joints}
             for kind, figure in self.figures.items()
         }
-        found = {kind: float(each.max()) if each.size else np.nan for kind, each in values.items()}
-        for name, (kind, k) in self._parts.items():
-            found[name] = float(values[kind][list(self.figures[kind].joints).index(k)])
+        found = {kind: max(each.values(), default=np.nan) for kind, each in values.items()}
+        found |= {name: values[kind][k] for name, (kind, k) in self._parts.items()}
         found["estimation_error"] = max(
             (
                 float(np.abs(run.signal("estimate", name) - run.signal("state", name)).max())
@@ -199,7 +198,7 @@ class MoveMetrics(RunMetrics):
 
     def of_run(self, run: Trajectory) -> tuple[Response, Sequence[Mapping[str, Any]]]:
         """As `Move` says, with the command of the run, which is the move at its samples."""
-        begin, end = (np.reshape(self.plan(t), -1) for t in (0.0, self.plan.duration))
+        begin, end = plan_ends(self.plan)
         response = Response(run, end, begin, self.limits.joints)
         rows = []
         for k, name in enumerate(signal_names("link_position", self.limits.joints)):
@@ -222,5 +221,4 @@ class MoveMetrics(RunMetrics):
 
     def reductions(self, commanded: Sequence[str], pairs: Any) -> list[Reduction]:
         """Of the move."""
-        names = signal_names("link_position", self.limits.joints)
-        return move_reductions([tuple(commanded).index(name) for name in names], pairs)
+        return move_reductions(position_columns(commanded, self.limits.joints), pairs)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,12 @@ from flexhinf.design.design_file import DesignRequest, plain
 from flexhinf.design.joint_limits import joint_limits
 from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.move_evaluation import final_limits, tracking_limits
-from flexhinf.design.plans import has_integrals, stated_move, step_command
-from flexhinf.design.responses import Plan
+from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
+from flexhinf.design.responses import Plan, plan_ends
 from flexhinf.design.scenario import LOAD_START, start_and_goal
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, Loop, Moving, Step
+from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.robot.extras import inactive_parameters
@@ -185,7 +185,7 @@ class DesignCampaign:
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Where a run begins, and where it should end (n,), rad or m."""
         if self.plan is not None:
-            return np.reshape(self.plan(0.0), -1), np.reshape(self.plan(self.plan.duration), -1)
+            return plan_ends(self.plan)
         return start_and_goal(self.request.robot, self.specification, None)
 
     @cached_property
@@ -271,7 +271,7 @@ class DesignCampaign:
     def _reference(self, controller: Controller, dry_friction: tuple[str, ...]) -> Any:
         """The move with its feedforward, the shaped step, or nothing where the law holds its goal."""
         if self.plan is not None:
-            return Moving(self.plan, partial(self.request.robot.inverse_dynamics, extras=dry_friction))
+            return move_reference(self.request.robot, self.plan, dry_friction)
         if not has_integrals(controller.law):
             return None
         return step_command(self.request.robot, self.specification, *self.ends)

@@ -8,22 +8,22 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from flexhinf.design.loop_plants import LoopPlants
 from flexhinf.design.move_evaluation import move_requirements
-from flexhinf.design.plans import has_integrals, stated_move, step_command
+from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
 from flexhinf.design.requirements import Requirement, step_requirements
-from flexhinf.design.responses import Move, Plan, Response
+from flexhinf.design.responses import Move, Plan, Response, plan_ends
 from flexhinf.design.scenario import start_and_goal
 from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.realtime import RealTimeRun, run_realtime
-from flexhinf.loop import Controller, Loop, Moving, Step
+from flexhinf.loop import Controller, Loop, Step
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.signals import signal_names
@@ -164,7 +164,7 @@ def prepare_run(
     plan = stated_move(model, s)
     start, goal = start_and_goal(model, s, plan)
     if plan is not None:
-        start, goal = np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
+        start, goal = plan_ends(plan)
     plants = LoopPlants(model, s)
     box = LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = start_and_goal(model, original, stated_move(model, original))
@@ -174,7 +174,7 @@ def prepare_run(
         duration = STEP_TIME if command is None else STEP_TIME + command.duration
     else:
         controller = _in_error_coordinates(controller)
-        reference = Moving(plan, partial(model.inverse_dynamics, extras=plants.dry_friction))
+        reference = move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, u = robot.operating_point(start, s.extras)

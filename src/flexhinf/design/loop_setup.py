@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,10 @@ from flexhinf.design.estimators import (
 )
 from flexhinf.design.joint_limits import integral_dead_zone
 from flexhinf.design.loop_plants import LoopPlants
-from flexhinf.design.plans import has_integrals, step_command
+from flexhinf.design.plans import has_integrals, move_reference, step_command
 from flexhinf.design.responses import LoadResponse, Move, Plan, Response, run_response
 from flexhinf.design.scenario import LOAD_START
-from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Step
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot.signals import signal_names
 
@@ -336,7 +336,7 @@ class LoopSetup(LoopPlants):
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        reference = Moving(plan, partial(self.robot.inverse_dynamics, extras=self.dry_friction))
+        reference = move_reference(self.robot, plan, self.dry_friction)
         return (
             controller,
             self.start if near else begin,

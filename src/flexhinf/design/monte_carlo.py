@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.loop import Controller, Instant, Reduction
+from flexhinf.loop import Instant, Reduction
 from flexhinf.loop.simulation.reductions import Command, step_reduction
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import maximum, where
@@ -152,15 +152,15 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    columns = position_columns(setup.tracking_controller, setup.joints)
+    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
     found = setup.moves(robots, plan, sub_steps, rest, reductions=move_reductions(columns))
     errors = found.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
 
-def position_columns(controller: Controller, joints: Sequence[str]) -> tuple[int, ...]:
-    """Columns of a controller's command in which the joints' link positions are."""
-    return tuple(controller.commanded.index(name) for name in signal_names("link_position", joints))
+def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[int, ...]:
+    """Columns of a command in which the joints' link positions are."""
+    return tuple(tuple(commanded).index(name) for name in signal_names("link_position", joints))
 
 
 # Numbers of a step and of a move --------------------------------------------------------------------------

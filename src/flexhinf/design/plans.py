@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -15,12 +16,12 @@ from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.design.weights.choose import BANDWIDTH_FRACTION
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import JerkLimited, Waypoints
+from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
 from flexhinf.robot.limits import position_ranges
 
-__all__ = ["EFFORT_FRACTION", "has_integrals", "plan_move", "stated_move", "step_command"]
+__all__ = ["EFFORT_FRACTION", "has_integrals", "move_reference", "plan_move", "stated_move", "step_command"]
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -174,6 +175,11 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
             _slower(robot, s, limits) or error.advice,
         ) from None
     return plan
+
+
+def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:
+    """A planned move with the feedforward of the elastic inverse dynamics, which knows these kinds of dry friction."""
+    return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:

@@ -17,7 +17,7 @@ from flexhinf.loop.simulation.metrics import (
     tail_of,
 )
 
-__all__ = ["LoadResponse", "Move", "Plan", "Response", "Worst", "run_response", "worst_of"]
+__all__ = ["LoadResponse", "Move", "Plan", "Response", "Worst", "plan_ends", "run_response", "worst_of"]
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class Move:
     @staticmethod
     def along(plan: Plan, response: Response) -> Move:
         """A run along a plan, its goal where the plan ends."""
-        return Move(plan, replace(response, goal=np.reshape(plan(plan.duration), -1)))
+        return Move(plan, replace(response, goal=plan_ends(plan)[1]))
 
     @cached_property
     def planned(self) -> np.ndarray:
@@ -251,6 +251,11 @@ class Move:
             }
             for k, error in enumerate(self.error.T)
         ]
+
+
+def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Link positions (n,) where a plan begins, and where it ends."""
+    return np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
 
 
 def run_response(
