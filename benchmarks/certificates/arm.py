@@ -250,9 +250,9 @@ def ours(law: str, degree: int, goal: int, value: str = OWN) -> dict[str, Any]:
         solution, problem, ranges, gamma = tolerant(goal)
         step, start, p = float(np.radians(goal)), time.process_time(), None
         if value == COMMON:
-            found = common_value(tolerance_statement(solution, problem, ranges, 1.0), ROOM_OF_GAIN)
+            found = common_value(tolerance_statement(solution, problem, ranges, 1.0))
             assert found is not None, "no quadratic V has a gain"
-            gamma, p = ROOM_OF_GAIN * found.smallest, found.p
+            gamma, p = ROOM_OF_GAIN * found.smallest, found.p(ROOM_OF_GAIN)
         proof = certify_tolerances(
             solution, problem, ranges, gamma, step=step, scale=1.0 if value == COMMON else 4.0, p=p
         )

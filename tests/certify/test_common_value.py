@@ -34,10 +34,10 @@ def test_without_functions_and_tolerances_it_is_the_gain_of_the_linear_loop() ->
         )  # fmt: skip
 
     for low in (1.0, 0.5):
-        found = common_value(statement(low), 1.2)
+        found = common_value(statement(low))
         assert found is not None
         assert found.smallest == pytest.approx(1.0 / low, rel=0.01)
-        (p,) = found.p.ravel()
+        (p,) = found.p(1.2).ravel()
         square = (1.2 * found.smallest) ** 2
         assert (
             p**2 / square - 2.0 * low * p + 1.0 < 0.0
@@ -48,10 +48,10 @@ def test_no_sample_of_the_whole_box_refuses_it() -> None:
     """At 180° with full tolerances: γ of the inequality at random points is below the one of the matrices."""
     solution, measured = law(np.pi)
     ranges = parameter_ranges(ARM, measured.plant)
-    found = common_value(tolerance_statement(solution, measured, ranges, 1.0), 1.4)
+    found = common_value(tolerance_statement(solution, measured, ranges, 1.0))
     assert found is not None
     assert found.smallest > fh.smallest_gamma(measured)
-    statement = tolerance_statement(solution, measured, ranges, 1.0, p=found.p)
+    statement = tolerance_statement(solution, measured, ranges, 1.0, p=found.p(1.4))
     sampled = sampled_gain(statement, 1e4, 1.0)
     assert sampled.gamma <= 1.4 * found.smallest * (1.0 + 1e-6)
 
@@ -61,4 +61,4 @@ def test_a_law_without_damping_has_no_common_value() -> None:
     problem = ARM.problem(pose=(np.pi,))
     solution = fh.solve_hji(problem, 1.5 * fh.smallest_gamma(problem), 2)
     statement = tolerance_statement(solution, problem, parameter_ranges(ARM, problem.plant), 1.0)
-    assert common_value(statement, 1.4) is None
+    assert common_value(statement) is None

@@ -32,10 +32,10 @@ def whole_box(goal: int) -> Certificate:
     solution = fh.solve_hji(problem, 1.5 * fh.smallest_gamma(problem), 2)
     measured = ARM.problem(pose=pose)
     ranges = parameter_ranges(ARM, measured.plant)
-    found = common_value(tolerance_statement(solution, measured, ranges, 1.0), 1.02)
+    found = common_value(tolerance_statement(solution, measured, ranges, 1.0))
     assert found is not None
     gamma = 1.02 * found.smallest
-    return certify_tolerances(solution, measured, ranges, gamma, step=pose[0], p=found.p, most_cells=1)
+    return certify_tolerances(solution, measured, ranges, gamma, step=pose[0], p=found.p(1.02), most_cells=1)
 
 
 @pytest.mark.slow

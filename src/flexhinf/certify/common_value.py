@@ -31,22 +31,41 @@ _GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share 
 
 @dataclass(frozen=True, eq=False)
 class CommonValue:
-    """P (n, n) of V = ½xᵀPx in the middle of those with a γ, and the smallest γ that any has."""
+    """The quadratic V of a law and a box.
 
-    p: np.ndarray
+    Attributes
+    ----------
+    smallest : float
+        The smallest γ that any has.
+    optimum : ndarray
+        Upper triangle of its P in the coordinates of the search, then γ².
+    constraints : _Constraints
+        (17).
+    inverse : ndarray, shape (n, n)
+        Of the search's coordinates.
+    """
+
     smallest: float
+    optimum: np.ndarray
+    constraints: _Constraints
+    inverse: np.ndarray
+
+    def p(self, larger: float) -> np.ndarray:
+        """P (n, n) of the V = ½xᵀPx in the middle of those with `larger` times the smallest γ, above 1: the more, the
+        fewer cells a proof takes."""
+        y = self.constraints.middle(self.optimum, larger**2 * self.optimum[-1])
+        p = self.inverse.T @ _matrix(y[:-1], len(self.inverse)) @ self.inverse
+        return (p + p.T) / 2
 
 
-def common_value(statement: Certificate, larger: float) -> CommonValue | None:
-    """The V in the middle of those with `larger` times the smallest γ; None where no quadratic V has any gain.
+def common_value(statement: Certificate) -> CommonValue | None:
+    """The quadratic V with the smallest γ, and those with more; None where no quadratic V has any gain.
 
     Parameters
     ----------
     statement : Certificate
         With a linear law; its V scales the search, its γ and level do not count. Terms of the plant of a higher degree
         are left out.
-    larger : float
-        Above 1. The more, the fewer cells a proof takes.
     """
     n = len(statement.states)
     first = quadratic_part(statement.value, n)
@@ -58,10 +77,7 @@ def common_value(statement: Certificate, larger: float) -> CommonValue | None:
         return None
     constraints = _Constraints.gain(a, b, q)
     y = constraints.smallest(y)
-    gamma = float(np.sqrt(y[-1]))
-    y = constraints.middle(y, larger**2 * y[-1])
-    p = np.linalg.inv(t).T @ _matrix(y[:-1], n) @ np.linalg.inv(t)
-    return CommonValue((p + p.T) / 2, gamma)
+    return CommonValue(float(np.sqrt(y[-1])), y, constraints, np.linalg.inv(t))
 
 
 def _vertices(statement: Certificate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

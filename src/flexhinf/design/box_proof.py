@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.certify import Certificate
-from flexhinf.certify.common_value import common_value
+from flexhinf.certify.common_value import CommonValue, common_value
 from flexhinf.certify.proof import NotProved
 from flexhinf.certify.robot_starts import largest_values, robot_start, tabled_start
 from flexhinf.certify.sampled_gain import sampled_gain
@@ -66,6 +66,8 @@ class BoxProof:
         The storage function is scale · V,
     p : ndarray, shape (n, n), or None
         or ½ xᵀPx with this P, of a linear law.
+    common : CommonValue or None
+        Where P is from.
     certificate : Certificate or None
         None before the proof.
     cpu_seconds : float
@@ -78,6 +80,7 @@ class BoxProof:
     gamma: float = np.inf
     scale: float = 1.0
     p: np.ndarray | None = None
+    common: CommonValue | None = None
     certificate: Certificate | None = None
     cpu_seconds: float = 0.0
 
@@ -126,10 +129,10 @@ def common_box(law: Law, ranges: Ranges) -> Law:
     InvalidInput
         The plant is none that the method can take.
     """
-    found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0), max(QUADRATIC_MARGINS))
+    found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if found is None:
         raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
-    return replace(law, gamma=found.smallest, p=found.p)
+    return replace(law, gamma=found.smallest, p=found.p(max(QUADRATIC_MARGINS)), common=found)
 
 
 def sampled_box(law: Law, ranges: Ranges) -> Law:
@@ -202,10 +205,7 @@ def prove_box(
     began, reason = time.thread_time(), ""
     margins = margins or margins_of(law)
     for margin in margins:
-        gamma, p = margin * law.gamma, law.p
-        if p is not None:
-            found = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0), margin)
-            p = p if found is None else found.p
+        gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
         left = seconds - (time.thread_time() - began)
         watch = _both(time_limit(left if margin == margins[-1] else left / 2.0), progress)
         try:
