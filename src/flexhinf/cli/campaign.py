@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -321,7 +320,7 @@ def _requirements(journal: Journal, given: list[str]) -> list[Any]:
 def _finish(table: MergedTable, requirements: list[Any]) -> None:
     """Report, verdict, exit code."""
     from flexhinf.design import stored_campaign
-    from flexhinf.design.report import campaign_verdict, write_campaign
+    from flexhinf.design.report import campaign_verdict, replay_command, write_campaign
 
     def run(sample: int) -> Any:
         return stored_campaign(table.journal.folder)[0].replay(sample)
@@ -335,8 +334,7 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
     typer.echo(f"table:  {table.journal.folder / 'samples.parquet'}")
     typer.echo(f"report: {table.journal.folder / 'index.html'}")
     if judged.worst_of_all is not None:
-        folder = shlex.quote(str(table.journal.folder))
-        typer.echo(f"replay: flexhinf campaign replay {folder} --sample {judged.worst_of_all}")
+        typer.echo(f"replay: {replay_command(table.journal.folder, f'--sample {judged.worst_of_all}')}")
     if judged.failures or not kept:
         raise typer.Exit(NOT_MET)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -104,13 +103,12 @@ def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
     """A line for each metric that was searched, with the command that runs it again; whether all keep their limits."""
     from flexhinf.campaign import stored_worsts
     from flexhinf.design.campaign_gain import stored_gains
-    from flexhinf.design.report import gain_text, missed_by, worst_text
+    from flexhinf.design.report import gain_text, missed_by, replay_command, worst_text
 
     missed = False
     for case in stored_worsts(table.journal):
         typer.echo(worst_text(case))
-        folder = shlex.quote(str(table.journal.folder))
-        typer.echo(f"replay: flexhinf campaign replay {folder} --worst-case {case.metric}")
+        typer.echo(f"replay: {replay_command(table.journal.folder, f'--worst-case {case.metric}')}")
         missed |= bool(missed_by(case, requirements))
     found = stored_gains(table.journal)
     for row in found.rows:
@@ -118,7 +116,7 @@ def say_worst(table: MergedTable, requirements: Sequence[Requirement]) -> bool:
     if found.unproved:
         note(f"no γ is proved of this law: {found.unproved}")
     if found.rows:
-        typer.echo(f"replay: flexhinf campaign replay {table.journal.folder} --worst-case {GAIN}")
+        typer.echo(f"replay: {replay_command(table.journal.folder, f'--worst-case {GAIN}')}")
     return not missed
 
 

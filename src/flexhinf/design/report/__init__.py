@@ -2,7 +2,7 @@
 
 from flexhinf.design.report.campaign_disturbance import gain_replay_table, gain_text
 from flexhinf.design.report.campaign_page import campaign_page, write_campaign
-from flexhinf.design.report.campaign_text import campaign_verdict, metric_text, replay_table
+from flexhinf.design.report.campaign_text import campaign_verdict, metric_text, replay_command, replay_table
 from flexhinf.design.report.campaign_worst import missed_by, worst_table, worst_text
 from flexhinf.design.report.certificate_page import certificate_page
 from flexhinf.design.report.certification import certification_notes, certification_tables
@@ -17,9 +17,10 @@ from flexhinf.design.report.verdict import comparison_verdict
 
 __all__ = [
     "campaign_page", "campaign_verdict", "certificate_page", "certification_notes", "certification_tables",
-    "check_film", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables", "comparison_verdict",
-    "design_files", "design_page", "design_tables", "gain_replay_table", "gain_text", "metric_text", "missed_by",
-    "notes", "pair_page", "pair_table", "pair_verdict", "replay_table", "requirement_table", "robots_table", "run_met",
-    "run_notes", "run_tables", "run_verdict", "verdict", "worst_table", "worst_text", "write_campaign",
-    "write_comparison", "write_design", "write_film", "write_pair",
+    "check_film", "comparison_files", "comparison_notes", "comparison_page", "comparison_tables",
+    "comparison_verdict", "design_files", "design_page", "design_tables", "gain_replay_table", "gain_text",
+    "metric_text", "missed_by", "notes", "pair_page", "pair_table", "pair_verdict", "replay_command",
+    "replay_table", "requirement_table", "robots_table", "run_met", "run_notes", "run_tables", "run_verdict",
+    "verdict", "worst_table", "worst_text", "write_campaign", "write_comparison", "write_design", "write_film",
+    "write_pair",
 ]  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from flexhinf.campaign import CampaignJudgement
 from flexhinf.design.campaign_gain import FoundGains, GainRow
-from flexhinf.design.report.campaign_text import change_text
+from flexhinf.design.report.campaign_text import change_text, replay_command
 from flexhinf.design.report.drawing import figure_block
 from flexhinf.report import (
     INK,
@@ -80,7 +79,6 @@ def gain_section(judged: CampaignJudgement, found: FoundGains) -> Section:
     columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
     worst = next((row for row in rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {_changes(worst, judged.nominal)}."
-    folder = shlex.quote(judged.table.journal.folder.name)
     text = (
         "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
         "which V stays inside the sampled or proved level. Where a robot within the tolerances is searched too, robot "
@@ -92,7 +90,7 @@ def gain_section(judged: CampaignJudgement, found: FoundGains) -> Section:
     return Section("Worst disturbance", [
         Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True), _figure(rows),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
-        Listing(f"flexhinf campaign replay {folder} --worst-case gain"),
+        Listing(replay_command(judged.table.journal.folder.name, "--worst-case gain")),
     ], "worst-disturbance")  # fmt: skip
 
 

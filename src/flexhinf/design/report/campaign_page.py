@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from flexhinf.design.report.campaign_text import (
     metric_text,
     percent_text,
     reasons_text,
+    replay_command,
     value_text,
 )
 from flexhinf.design.report.campaign_worst import Runs, campaign_statuses, worst_section, worst_verdict
@@ -342,8 +342,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
 
 
 def _failures(judged: CampaignJudgement) -> list[Any]:
-    folder = shlex.quote(judged.table.journal.folder.name)
-    replay = f"flexhinf campaign replay {folder} --sample"
+    replay = replay_command(judged.table.journal.folder.name, "--sample")
     worst = judged.worst_of_all
     if not judged.failures:
         if worst is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ __all__ = [
     "percent_change",
     "percent_text",
     "reasons_text",
+    "replay_command",
     "replay_table",
     "value_text",
 ]  # fmt: skip
@@ -54,6 +57,11 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
         shown = value_text(value, judged.table.unit(judged.main))
         text += f"; worst {metric_text(judged.main)} {shown}, at {changes(judged, worst)}"
     return f"{text} (sample {worst})." if worst is not None else f"{text}."
+
+
+def replay_command(folder: Path | str, which: str) -> str:
+    """The command that runs one of a campaign's runs again: ``--sample 42``, ``--worst-case overshoot_percent``."""
+    return f"flexhinf campaign replay {shlex.quote(str(folder))} {which}"
 
 
 def metric_text(metric: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,6 +17,7 @@ from flexhinf.design.report.campaign_text import (
     limit_text,
     metric_text,
     percent_change,
+    replay_command,
     value_text,
 )
 from flexhinf.design.report.drawing import figure_block
@@ -154,14 +154,13 @@ def worst_section(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: R
         "metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there",
     )  # fmt: skip
     case = max(cases, key=lambda one: _use(one, judged.requirements))
-    folder = shlex.quote(judged.table.journal.folder.name)
     text = worst_text(case)
     return Section("Worst case", [
         Paragraph(_method(cases)),
         Table(columns, rows, "The worst robot inside the box of tolerances", "table-worst-case", stacks=True),
         *([] if runs is None else _figure(judged, case, runs)),
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
-        Listing(f"flexhinf campaign replay {folder} --worst-case {case.metric}"),
+        Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
         _table_of_numbers(case),
     ], "worst-case")  # fmt: skip
 

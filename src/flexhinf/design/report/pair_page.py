@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from flexhinf.design.report.campaign_text import (
     limit_text,
     metric_text,
     percent_text,
+    replay_command,
     value_text,
 )
 from flexhinf.design.report.drawing import DASHED, figure_block, framed, panels
@@ -327,7 +327,7 @@ def _extremes(result: PairResult) -> list[Any]:
         return []
     folder = result.folder.name
     lines = [
-        f"flexhinf campaign replay {shlex.quote(f'{folder}/{side}')} --sample {sample}"
+        replay_command(f"{folder}/{side}", f"--sample {sample}")
         for sample in dict.fromkeys(shown)
         for side in SIDES
     ]
