@@ -351,8 +351,8 @@ def test_damping_is_that_of_every_pole_of_the_running_loop(
 
 
 def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) -> None:
-    """As of a run: 5 s are 5000 samples of a loop, 500 s most likely a wrong unit."""
-    assert EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=5000).delay == 5000
+    """Every input that waits is a state: 0.2 s are 200 samples of a loop, 500 s most likely a wrong unit."""
+    assert EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=200).delay == 200
     with pytest.raises(InvalidInput, match="out of proportion") as caught:
         EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=500_000)
     assert "if 500 ms was meant" in str(caught.value)

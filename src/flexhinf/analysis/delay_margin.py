@@ -3,7 +3,7 @@
 Broken at the plant's input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact (`LinearLoop.held`). It
 is on the edge where an eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the frequencies with |λ(L_φ)| = 1
 are found, their phase gives j as a real number, and Newton's method brings ω and the delay together. The smallest delay
-is checked by the multipliers of the closed loop before it, which are counted; should any have left the unit circle
+is checked by the multipliers of the closed loop before it, up to 200 samples; should any have left the unit circle
 there, it is bisected down to where they do.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.analysis.frequency_search import crossings
 from flexhinf.analysis.linear_loop import LinearLoop
+from flexhinf.loop.simulation.channel import LONGEST_LINEAR
 
 __all__ = ["delay_margin"]
 
@@ -39,9 +40,10 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     if not found:
         return np.inf, np.nan
     delay, frequency = min(found)
-    if loop.system(own + BEFORE * (delay - own)).stable:
+    before = min(own + BEFORE * (delay - own), LONGEST_LINEAR * loop.period)
+    if loop.system(before).stable:
         return delay - own, frequency
-    low, high = own, delay
+    low, high = own, before
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if loop.system(middle).stable else (low, middle)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,13 +10,19 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 
-__all__ = ["DiscreteSystem", "SampledSystem"]
+__all__ = ["BRIEF", "DiscreteSystem"]
 
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
 
-#: An eigenvalue below this is gone after one sample.
-GONE = 1e-12
+#: An eigenvalue below this is gone after one sample; |z| of a mode that falls below 1/e within two samples.
+GONE, BRIEF = 1e-12, float(np.exp(-0.5))
+
+#: What a queue returns is an echo, and no oscillation, if less than this fraction of it is left after one delay.
+ECHO = 0.1
+
+#: Points of a sweep for each turn of a delay.
+PER_TURN = 12
 
 #: Doublings of a sum of powers at most: 3e14 samples, more than a pole within rounding of the circle
 #: lasts. It ends where the next power has no entry as large as FORGOTTEN.
@@ -30,58 +35,8 @@ TRIANGULAR = 48
 ON_AXIS = 1e-8
 
 
-class SampledSystem(ABC):
-    """A linear system with a sample every `period` seconds: what follows from its multipliers alone."""
-
-    period: float
-
-    @property
-    @abstractmethod
-    def multipliers(self) -> np.ndarray:
-        """What one period makes of each mode, (K,) complex."""
-
-    @property
-    @abstractmethod
-    def stable(self) -> bool:
-        """Whether all modes decay."""
-
-    @property
-    def poles(self) -> np.ndarray:
-        """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0 are left out."""
-        lasting = self.multipliers[np.abs(self.multipliers) > GONE]
-        poles = np.asarray(np.log(lasting) / self.period)
-        return poles[np.argsort(-np.real(poles), kind="stable")]
-
-    def frequencies(self, count: int = 300) -> np.ndarray:
-        """Where something may happen, rad/s: evenly on a logarithmic scale, and closely around each eigenvalue."""
-        return np.union1d(np.geomspace(1e-4, np.pi / self.period, count), self.near_poles())
-
-    def near_poles(self) -> np.ndarray:
-        """Frequencies closely around each eigenvalue, rad/s, ascending."""
-        exponents = self.poles[np.imag(self.poles) >= 0.0]
-        offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
-        near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
-        every = np.concatenate([near.ravel(), np.abs(exponents)])
-        return np.unique(every[(every > 0.0) & (every <= np.pi / self.period)])
-
-    @property
-    def damping(self) -> tuple[float, float]:
-        """Smallest damping ratio −Re s/|s| of all poles s = log(z)/T, and |s| there in rad/s.
-
-        Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. So
-        are echoes of a delayed loop (`flexhinf.analysis.delayed_poles.DelayedPoles.roots`). A
-        loop that does not oscillate has the ratio 1, a growing mode a negative one.
-        """
-        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
-        if not len(lasting):
-            return 1.0, np.nan
-        sizes = np.abs(lasting)
-        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
-        return float(ratios.min()), float(sizes[ratios.argmin()])
-
-
 @dataclass(frozen=True, eq=False)
-class DiscreteSystem(SampledSystem):
+class DiscreteSystem:
     """x⁺ = a x + b w, z = c x + d w, one sample every `period` seconds.
 
     Attributes
@@ -89,6 +44,8 @@ class DiscreteSystem(SampledSystem):
     a, b, c, d : (n, n), (n, m), (p, n) and (p, m) arrays
     period : float
         s.
+    delay, queued : int
+        Samples that the inputs of the plant wait, and how many of the states, the last ones, are waiting inputs.
     """
 
     a: np.ndarray
@@ -96,7 +53,10 @@ class DiscreteSystem(SampledSystem):
     c: np.ndarray
     d: np.ndarray
     period: float
+    delay: int = 0
+    queued: int = 0
 
+    # Modes -----------------------------------------------------------------------------------------------
     @cached_property
     def multipliers(self) -> np.ndarray:
         """Eigenvalues of a, (n,): what one period makes of each mode."""
@@ -110,21 +70,78 @@ class DiscreteSystem(SampledSystem):
         return bool(np.abs(self.multipliers).max() < 1.0)
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers (n,), and what the state does in each, (n, n), in columns."""
-        return np.linalg.eig(self.a)
+        """Multipliers that count (K,), largest first, and what the states that do not wait do in each, in columns.
+
+        All count where nothing waits. Of a loop with a queue those count that last two samples and are no echoes. An
+        echo is mostly in the queue (participation above a half), and less than a tenth of it is left after one delay:
+        it is what a signal that passes once through the whole loop comes back as. Where the loop does that to a
+        frequency its sensitivity is between 1/1.1 and 1/0.9, so nothing oscillates there.
+        """
+        values, vectors = np.linalg.eig(self.a)
+        if self.queued:
+            own = len(values) - self.queued
+            with np.errstate(all="ignore"):
+                waiting = np.abs((vectors * np.linalg.pinv(vectors).T)[own:].sum(axis=0))
+                echo = (np.abs(values) ** self.delay < ECHO) & ~(waiting <= 0.5)
+            chosen = np.flatnonzero((np.abs(values) > BRIEF) & ~echo)
+            chosen = chosen[np.argsort(-np.abs(values[chosen]), kind="stable")]
+            values, vectors = values[chosen], vectors[:own, chosen]
+        return values.astype(complex), vectors
+
+    @cached_property
+    def poles(self) -> np.ndarray:
+        """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0, and of a loop with a
+        queue those that do not count (`modes`), are left out."""
+        values = self.modes()[0] if self.queued else self.multipliers
+        poles = np.asarray(np.log(values[np.abs(values) > GONE]) / self.period)
+        return poles[np.argsort(-np.real(poles), kind="stable")]
+
+    def frequencies(self, count: int = 300) -> np.ndarray:
+        """Where something may happen, rad/s: evenly on a logarithmic scale, at each turn of the delay, and closely
+        around each pole."""
+        top = np.pi / self.period
+        turns = np.linspace(0.0, top, PER_TURN * self.delay // 2 + 2)[1:] if self.queued else ()
+        return np.unique(np.concatenate([np.geomspace(1e-4, top, count), turns, self.near_poles()]))
+
+    def near_poles(self) -> np.ndarray:
+        """Frequencies closely around each pole, rad/s, ascending."""
+        exponents = self.poles[np.imag(self.poles) >= 0.0]
+        offsets = np.array([-10.0, -3.0, -1.0, -0.3, -0.1, 0.0, 0.1, 0.3, 1.0, 3.0, 10.0])
+        near = np.imag(exponents)[:, None] + np.abs(np.real(exponents))[:, None] * offsets
+        every = np.concatenate([near.ravel(), np.abs(exponents)])
+        return np.unique(every[(every > 0.0) & (every <= np.pi / self.period)])
+
+    @property
+    def damping(self) -> tuple[float, float]:
+        """Smallest damping ratio −Re s/|s| of all poles s = log(z)/T, and |s| there in rad/s.
+
+        Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. So
+        are echoes of a queue (`modes`). A loop that does not oscillate has the ratio 1, a growing mode a negative one.
+        """
+        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
+        if not len(lasting):
+            return 1.0, np.nan
+        sizes = np.abs(lasting)
+        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
+        return float(ratios.min()), float(sizes[ratios.argmin()])
 
     def plus(self, d: np.ndarray) -> DiscreteSystem:
         """With another direct term (p, m) added."""
-        return DiscreteSystem(self.a, self.b, self.c, self.d + d, self.period)
+        return self._same_loop(replace(self, d=self.d + d))
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
         """Some outputs by some inputs."""
-        part = DiscreteSystem(
-            self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.period
+        return self._same_loop(
+            replace(self, b=self.b[:, inputs], c=self.c[outputs], d=self.d[outputs][:, inputs])
         )
-        vars(part)["multipliers"] = self.multipliers  # of the same a: not computed again
+
+    def _same_loop(self, part: DiscreteSystem) -> DiscreteSystem:
+        """What is known of the same a is not computed again."""
         if len(self.a) > TRIANGULAR:
             vars(part)["_schur"] = self._schur
+        vars(part)["multipliers"] = self.multipliers
+        if self.queued:
+            vars(part)["poles"] = self.poles
         return part
 
     def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.batch import Rows, near_rest, solved
-from flexhinf.analysis.delayed_poles import DelayedPoles
 from flexhinf.analysis.law_batch import equilibrium_integrals
-from flexhinf.analysis.linear_loop import LinearLoop, Modes
+from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
 from flexhinf.analysis.sampled_controller import SampledController, Stepped, model_rows
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
-from flexhinf.loop.simulation.channel import check_delay
+from flexhinf.loop.simulation.channel import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant
 from flexhinf.plant import equilibrium as plant_equilibrium
 from flexhinf.plant.equilibrium import pose_values
@@ -60,8 +59,7 @@ class EquilibriumLoop:
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
     delay : int
-        Whole samples between an input and its effect, of which the estimator does not know; at most `LONGEST` of
-        `flexhinf.loop.simulation.channel`, as in a run.
+        Whole samples between an input and its effect, of which the estimator does not know; at most 200.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -94,7 +92,7 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
-        check_delay(delay, period)
+        check_delay(delay, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
         self._states = tuple(name for name in law.state_names if not name.endswith("_integral"))
@@ -131,12 +129,6 @@ class EquilibriumLoop:
     def states(self) -> int:
         """Number of states of the linear loop: true plant, inputs that wait in the delay, controller."""
         return self.plant.n + self.delay * self.step.m + self.step.size
-
-    @property
-    def operations(self) -> float:
-        """About how many operations the multipliers take: the cube of the states; per input that waits, a product."""
-        own = self.plant.n + self.step.size + (self.step.m if self.delay else 0)
-        return min(float(self.states) ** 3, own**3 + 50.0 * own * self.step.m**2 * self.delay)
 
     @property
     def tunable(self) -> bool:
@@ -220,8 +212,8 @@ class EquilibriumLoop:
         after = np.hstack([x, stepped.memory.value])
         return after, np.concatenate([moved, by_z(stepped.memory.by)], axis=1)
 
-    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> DelayedPoles:
-        """One period with `delay` inputs waiting, by (true plant, input that acted last, memory), N times."""
+    def _delayed(self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
+        """One period (N, n, n) by (true plant, input that acted last, memory, waiting inputs), N times."""
         n, m, s, p, count = self.plant.n, self.step.m, self.step.size, self.step.p, len(z)
         stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
         _, moved = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
@@ -233,7 +225,7 @@ class EquilibriumLoop:
         a, e = np.zeros((count, size, size)), np.zeros((count, size, m))
         a[:, :n, :n], a[:, n + m :] = moved[:, :, :n], by_state(stepped.memory.by)
         e[:, :n], e[:, n : n + m] = moved[:, :, n:], np.eye(m)
-        return DelayedPoles(a, e, by_state(stepped.u.by), self.delay)
+        return with_queue(a, e, by_state(stepped.u.by), self.delay)
 
     # Rest ----------------------------------------------------------------------------------------------
     @cached_property
@@ -306,8 +298,6 @@ class EquilibriumLoop:
         """
         vectors = values if isinstance(values, np.ndarray) else self.vectors(values)
         fixed = self._fixed(process_noise)
-        if self.delay:  # poles of a delayed loop are found from its neighbours'
-            return self._modes(vectors, fixed, near)
         own, parts = fixed is not None and fixed.ndim == 2, []
         each = max(1, AT_ONCE // self.states**2)
         for k in range(0, max(1, len(vectors)), each):
@@ -318,10 +308,7 @@ class EquilibriumLoop:
 
     def _modes(self, vectors: np.ndarray, fixed: np.ndarray | None, near: np.ndarray | None) -> Modes:
         z, slope, found = self._equilibrium(vectors, fixed, near)
-        if self.delay and found.any():
-            some = self._delayed(z, vectors, fixed).part(np.flatnonzero(found)).largest()
-        else:
-            some = np.linalg.eigvals(slope[found])
+        some = np.linalg.eigvals((self._delayed(z, vectors, fixed) if self.delay else slope)[found])
         multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
         multipliers[found] = some
         return Modes(self.period, np.where(found[:, None], z, np.nan), multipliers)

@@ -44,7 +44,7 @@ class FrequencyResponse:
         S at the plant's inputs, and T = 1 − S.
     poles : (K,) complex array
         Continuous equivalents log(z)/T of the poles of the loop, 1/s, slowest first; of a delayed loop those that
-        last two samples and are no echoes (`flexhinf.analysis.delayed_poles.DelayedPoles.roots`).
+        last two samples and are no echoes (`flexhinf.analysis.discrete_system.DiscreteSystem.modes`).
     stable : bool
         Whether all poles decay; responses of an unstable loop are those of its transfer functions.
     """

@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.delayed_system import DelayedSystem
 from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.sampled_controller import Stepped
 
-__all__ = ["LinearLoop", "Modes"]
+__all__ = ["LinearLoop", "Modes", "with_queue"]
 
 #: Delays this close to a whole number of samples (in samples) are one.
 WHOLE = 1e-9
@@ -90,11 +89,11 @@ class LinearLoop:
         return j, late[:n, :n] @ early[:n, :n], late[:n, :n] @ early[:n, n:], late[:n, n:]
 
     @cached_property
-    def running(self) -> DiscreteSystem | DelayedSystem:
+    def running(self) -> DiscreteSystem:
         """`system` with the loop's own delay."""
         return self._system(self.delay)
 
-    def system(self, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
+    def system(self, delay: float | None = None) -> DiscreteSystem:
         """From (w, v, r, d) to (u + w, u, q).
 
         w is added to the input, v to the measurements, r are the commanded positions, d torques that disturb the plant
@@ -102,7 +101,7 @@ class LinearLoop:
         """
         return self.running if delay is None or delay == self.delay else self._system(delay)
 
-    def _system(self, delay: float) -> DiscreteSystem | DelayedSystem:
+    def _system(self, delay: float) -> DiscreteSystem:
         m, p, q = self.b.shape[1], len(self.c), len(self.positions)
         parts = self._parts(delay)
         n, size = len(self.a), len(parts.a)
@@ -145,7 +144,7 @@ class LinearLoop:
         both[:n] = np.hstack([self.a, self.g])
         return expm(both * self.period)[:n, n:]
 
-    def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
+    def part(self, into: str, out_of: str, delay: float | None = None) -> DiscreteSystem:
         """One block of `system`: into "w", "v", "r" or "d", out of "u+w", "u" or "q"."""
         m, p, q, k = self.b.shape[1], len(self.c), len(self.positions), self.g.shape[1]
         begin = np.cumsum([0, m, p, q, k]).tolist()
@@ -153,18 +152,18 @@ class LinearLoop:
         outputs = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
         return self.system(delay).block(outputs, slice(begin[at], begin[at + 1]))
 
-    def opened(self, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
+    def opened(self, delay: float | None = None) -> DiscreteSystem:
         """The loop broken at all inputs of the plant: what the controller answers to an input of the plant alone.
 
         Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹.
         """
         return self._opened_at(np.ones(self.b.shape[1], dtype=bool), delay)
 
-    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem | DelayedSystem:
+    def opened_at(self, i: int, delay: float | None = None) -> DiscreteSystem:
         """The loop broken at input i alone, the other inputs closed: −L_i, one input and one output."""
         return self._opened_at(np.arange(self.b.shape[1]) == i, delay)
 
-    def _opened_at(self, broken: np.ndarray, delay: float | None) -> DiscreteSystem | DelayedSystem:
+    def _opened_at(self, broken: np.ndarray, delay: float | None) -> DiscreteSystem:
         """Broken at some of the inputs, (m,) of bool."""
         parts, given = self._parts(delay), np.eye(len(broken))[:, broken]
         fed_back, nothing = np.where(broken[:, None], 0.0, parts.u), np.zeros((len(parts.a), given.shape[1]))
@@ -202,11 +201,32 @@ class _Parts:
 
     def system(
         self, b: np.ndarray, c: np.ndarray, d: np.ndarray, k: np.ndarray, l: np.ndarray
-    ) -> DiscreteSystem | DelayedSystem:
+    ) -> DiscreteSystem:
         """With x⁺ = … + b w, z = c x + d w and v = k x + l w, late."""
         if not self.samples:
             return DiscreteSystem(self.a + self.e @ k, b + self.e @ l, c, d, self.period)
-        return DelayedSystem(self.a, b, c, d, self.e, k, l, self.samples, self.period)
+        queued = self.samples * self.e.shape[1]
+        after = np.zeros((queued, b.shape[1]))
+        after[: len(l)] = l
+        a = with_queue(self.a[None], self.e[None], k[None], self.samples)[0]
+        c = np.hstack([c, np.zeros((len(c), queued))])
+        return DiscreteSystem(a, np.vstack([b, after]), c, d, self.period, self.samples, queued)
+
+
+def with_queue(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> np.ndarray:
+    """N loops x⁺ = a x + e v, v(i) = k x(i − samples), with a state for each input that waits, newest first.
+
+    Parameters
+    ----------
+    a, e, k : (N, n, n), (N, n, m) and (N, m, n) arrays
+    samples : int
+        At least 1.
+    """
+    (count, n, m), queued = e.shape, e.shape[2] * samples
+    found = np.zeros((count, n + queued, n + queued))
+    found[:, :n, :n], found[:, :n, n + queued - m :] = a, e
+    found[:, n : n + m, :n], found[:, n + m :, n : n + queued - m] = k, np.eye(queued - m)
+    return found
 
 
 @dataclass(frozen=True)
@@ -220,8 +240,7 @@ class Modes:
     equilibrium : (N, n + s) array
         State of the loop in equilibrium (true plant, then the memory of `SampledController`); NaN where there is none.
     multipliers : (N, K) complex array
-        Eigenvalues of one period; infinite where the loop has no equilibrium. Of a long delay some of the largest, the
-        very largest among them; 0 stands for none.
+        Eigenvalues of one period; infinite where the loop has no equilibrium.
     """
 
     period: float

@@ -26,8 +26,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
-#: these (`EquilibriumLoop.operations` for each corner): with eleven numbers more than a hundred states, or a delay of
-#: more than 2000 samples.
+#: these (the cube of the states for each corner): with eleven numbers more than a hundred states.
 ALL_OF, OPERATIONS = 12, 3e9
 
 #: With more uncertain numbers so many sampled corners; the second number for a large loop.
@@ -299,7 +298,7 @@ def corner_plants(
 
 def _all(uncertain: int, loop: EquilibriumLoop) -> bool:
     """Whether all corners are computed."""
-    return uncertain <= ALL_OF and 2.0**uncertain * loop.operations <= OPERATIONS
+    return uncertain <= ALL_OF and 2.0**uncertain * loop.states**3 <= OPERATIONS
 
 
 def _between(

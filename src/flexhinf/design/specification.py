@@ -265,15 +265,15 @@ class Specification:
 
     def _check_delay(self) -> None:
         from flexhinf.loop.simulation.channel import (
-            LONGEST,
+            LONGEST_LINEAR,
             WHOLE,
         )  # a tenth of the time of `flexhinf --help`
 
         samples = self.delay / self.period
-        if samples > LONGEST * (1.0 + WHOLE):
+        if samples > LONGEST_LINEAR * (1.0 + WHOLE):
             raise _refusal(
                 "delay",
-                f"expected at most {LONGEST * self.period:g} s, {LONGEST} samples: "
+                f"expected at most {LONGEST_LINEAR * self.period:g} s, {LONGEST_LINEAR} samples: "
                 f"{self.delay:g} s are {samples:.0f} samples",
                 f"{self.delay:g}ms",
             )

@@ -10,18 +10,18 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = ["DIRECT", "LONGEST", "WHOLE", "Channel", "check_delay"]
+__all__ = ["DIRECT", "LONGEST", "LONGEST_LINEAR", "WHOLE", "Channel", "check_delay"]
 
-#: Longest delay, samples. The inputs that wait are rows of a run's own record, and a factor z^-q of the linear loop: a
-#: delay compiles nothing and costs little, but a longer one is most likely a wrong unit.
-LONGEST = 100_000
+#: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
+#: costs little, but a longer one is most likely a wrong unit. In a linear loop every input that waits is a state.
+LONGEST, LONGEST_LINEAR = 100_000, 200
 
 #: A delay this close to a whole number of samples (in samples) is one.
 WHOLE = 1e-6
 
 
-def check_delay(samples: float, period: float) -> None:
-    """Refuse a delay of more than `LONGEST` samples, of a run or of a linear loop.
+def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
+    """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have.
 
     Parameters
     ----------
@@ -35,12 +35,12 @@ def check_delay(samples: float, period: float) -> None:
     InvalidInput
         With the unit that was probably meant.
     """
-    if samples <= LONGEST * (1.0 + WHOLE):
+    if samples <= most * (1.0 + WHOLE):
         return
     late = period * samples
     raise InvalidInput(
         "The input delay is out of proportion to the period.",
-        f"expected at most {LONGEST} samples = {LONGEST * period:g} s, got {late:g} s = {samples:.0f} samples of "
+        f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
         f"{period:g} s",
         f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
     )
