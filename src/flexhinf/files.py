@@ -226,6 +226,8 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
     ------
     InvalidInput
         Not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own message.
+    MemoryError
+        Its arrays do not fit into the memory that is free; nothing is wrong with the file.
     """
     try:
         content = read_bytes(Path(path), _LARGEST_FILE + 1)
@@ -235,7 +237,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
         raise _unreadable(getattr(error, "strerror", None) or str(error)) from error
     if len(content) > _LARGEST_FILE:
         raise _unreadable(f"more than {_LARGEST_FILE} bytes")
-    whole = content[-_DIGEST:] == _digest(content[:-_DIGEST])
+    whole = content[-_DIGEST:] == _digest(memoryview(content)[:-_DIGEST])
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if archive.comment and not whole:
@@ -243,18 +245,27 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             unpacked = sum(member.file_size for member in archive.infolist())
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            members = {name: arrays[name] for name in arrays.files}
-        if not all(isinstance(member, np.ndarray) for member in members.values()):
-            raise _unreadable("damaged: a member is no array")
-        return members, whole
-    except InvalidInput:
+            names = [member.filename for member in archive.infolist()]
+            return {name.removesuffix(".npy"): _array(archive.read(name)) for name in names}, whole
+    except (InvalidInput, MemoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
         raise _unreadable(f"damaged or not such a file ({type(error).__name__})") from error
 
 
-def _digest(content: bytes) -> bytes:
+def _array(content: bytes) -> np.ndarray:
+    """An array from its file in an archive; no memory is taken for what its head promises and the file does not have."""
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, by_columns, kind = header(file)
+    if kind.hasobject or min(shape, default=0) < 0:
+        raise ValueError("no array of numbers or texts")
+    order = "F" if by_columns else "C"
+    return np.ndarray(shape, kind, content, file.tell(), order=order).copy(order)
+
+
+def _digest(content: bytes | memoryview) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
 
 

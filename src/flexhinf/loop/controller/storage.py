@@ -201,6 +201,8 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
         return make(**_assembled(json.loads(str(arrays.pop("header"))), arrays))
     except FlexhinfError as error:
         raise _unreadable(place, " ".join(filter(None, (error.what, error.found)))) from error
+    except MemoryError:
+        raise  # the file may be as it should
     except Exception as error:  # a file with a digest may still hold anything
         raise _unreadable(place, f"damaged or not such a file ({type(error).__name__})") from error
 
