@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import shutil
 import subprocess
 import sys
 import tracemalloc
@@ -88,10 +89,8 @@ def test_everything_is_read_with_300_mb_free(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "move.csv").write_text("time,shoulder\n0,0\n1,0.5\n")
     CUBIC.save(tmp_path / "certificate.json")
     report.write(tmp_path / "report", {"page.html": "whole"})
-    try:
+    if any(map(shutil.which, ("cc", "gcc", "clang"))):
         fh.compile_controller(controller, tmp_path / "library.so")
-    except InvalidInput as error:
-        assert "no C compiler" in error.what  # then there is no library that could be read
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
     words = [sys.executable, "-c", LITTLE_MEMORY, str(tmp_path)]
     done = subprocess.run(words, env=paths, capture_output=True, text=True, check=False)

@@ -254,7 +254,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
 
 
 def _array(content: bytes) -> np.ndarray:
-    """An array from its file in an archive; no memory is taken for what its head promises and the file does not have."""
+    """An array from its file in an archive; what its head promises beyond the file's own bytes takes no memory."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

@@ -8,9 +8,11 @@ import re
 import stat
 import tomllib
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,8 +21,8 @@ from flexhinf.errors import InvalidInput, readable
 
 __all__ = [
     "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "file_digest",
-    "is_real", "read_bytes", "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text",
-    "within_proportion",
+    "is_real", "read_bytes", "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number",
+    "value_text", "within_proportion",
 ]  # fmt: skip
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
@@ -290,13 +292,13 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _regular(path: Path) -> BinaryIO:
+@contextmanager
+def _regular(path: Path) -> Iterator[BufferedReader]:
     """An open file; OSError for a folder, a pipe or a device."""
-    file = open(path, "rb", opener=_without_waiting)
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise OSError("not a file, but a folder, a pipe or a device")
-    return file
+    with open(path, "rb", opener=_without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError("not a file, but a folder, a pipe or a device")
+        yield file
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -89,7 +89,7 @@ def test_an_executor_that_loses_a_batch_is_an_error(tmp_path: Path, executor, sh
     with pytest.raises(FlexhinfError, match="were not run"):
         drive(campaign, journal, shard=shard, executor=executor)
     drive(campaign, journal)
-    assert journal.missing(journal.shards()[0]) == []
+    assert sorted(journal.shards()[0]) == [0, 1, 2, 3]
 
 
 def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign
 from flexhinf.campaign.journal import Journal
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.campaign.samples import Rows, run_batch
-from flexhinf.campaign.storage import labelled
+from flexhinf.campaign.storage import disk_refusals, labelled
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text
 
@@ -148,7 +148,8 @@ def drive(
         done = total - sum(map(journal.size, todo))
         fresh = 0
         for path, wrong in bad:
-            path.unlink(missing_ok=True)
+            with disk_refusals(journal.folder):
+                path.unlink(missing_ok=True)
             progress(
                 Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
             )
@@ -160,7 +161,7 @@ def drive(
                 progress(Report(done + fresh, total, fresh))
         if shard.of > 1:
             good = journal.shards()[0]
-        return None if journal.missing(good) else merged(journal, good)
+        return None if len(good) < journal.batches else merged(journal, good)
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -362,8 +363,7 @@ def run_campaign(
     parts = [found[index].columns for index in range(campaign.batches)]
     rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     kept = {name: rows[name][:TRACED] for name in campaign.named("trace")}
-    time = campaign.instants * loop.controller.period
-    return labelled({**rows, **kept}, campaign.columns, time, campaign.settings)
+    return labelled({**rows, **kept}, campaign.columns, campaign.time, campaign.settings)
 
 
 _OPTIONS = (
