@@ -214,11 +214,31 @@ def test_every_command_that_writes_has_a_path() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["compile"],
+        ["export", "c"],
+        ["export", "fmu"],
+        ["run", "--mujoco"],
+        ["design"],
+        ["compare"],
+        ["campaign", "run"],
+    ],
+)
+def test_an_empty_design_is_not_that_of_the_working_folder(
+    words: list[str], folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "design.toml").write_text("")
+    refused([*words, ""], "no usable path", folder)
+
+
 @pytest.mark.parametrize(("words", "option"), PATHS)
 def test_an_empty_path_is_no_path(
     words: tuple[str, ...], option: str, folder: Path, refused: Callable[..., str]
 ) -> None:
     """Python takes "" for the folder ".": a log of that name was a traceback, a campaign there the working folder."""
+    (folder / "design.toml").write_text("")
     for given in ((option, ""), (f"{option}=",)) if option else (("",),):
         before = () if words == ("paper",) or not option else ("paper",)
         refused([*words, *before, *given], "no usable path", folder)

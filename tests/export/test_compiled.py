@@ -80,6 +80,18 @@ def test_a_compiler_that_does_not_know_the_machine(
     assert fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so")).step([0.1]).shape == (1,)
 
 
+def test_what_is_remembered_is_not_given_to_another_controller(
+    library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    """The file of a pickled controller was replaced meanwhile: as many numbers may mean something else."""
+    path = tmp_path / "arm.so"
+    path.write_bytes(library.read_bytes())
+    kept = pickle.dumps(fh.load_compiled(path))
+    fh.compile_controller(fh.Controller(controller.law, controller.estimator, 1e-3, 24.0), path)
+    with pytest.raises(InvalidInput, match="replaced by one of another controller"):
+        pickle.loads(kept)
+
+
 def patched(library: Path, to: Path, old: bytes, new: bytes) -> Path:
     """The library with other bytes at one place."""
     image = library.read_bytes()

@@ -9,6 +9,7 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import checked_path
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller
@@ -172,7 +173,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
 def file_of(source: str) -> Path:
     """The file that is meant: of a report's folder its design file."""
-    path = Path(source)
+    path = checked_path("The design", source)
     return path / "design.toml" if path.is_dir() else path
 
 

@@ -176,12 +176,19 @@ class CompiledController:
         remembered = (self._state, self._r, self._u, self.estimate)
         return {
             "path": str(self.path),
+            "digest": self.digest,
             "remembered": [array.copy() for array in remembered],
             "code": self.code,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["path"])  # type: ignore[misc]
+        if self.digest != state["digest"]:
+            raise InvalidInput(
+                "The library of this controller was replaced by one of another controller.",
+                f"expected {state['digest'][:12]}, got {self.digest[:12]} in {self.path}",
+                "load_compiled, to begin anew",
+            )
         places = (self._state, self._r, self._u, self.estimate)
         for place, values in zip(places, state["remembered"], strict=True):
             place[:] = values
