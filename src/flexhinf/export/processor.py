@@ -15,8 +15,8 @@ __all__ = ["MARK", "check_instructions", "compiler_flags", "instructions", "name
 #: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
 MARK = b"flexhinf library 1: instructions, then what it is\n"
 
-#: Instruction sets beyond the oldest processor of a platform that compilers use on their own: the macro that says so,
-#: and LLVM's name without points.
+#: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
+#: that says so, and LLVM's name without points.
 INSTRUCTIONS = {
     "__SSE3__": "sse3", "__SSSE3__": "ssse3", "__SSE4_1__": "sse41", "__SSE4_2__": "sse42", "__POPCNT__": "popcnt",
     "__AVX__": "avx", "__AVX2__": "avx2", "__FMA__": "fma", "__FMA4__": "fma4", "__XOP__": "xop", "__TBM__": "tbm",
@@ -25,15 +25,11 @@ INSTRUCTIONS = {
     "__AVX512BW__": "avx512bw", "__AVX512VL__": "avx512vl", "__AVX512IFMA__": "avx512ifma",
     "__AVX512VBMI__": "avx512vbmi", "__AVX512VBMI2__": "avx512vbmi2", "__AVX512VNNI__": "avx512vnni",
     "__AVX512BITALG__": "avx512bitalg", "__AVX512VPOPCNTDQ__": "avx512vpopcntdq", "__AVX512BF16__": "avx512bf16",
-    "__AVX512FP16__": "avx512fp16", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
-    "__ARM_FEATURE_FP16_VECTOR_ARITHMETIC": "fullfp16", "__ARM_FEATURE_DOTPROD": "dotprod",
-    "__ARM_FEATURE_ATOMICS": "lse", "__ARM_FEATURE_BF16": "bf16", "__ARM_FEATURE_MATMUL_INT8": "i8mm",
+    "__AVX512FP16__": "avx512fp16", "__APX_F__": "apxf", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
 }  # fmt: skip
 
 #: Linux's names for some of them.
-OF_LINUX = {
-    "pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "asimdhp": "fullfp16", "asimddp": "dotprod", "atomics": "lse",
-}  # fmt: skip
+OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}
 
 #: PCs since about 2015: with a fused multiply-add, which every other operation of a step is.
 PORTABLE = {"avx2", "fma"}
@@ -103,8 +99,8 @@ def check_instructions(needed: Iterable[str], name: str) -> None:
     ------
     InvalidInput
     """
-    missing = sorted(set(needed) - instructions())
-    if missing:
+    needed = set(needed)
+    if needed and (missing := sorted(needed - instructions())):
         raise InvalidInput(
             "The library is for another processor.",
             f"expected one that has {', '.join(missing)}, for which {name} was compiled; this one has not",
