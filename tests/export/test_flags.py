@@ -209,3 +209,53 @@ def test_an_fmu_refuses_such_flags_too(
         done = subprocess.run(words, cwd=sources, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         assert subprocess.run(["./one"], cwd=sources, check=False).returncode == code
+
+
+#: Starts under settings of the processor; 0 where each of them is refused, and the usual one is not.
+SETTINGS = """
+#include <fenv.h>
+#include "arm.h"
+#ifdef __SSE2__
+#include <xmmintrin.h>
+#endif
+int main(void)
+{
+    static arm_state state;
+    const int directed[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
+    for (int k = 0; k < 3; ++k) {
+        if (fesetround(directed[k]) == 0 && arm_init(&state) != ARM_BAD_ARITHMETIC) return 1 + k;
+    }
+    fesetround(FE_TONEAREST);
+#ifdef __SSE2__
+    for (unsigned int bit = 0x40; bit <= 0x8000; bit *= 0x200) { /* numbers below the normal ones as 0: read, written */
+        const unsigned int usual = _mm_getcsr();
+        _mm_setcsr(usual | bit);
+        if (arm_start(&state, &arm_defaults, 0, 0) != ARM_BAD_ARITHMETIC) return 4;
+        _mm_setcsr(usual);
+    }
+#endif
+    return arm_init(&state) == ARM_OK ? 0 : 5;
+}
+"""
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_a_processor_that_is_set_otherwise_is_noticed(
+    real: str, exported: tuple[dict[str, Path], np.ndarray, np.ndarray], compiler: str, tmp_path: Path
+) -> None:
+    """As a program that is linked with -ffast-math sets it, for every library in it."""
+    (tmp_path / "settings.c").write_text(SETTINGS)
+    folder = exported[0][real]
+    words = [
+        compiler,
+        "-std=c99",
+        "-O1",
+        f"-I{folder}",
+        "settings.c",
+        folder / "arm.c",
+        "-lm",
+        "-o",
+        "settings",
+    ]
+    subprocess.run(words, cwd=tmp_path, check=True)
+    assert subprocess.run(["./settings"], cwd=tmp_path, check=False).returncode == 0
