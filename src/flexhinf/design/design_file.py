@@ -196,7 +196,7 @@ def is_design_file(source: str | Path) -> bool:
 
 def meant_file(source: str) -> str:
     """The file that a command's argument means: of a report's folder its design file, else what was given."""
-    folder = Path(source)
+    folder = checked_path("The robot or design file", source)
     named = source in catalogue() or not (folder / DESIGN_FILE).is_file()
     return source if named else str(folder / DESIGN_FILE)
 

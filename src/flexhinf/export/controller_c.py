@@ -6,6 +6,7 @@ The step is the very program that `Controller.step` compiles, with the same rule
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +25,7 @@ from flexhinf.loop import Controller
 from flexhinf.loop.controller.remembered import SPACING, step_program
 from flexhinf.untrusted import value_text
 
-__all__ = ["ControllerCode", "code_of", "fill", "template"]
+__all__ = ["ControllerCode", "arithmetic", "code_of", "fill", "template"]
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
@@ -144,6 +145,7 @@ class ControllerCode:
         if self.predicts:
             codes["PREDICTED"] = (5, "no measurement in time: the estimate is predicted, the law acts on it")
         codes["STOPPED"] = (6, "too many samples without a measurement: the last output is held")
+        codes["BAD_ARITHMETIC"] = (8, "the compiler's flags change results: nothing is computed")
         return codes
 
     @property
@@ -241,7 +243,8 @@ class ControllerCode:
             predicted = f"{self.name}_predict(state, param, input)"
         return fill(
             template("controller.c"), self.name, self.real,
-            VERSION=__version__, DEFAULTS=self.numbers(self.data, "        "),
+            ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
+            DEFAULTS=self.numbers(self.data, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory), SAFE=self.numbers(self.safe_input),
             FUNCTIONS=functions, MEASURED=self._call("measured"), PREDICTED=predicted,
@@ -252,6 +255,11 @@ class ControllerCode:
             START=START if self.starts_anywhere else "    (void)estimate;", ZERO=constant(0.0, self.real),
             F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of both texts: what gives the same inputs has the same, whatever else is equal."""
+        return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
     def _call(self, which: str) -> str:
         """The call of a program on the state's arrays."""
@@ -338,6 +346,15 @@ def _operations(step: Step) -> int:
 def template(name: str) -> str:
     """A text with marks ``@MARK@``."""
     return (files("flexhinf.export") / "templates" / name).read_text(encoding="utf-8")
+
+
+def arithmetic(name: str, real: Real) -> str:
+    """C against flags that change results: guards, and ``int NAME_exact(void)`` for those without a macro."""
+    about = np.finfo(np.float64 if real.name == "double" else np.float32)
+    sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
+    marks = {name: constant(float(value), real) for name, value in sizes.items()}
+    others = {"BYTES": real.bytes, "F": real.suffix, "SUFFIX": real.suffix.upper()}
+    return fill(template("arithmetic.c"), name, real, **marks, **others)
 
 
 def fill(text: str, name: str, real: Real, **marks: Any) -> str:

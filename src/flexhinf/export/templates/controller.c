@@ -3,21 +3,12 @@
 
 #include <math.h>
 
-#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "@NAME@ must see numbers that are not finite: compile without -ffast-math, -ffinite-math-only, /fp:fast"
-#endif
-
-/* Sums and products as they are written: gcc fuses some of them unless it is told not to. */
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-#pragma GCC optimize("fp-contract=off")
-#endif
-
+@ARITHMETIC@
 /* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
  * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. Not every <math.h> says what the
  * compiler knows: the macro with underscores is the compiler's. */
-#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__)
+#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__) || \
+    defined(__SSE2_MATH__)
 #define FAST_FMA
 #endif
 #if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FAST_FMA))
@@ -47,6 +38,9 @@ static const real safe_input[@BIG@_INPUTS] = {
 };
 
 @FUNCTIONS@
+/* What every step returns after @NAME@_init found that other numbers come out than are written. */
+#define REFUSED @BIG@_BAD_ARITHMETIC
+
 /* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
 static int same(const real *one, const real *other, int count)
 {
@@ -70,17 +64,19 @@ static void begin(@NAME@_state *state)
     state->samples = 0;
 }
 
-void @NAME@_init(@NAME@_state *state)
+int @NAME@_init(@NAME@_state *state)
 {
     @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
     for (int i = 0; i < @BIG@_STATES; ++i) {
         state->estimate[i] = @ZERO@;
     }
     begin(state);
+    state->refused = @NAME@_exact() ? 0 : REFUSED;
+    return state->refused;
 }
 
-void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
-                  const @NAME@_real *input)
+int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
+                 const @NAME@_real *input)
 {
     @NAME@_init(state);
 @START@
@@ -92,6 +88,7 @@ void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_r
         }
     }
     begin(state);
+    return state->refused;
 }
 
 /* After a step that failed: where one did before from the same memory, go back to an earlier one, and say so. */
@@ -150,7 +147,9 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 {
     const int in_time = input->measured != 0 && input->age <= param->oldest;
     int code;
-    if (in_time) {
+    if (state->refused == REFUSED) {
+        code = REFUSED;
+    } else if (in_time) {
         code = @MEASURED@;
         if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;

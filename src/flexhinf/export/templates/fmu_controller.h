@@ -36,6 +36,9 @@ typedef struct {
     int boolean[MODEL_BOOLEANS];
 } model_instance;
 
+/* Whether flags of the compiler change results: see @NAME@.h. */
+static int model_refuses(model_instance *model) { return @NAME@_init(&model->state) != @BIG@_OK; }
+
 static void model_reset(model_instance *model)
 {
     static const double start[MODEL_REALS] = {
