@@ -26,7 +26,7 @@ from flexhinf.design.weights.choose import measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.robot import Robot
 
-__all__ = ["DesignProof", "prove_design", "with_tolerances", "StepProof", "step_proof"]
+__all__ = ["DesignProof", "StepProof", "prove_design", "step_proof", "with_tolerances"]
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
 #: wanted step alone has this room above V where it starts.
@@ -107,7 +107,8 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
     given, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
         box = proof.box is not None or any(p.low < p.high for p in given.parameters) if given else True
-        text = f"The step that is asked for is proved, for {'every robot within the tolerances' if box else 'the nominal robot'}"
+        whom = "every robot within the tolerances" if box else "the nominal robot"
+        text = f"The step that is asked for is proved, for {whom}"
         if given is not None and not proof.inside:
             return StepProof(
                 True, f"{text}, but starts outside the region that is proved for the nominal robot's own V.",

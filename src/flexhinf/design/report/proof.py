@@ -123,7 +123,8 @@ def _own_numbers(design: Design) -> dict[str, Any]:
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": given.gamma, "level": given.level, "sampled_level": given.sampled_level,
         "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in given.starts},
-        "start": proof.start, "step_proved": design.step_proof.proved, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
+        "step_proved": design.step_proof.proved,
+        "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
         "attained_gain": given.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
     }  # fmt: skip
 
