@@ -135,7 +135,7 @@ def check_states(count: int) -> None:
         raise InvalidInput(
             "A proof in so many states would not end.",
             f"expected at most {MOST_STATES} states, got {count}: cells grow 10 to 23 times with each",
-            "sampled_region, which looks at points and proves nothing",
+            "solution.sampled_region(), which looks at points and proves nothing",
         )
 
 

@@ -153,7 +153,10 @@ def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
     found.append(KeyNumber("level of V", at_least(given.level), "", share))
     found += [
         KeyNumber(
-            _peak(effort), number(float(step.peak_input.max()), 3), effort, RULES.get(step.rule, step.rule)
+            f"{_peak(effort)}, simulated",
+            number(float(step.peak_input.max()), 3),
+            effort,
+            f"nominal robot, {RULES.get(step.rule, step.rule)}; not proved",
         )
         for step in one.steps
     ]
@@ -232,7 +235,7 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     effort = given.inputs[0].unit
     table = Table(
         ("start of the integrator", "largest proved step", Column("overshoot", "%"), Column("first input", effort),
-         Column(_peak(effort), effort)), rows, "Runs from the largest proved starts, without disturbance",
+         Column(_peak(effort), effort)), rows, "Simulated, not proved: the nominal robot, undisturbed",
         "table-steps", stacks=True,
     )  # fmt: skip
     text = (

@@ -189,9 +189,9 @@ def _region_text(design: Design) -> str:
     return (
         "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
         f"along random rays and by ascent from many starts: {region_strength(design)}. The checked pair "
-        f"is weaker than the designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the "
-        "true state, not "
-        "the estimator. The largest step moves all joints alike and starts with the integrals at which V is smallest. "
+        f"is weaker than the designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It "
+        "covers the law with the true state, not the estimator. The largest step moves all joints alike and "
+        "starts with the integrals at which V is smallest. "
         "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
         "shorter step may begin outside the level set."
     )
