@@ -61,7 +61,7 @@ def judged(
 )
 def test_a_proof_is_judged_for_the_step(start: float, spent: float, words: tuple[str, ...]) -> None:
     budget: Any = (SimpleNamespace(budget=SimpleNamespace(kept=start + spent <= 1.0)),)
-    certificate: Any = SimpleNamespace(level=1.0)
+    certificate: Any = SimpleNamespace(level=1.0, parameters=())
     assert judged(proof=DesignProof(certificate, "", start, budget)).not_proved == words
 
 

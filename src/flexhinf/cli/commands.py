@@ -70,10 +70,10 @@ COMMANDS = {
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
     certify: (
-        "flexhinf certify design.toml --out certificate.json",
+        "flexhinf certify design.toml --out proof",
         "flexhinf certify paper --goal 180deg --preset robust --degree 6",
         "flexhinf certify paper --goal 180deg --from-pose 0 --preset damped --degrees 2 --tolerances",
-        "flexhinf certify --check certificate.json",
+        "flexhinf certify --check flexhinf-certificate/certificate.json",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
     run_design: (

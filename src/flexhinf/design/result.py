@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.carrying import Carried
 from flexhinf.design.degrees import DegreeChoice, shrinking
-from flexhinf.design.design_proof import DesignProof
+from flexhinf.design.design_proof import DesignProof, StepProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup
@@ -89,6 +89,11 @@ class Design(Summarised):
     requirements: tuple[Requirement, ...]
     status: Status
     writer: Callable[[Design, Path], Path]
+
+    @property
+    def step_proof(self) -> StepProof:
+        """What is proved of the step that is asked for."""
+        return step_proof(self.proof, self.chosen, self.inside)
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""

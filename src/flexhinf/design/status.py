@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.design_proof import DesignProof
+from flexhinf.design.design_proof import DesignProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
 from flexhinf.design.synthesis import Synthesis
@@ -95,30 +95,8 @@ def _missed(line: Requirement, places: bool) -> str:
 def _not_proved(
     synthesis: Synthesis, worth: Attenuation, inside: bool | None, proof: DesignProof
 ) -> list[str]:
-    found = []
-    if proof.box is not None and not proof.lasts:
-        return [
-            "the step with sampling, estimator and limits, to which the proof for all tolerances does not extend"
-        ]
-    if proof.certificate is not None:
-        if not proof.inside:
-            found.append("the step starts outside the proved region")
-        elif not proof.budget:
-            found.append("the step with sampling, estimator and limits, to which this proof does not extend")
-        elif not proof.lasts:
-            found.append(
-                "the step with sampling, estimator and limits, which spends more than the proved level"
-            )
-        return found
-    if not synthesis.chosen.looked:
-        found.append("no region was sampled")
-    elif np.isnan(synthesis.chosen.level):
-        found.append("the law has no sampled region")
-    elif inside is False:
-        found.append("the step starts outside the sampled region")
-    else:
-        found.append("the region is sampled, for the law fed the true state")
-    if not worth.lasts:
+    found = list(step_proof(proof, synthesis.chosen, inside).missing)
+    if proof.certificate is None and proof.box is None and not worth.lasts:
         found.append("the dissipation budget of the step does not last")
     return found
 

@@ -64,7 +64,7 @@ def march_face(
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
         if count > most:
-            raise Refusal(f"undecided after {count:,} cells")
+            raise Refusal(f"undecided after {count:,} cells of a face", limit=True)
     return Marched(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
 
 

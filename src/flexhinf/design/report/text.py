@@ -24,6 +24,7 @@ from flexhinf.design.report.sections.region import (
     cost_text,
     degree_text,
     level_rows,
+    region_strength,
     widest_step,
 )
 from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
@@ -281,7 +282,7 @@ def _regions(design: Design) -> Table:
     unit, most = units_of(design.evaluation).position, widest_step(design)
     columns = ("degree", "law", "cost", "V ≤", f"step, {unit}", "°", "residual", "time, s")
     title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
-    regions = plain_table(f"{title}\nRegion of each solution: sampled, not proved (* used)", *columns)
+    regions = plain_table(f"{title}\nRegion of each solution: {region_strength(design)} (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
