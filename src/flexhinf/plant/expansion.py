@@ -137,13 +137,13 @@ def _check_everywhere(plant: Any) -> None:
     if linear(ca.Function("flow", [inputs, x], [flow])):
         return
     z, slope = ca.vertcat(inputs, x), ca.jacobian(flow, inputs)
-    bends = [
-        nonzero(ca.jacobian(slope[:, j], inputs), z, sizes_of_rows(slope, len(names))).any(axis=0)
-        for j in range(len(names))
-    ]
-    decides = ca.DM(ca.jacobian(switches(flow, z), inputs).sparsity(), 1.0).full().any(axis=0)
-    bad = np.any(bends, axis=0) | decides
-    if bad.any():
+    decides = switches(flow, z)
+    terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
+    bad = []
+    for j in range(len(names)):
+        change = ca.jacobian(ca.vertcat(ca.vec(ca.densify(slope)), decides), inputs[j])
+        bad.append(bool(nonzero(change, z, terms_of).any()))
+    if any(bad):
         raise InvalidInput(
             "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
             f"expected slopes that no input changes anywhere, got a function of "

@@ -39,7 +39,7 @@ ELEMENTARY = {
 }  # fmt: skip
 
 
-def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
+def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     """What decides, in operations that are not smooth or have poles, (s, 1): where one is zero, code may switch.
 
     Parameters
@@ -47,6 +47,8 @@ def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
     expressions : casadi.SX
     z : casadi.SX, (k, 1)
         All symbols of the expressions.
+    poles : bool
+        With those of quotients and tangents, beyond which a bounded function of them goes on elsewhere.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
@@ -65,7 +67,7 @@ def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
                 found.append(operands[0] - operands[1])
             elif operation in STEPS or operation in PAIRS:
                 found.extend(operands[: 2 if operation in PAIRS else 1])
-            elif operation in POLES and not operands[POLES[operation]].is_constant():
+            elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
                 found.append(operands[POLES[operation]])
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[function.instruction_output(k)[0]] = value
@@ -121,7 +123,7 @@ def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     for place, value, term in zip(places, values, terms):
         fine = np.isfinite(value) & np.isfinite(term)
         same = fine.sum() >= POINTS and np.ptp(value[fine]) <= ROUNDING * term[fine].max()
-        differs[place] = not (same and not switches(flat[int(place)], z).numel())
+        differs[place] = not (same and not switches(flat[int(place)], z, poles=False).numel())
     return differs.reshape(entries.shape, order="F")
 
 
