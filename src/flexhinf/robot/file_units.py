@@ -25,7 +25,7 @@ Units = tuple[str, ...]
 _LENGTH, _POSITION = ("m",), UNITS["link_position"]
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
 _OF_JOINT = {name: tuple(dict.fromkeys(known[:2])) for name, known in QUANTITIES.items()}
-_INERTIA = dict.fromkeys(INERTIA, ("kg·m²",))
+_INERTIA: dict[str, Units] = dict.fromkeys(INERTIA, ("kg·m²",))
 
 #: Units of the keys of each table; for a joint that turns and one that slides where there are two.
 TABLES: dict[str, dict[str, Units]] = {
