@@ -167,8 +167,10 @@ def test_a_mistake_is_told_with_its_place_and_what_is_allowed(write, text, words
 
 def test_motors_of_two_kinds_are_refused(write):
     motor = "friction = 0.3\nresistance = 1.0\ntorque_constant = 1.0\nback_emf_constant = 1.0"
-    with pytest.raises(InvalidInput, match="voltages and by torques"):
+    with pytest.raises(InvalidInput, match="by torques and by voltages"):
         load_robot(write(replaced("friction = 0.3", motor)))
+    with pytest.raises(InvalidInput, match="by currents and by torques"):
+        load_robot(write(replaced("friction = 0.3", "friction = 0.3\ntorque_constant = 1.0")))
 
 
 def test_a_tolerance_that_looks_like_a_fraction_is_warned_of(write):

@@ -244,7 +244,8 @@ def _no_design(file: str, keys: list[str]) -> InvalidInput:
 
 #: What options are called that a design file calls otherwise.
 OPTIONS = {
-    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_torque": "peak_effort",
+    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_current": "peak_effort",
+    "peak_torque": "peak_effort",
 }  # fmt: skip
 
 

@@ -118,7 +118,8 @@ def stating_option(s: Specification, name: str) -> str:
 
 def peak_option(unit: str, source: str = "") -> str:
     """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
-    return ROBOT if source == ROBOT else "--peak-voltage" if unit == "V" else "--peak-torque"
+    named = {"V": "--peak-voltage", "A": "--peak-current"}
+    return ROBOT if source == ROBOT else named.get(unit, "--peak-torque")
 
 
 def margin_requirements(
