@@ -135,6 +135,11 @@ class Response:
         """Slowest settling to ±2 % of the joint's own step, s."""
         return worst_of(self.metrics, "settling_time_s")
 
+    @property
+    def remaining(self) -> Worst:
+        """Largest error in the last tenth of the run, rad or m."""
+        return worst_of(self.metrics, "steady_state_error")
+
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:

@@ -204,9 +204,9 @@ class ComparedLaw:
     ----------
     kind : LawKind
     tuned : TunedLaw or None
-        The law, its parameters and its evaluation; None for a law that could not be made.
+        The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits.
     requirements : tuple of Requirement
-        What the specification requires of the jump, nominal and on the sampled robots, and of the margins.
+        What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it.
     failure : str
         Why there is no evaluation.
     """
@@ -223,7 +223,7 @@ class ComparedLaw:
 
     @property
     def evaluation(self) -> LawEvaluation | None:
-        """None for a law that could not be made."""
+        """None for a law that is not compared."""
         return None if self.tuned is None else self.tuned.evaluation
 
     @property
@@ -234,7 +234,7 @@ class ComparedLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Summarised):
-    """Several laws, each tuned for the same criterion and evaluated in the same scenario.
+    """Several laws, each tuned for the same criterion and evaluated in the same scenario as `flexhinf.design`'s.
 
     Attributes
     ----------
@@ -261,8 +261,10 @@ class Comparison(Summarised):
     def summary(self) -> dict[str, str]:
         """Robot, and the laws by the criterion (less is better)."""
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
-        costs = (f"{law.name} {law.cost:.3g}{'' if law.feasible else ' (a limit not kept)'}" for law in tuned)
-        return {"robot": self.robot.name, "laws by the criterion": ", ".join(costs)}
+        costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
+        lost = ", ".join(row.name for row in self.rows if row.failure)
+        others = {"not compared": lost} if lost else {}
+        return {"robot": self.robot.name, "laws by the criterion": costs, **others}
 
     @property
     def own(self) -> ComparedLaw:

@@ -86,7 +86,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     found = {
-        "version": 3,
+        "version": 4,
         "robot": comparison.robot.name,
         "joints": list(comparison.robot.joint_names),
         "unit": comparison.units()["input"],
@@ -302,7 +302,7 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "failure": row.failure or ("" if e is None else e.linear_failure),
         "tuned": tuned
         and {
-            **_picked(tuned, "cost", "reason", "candidates", met="feasible"),
+            **_picked(tuned, "cost", "candidates"),
             "parameters": dict(tuned.parameters),
             "sensors": list(tuned.sensors),
         },
@@ -311,18 +311,14 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "needs": [] if e is None else list(e.needed_states),
         "specification": [_requirement(line) for line in row.requirements],
         "corners": None if e is None or e.corners is None else e.corners.count,
-        "joints": None if e is None else _joints(e, figures),
+        "joints": None if e is None else _joints(e),
     }
 
 
-def _joints(
-    e: LawEvaluation, figures: Mapping[str, float | None]
-) -> dict[str, Sequence[Mapping[str, Any]] | None]:
+def _joints(e: LawEvaluation) -> dict[str, Sequence[Mapping[str, Any]]]:
     """Figures of each joint."""
-    bumpless = figures.get("step_peak_input") is not None
     return {
-        "step": e.step.metrics if bumpless else None,
-        "jump": e.jump.metrics,
+        "step": e.step.metrics,
         "load": e.load_response.metrics,
         "move": e.move.metrics,
     }
@@ -330,7 +326,7 @@ def _joints(
 
 def _trade_off(one: TradeOff) -> dict[str, Any]:
     return {
-        **_picked(one, "name", "feasible"),
+        "name": one.name,
         **_picked(one.point, "peak_input", "load_deviation"),
         "curve": [[figures.peak_input, figures.load_deviation] for figures in one.curve],
     }

@@ -324,7 +324,9 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Table]
     left = width - names - GAP - _width(comparison, first)
     part: list[ComparedLaw] = [first]
     room = left
-    for row in (row for row in comparison.compared if row is not first):
+    for row in sorted(comparison.compared, key=lambda row: row.tuned.cost if row.tuned else math.inf):
+        if row is first:
+            continue
         needed = _width(comparison, row)
         if needed > room and len(part) > 1:
             found.append(_part(comparison, part, not found))
