@@ -56,7 +56,7 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """−Re λ / |λ|; 1 for a mode that decays without oscillating, 0 at rest and for one that keeps swinging, negative
+        """−Re λ / |λ|: 1 for a mode that decays without oscillating, 0 at rest and for one that swings on, negative
         for one that grows; see `damping_ratio`."""
         return float(damping_ratio(np.array(self.eigenvalue)))
 

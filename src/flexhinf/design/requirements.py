@@ -86,9 +86,22 @@ class Requirement:
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        if self.at_most:
-            return bool(self.found <= self.limit * (1.0 + TOLERANCE))
-        return bool(self.found >= self.limit * (1.0 - TOLERANCE))
+        return self._keeps(self.limit * (1.0 + TOLERANCE if self.at_most else 1.0 - TOLERANCE))
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether the limit itself is missed, by so little that it counts as met."""
+        return self.met and not self._keeps(self.limit)
+
+    @property
+    def judgement(self) -> str:
+        """``met``, ``NOT MET``, or what counts as met though the limit itself is missed: ``met within 2 %``."""
+        if not self.met:
+            return "NOT MET"
+        return f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
+
+    def _keeps(self, limit: float) -> bool:
+        return bool(self.found <= limit if self.at_most else self.found >= limit)
 
     @property
     def unit_text(self) -> str:

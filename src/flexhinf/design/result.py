@@ -94,14 +94,19 @@ class Design(Summarised):
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
         step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
         unit = self.setup.model.unit(self.setup.model.inputs[0])
+        several = len(self.setup.joints) > 1
+
+        def of(joint: str) -> str:
+            return f" ({joint})" if several and joint else ""
+
         settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
         return {
             "robot": self.robot.name,
             "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
             "degree of V": str(self.chosen.degree),
             "γ": f"{self.gamma:.4g}",
-            "settling": settling,
-            "peak input": f"{step.peak_input:.3g} {unit}",
+            "settling": f"{settling}{of(step.settling.joint)}",
+            "peak input": f"{step.peak_input:.3g} {unit}{of(step.peak.joint)}",
         }
 
     @property

@@ -51,6 +51,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "operating_point": design.problem.operating_point,
         "operating_input": design.problem.operating_input,
         "inputs": {row.what: row.value for row in input_rows(design)},
+        "input_joints": {row.what: row.joint for row in input_rows(design)},
         "weights": _weights(design),
         "estimator_noise": _estimator_noise(design),
         "open_modes": [_mode(m) for m in e.open_modes],
@@ -120,7 +121,18 @@ def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
 
 
 def _requirement(line: Requirement) -> dict[str, Any]:
-    names = ("what", "found", "unit", "at_most", "where", "criterion", "stated_by", "joint", "met")
+    names = (
+        "what",
+        "found",
+        "unit",
+        "at_most",
+        "where",
+        "criterion",
+        "stated_by",
+        "joint",
+        "met",
+        "within_tolerance",
+    )
     stated = line.stated_by not in ("default", ROBOT)
     return {**_picked(line, *names, asked="limit", at_s="at"), "asked_for": stated}
 
@@ -307,6 +319,7 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
             "sensors": list(tuned.sensors),
         },
         "figures": dict(figures),
+        "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
         "infinite": [key for key, value in figures.items() if value is not None and np.isinf(value)],
         "needs": [] if e is None else list(e.needed_states),
         "specification": [_requirement(line) for line in row.requirements],

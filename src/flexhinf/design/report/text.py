@@ -26,7 +26,13 @@ from flexhinf.design.report.sections.region import (
     level_rows,
     widest_step,
 )
-from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
+from flexhinf.design.report.sections.requirements import (
+    INPUT_TITLES,
+    found_text,
+    input_rows,
+    input_title,
+    limit_text,
+)
 from flexhinf.design.report.sections.rest import frequency_text
 from flexhinf.design.report.sections.weights import (
     candidate_rows,
@@ -46,7 +52,7 @@ __all__ = [
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
     "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit", "met", "part",
-    "largest input",
+    *INPUT_TITLES,
 )  # fmt: skip
 
 #: Of a terminal; a title is not broken before it.
@@ -115,7 +121,9 @@ def design_tables(design: Design) -> list[Table]:
 
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
-    title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
+    title = (
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)"
+    )
     return lines_table(title, design.requirements, units_of(design.evaluation).degrees)
 
 
@@ -129,14 +137,14 @@ def lines_table(title: str, requirements: Sequence[Requirement], degrees: bool) 
         table.add_row(where)
         for line in sorted((line.shown(degrees) for line in lines), key=lambda line: line.met):
             required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
-            met = Text("met", "green") if line.met else Text("NOT MET", "red")
-            table.add_row(f"  {line.what}", required, found_text(line), met)
+            colour = "red" if not line.met else "yellow" if line.within_tolerance else "green"
+            table.add_row(f"  {line.what}", required, found_text(line), Text(line.judgement, colour))
     return table
 
 
 def _inputs(design: Design) -> Table:
     several = len(design.robot.joint_names) > 1
-    table = plain_table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
+    table = plain_table("Inputs of the motors", "in", input_title(design), *(["joint"] if several else []))
     for row in input_rows(design):
         table.add_row(row.what, row.text, *([row.joint] if several else []))
     return table

@@ -201,9 +201,7 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
         lines = [row.get(key) for row in judged]
         sampled = ", sampled" if "robots sampled" in first.where else ""
         label = f"{first.what} {limit_text(first.shown(degrees))}{sampled}"
-        found.append(
-            _plain(label, "", ["–" if line is None else "met" if line.met else "not met" for line in lines])
-        )
+        found.append(_plain(label, "", ["–" if line is None else line.judgement for line in lines]))
     for group in GROUPS:
         figures = [
             f for f in FIGURES if f.group == group and (f.brief or not short) and _known(f, comparison)
