@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,27 @@ def test_each_motor_saturates_at_its_own_limit(robot_of: Named, setup_of: Callab
     assert (use.share, use.joint in kept.joints) == (pytest.approx(1.0), True)
     stated = dataclasses.replace(kept, specification=Specification(estimator="none", saturation=np.inf))
     np.testing.assert_array_equal(stated.step(0.4).inputs, free.step(0.4).inputs)
+
+
+@pytest.mark.parametrize(
+    ("peaks", "strongest", "equivalent"),
+    [
+        ((87.0, 12.0), 87.0, 80.0 / 12.0 * 87.0),
+        ((np.inf, 12.0), 12.0, 80.0),
+        ((np.inf, np.inf), np.inf, 80.0),
+    ],
+)
+def test_inputs_of_unequal_motors_are_compared_by_their_share_of_their_own_limit(
+    robot_of: Named, peaks: tuple[float, float], strongest: float, equivalent: float
+) -> None:
+    """Old code held 80 of a motor that gives 12 against the 87 of the other one, or against no limit at all."""
+    limits = joint_limits(robot_of("planar-two-link"), Specification(peak_effort=peaks))
+    inputs, run = np.array([[40.0, 1.0], [2.0, -80.0]]), SimpleNamespace(time=np.array([0.0, 1.0]))
+    response: Any = SimpleNamespace(inputs=inputs, diverged_at=None, run=run, peak_input=80.0)
+    assert limits.strongest == strongest
+    assert limits.equivalent_peak(response) == pytest.approx(equivalent)
+    response.diverged_at, response.peak_input = 0.1, np.inf
+    assert limits.equivalent_peak(response) == np.inf
 
 
 def test_a_pose_that_a_joint_cannot_hold_within_its_own_limit_is_refused_before_any_work(

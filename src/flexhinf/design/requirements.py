@@ -20,6 +20,7 @@ from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
+from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 __all__ = [
     "RINGS",
@@ -40,9 +41,6 @@ __all__ = [
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
-
-#: A link that remains within this fraction of its step has come back.
-SETTLED = 0.02
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
@@ -338,7 +336,7 @@ def carrying_requirements(
     joint = limits.joints.index(remaining.joint) if remaining.joint else 0
     lines.append(
         Requirement(
-            "remaining sag", SETTLED * float(carried.gripped.reference_step[joint]), remaining.value,
+            "remaining sag", SETTLING_BAND * float(carried.gripped.reference_step[joint]), remaining.value,
             limits.position_units[joint], True, where,
             "largest deviation of a link in the last tenth; the limit is 2 % of its step",
             joint=_named(limits, remaining.joint),
