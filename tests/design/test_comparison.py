@@ -54,9 +54,10 @@ def rig(made: Callable[..., Comparison]) -> Comparison:
 # What is refused, and what is told ------------------------------------------------------------------------
 def test_every_stage_is_told() -> None:
     robot, s, told = fh.load_robot("vertical-rig"), Specification(**RIG), []
-    compare(robot, s, ["pd"], progress=told.append)
-    assert abs(len(told) - comparison_stages(robot, s, ["pd"])) <= 1
-    assert sum(text.startswith("pd") for text in told) == 5
+    found = compare(robot, s, ["lqr"], progress=told.append)
+    assert abs(len(told) - comparison_stages(robot, s, ["lqr"])) <= 1
+    assert [row.name for row in found.compared] == [DESIGN, NL_HINF, "lqr"]
+    assert sum(text.startswith("lqr") for text in told) == 5
 
 
 @pytest.mark.parametrize(
@@ -90,11 +91,24 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
     monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))
     result = compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, "draws": 0}))
     assert [row.name for row in result.rows] == [DESIGN, NL_HINF, "pd", "lqr"]
-    assert [row.name for row in result.compared] == [DESIGN, NL_HINF, "lqr"]
+    assert "pd" not in [row.name for row in result.compared]
     assert "springs" in result.rows[2].failure
     with pytest.raises(InvalidInput, match="laws without 'pd'") as error:
         made(["pd", "lqr"], draws=0)
     assert "does not fit the robot" in str(error.value)
+
+
+def test_a_law_without_a_tuning_within_the_limits_is_named_with_its_reason_and_has_no_numbers(
+    made: Callable[..., Comparison],
+) -> None:
+    """Old code tabled the start of the search as the law: flatness with a peak sensitivity of 36."""
+    found = made(["flatness"], draws=0)
+    row = found.row("flatness")
+    assert (row.tuned, row.evaluation, dict(row.metrics), row.requirements) == (None, None, {}, ())
+    assert "keeps every limit" in row.failure
+    assert "not kept: peak sensitivity at most" in row.failure
+    assert "flatness" in found.summary()["not compared"]
+    assert all(row.tuned.feasible for row in found.compared if row.tuned)
 
 
 # What all laws share --------------------------------------------------------------------------------------
@@ -129,7 +143,7 @@ def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> No
 
     assert np.std(noise(rig.own)) == pytest.approx(1e-4, rel=0.1)
     same = [row for row in rig.compared if row.tuned and row.tuned.sensors == ("link_position",)]
-    assert len(same) >= 4
+    assert len(same) >= 2
     for row in same[1:]:
         np.testing.assert_allclose(noise(row), noise(same[0]), atol=1e-12)
 
@@ -142,8 +156,8 @@ def test_a_law_with_integrals_begins_its_step_without_a_jump_and_one_without_tak
         found = row.evaluation
         assert found is not None
         held = found.setup.equilibrium(found.setup.start)[1]
-        away = np.abs(found.step.inputs[0] - held).max() / np.abs(held).max()
-        assert (away < 1e-3) is has_integrals(found.setup.law), row.name
+        away = np.abs(found.quiet.step.inputs[0] - held).max() / np.abs(held).max()
+        assert (away < 1e-9) is has_integrals(found.setup.law), row.name
 
 
 @pytest.mark.parametrize(
