@@ -42,9 +42,8 @@ def judged(
             else [{"joint": "elbow", "recovery_time_s": recovery, "remaining_error": 0.1}, FINE]
         ),
     )  # fmt: skip
-    synthesis: Any = SimpleNamespace(chosen=SimpleNamespace(looked=inside is not None, level=1.0))
     worth: Any = SimpleNamespace(budget=(1,), lasts=True)
-    return status_of(lines, evaluation, synthesis, worth, inside, proof)
+    return status_of(lines, evaluation, worth, inside, proof)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside, proof), writer=write_design,
+        status=status_of(lines, evaluation, worth, inside, proof), writer=write_design,
     )  # fmt: skip
 
 

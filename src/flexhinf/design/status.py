@@ -12,7 +12,6 @@ from flexhinf.design.design_proof import DesignProof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
 from flexhinf.design.specification import TOLERANCE
-from flexhinf.design.synthesis import Synthesis
 
 __all__ = ["FEW_PERIODS", "NOISE_FRACTION", "Status", "status_of"]
 
@@ -68,7 +67,6 @@ class Status:
 def status_of(
     lines: Sequence[Requirement],
     evaluation: LawEvaluation,
-    synthesis: Synthesis,
     worth: Attenuation,
     inside: bool | None,
     proof: DesignProof,
@@ -86,7 +84,7 @@ def status_of(
     if evaluation.corners is None:
         scope.append("no tolerance stated: only the nominal robot was judged")
     risks = tuple(_risks(lines, evaluation))
-    return Status(missed, tuple(_not_proved(synthesis, worth, inside, proof)), risks, "; ".join(scope))
+    return Status(missed, tuple(_not_proved(worth, inside, proof)), risks, "; ".join(scope))
 
 
 def _missed(line: Requirement, places: bool) -> str:
@@ -99,9 +97,7 @@ def _missed(line: Requirement, places: bool) -> str:
     return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
-def _not_proved(
-    synthesis: Synthesis, worth: Attenuation, inside: bool | None, proof: DesignProof
-) -> list[str]:
+def _not_proved(worth: Attenuation, inside: bool | None, proof: DesignProof) -> list[str]:
     """What fails of a proof, or of the sampled check; what is proved at all the verdict says beside it."""
     found = []
     if proof.box is not None and not proof.lasts:
@@ -118,9 +114,7 @@ def _not_proved(
                 "the step with sampling, estimator and limits, which spends more than the proved level"
             )
         return found
-    if synthesis.chosen.looked and np.isnan(synthesis.chosen.level):
-        found.append("the law has no sampled region")
-    elif inside is False:
+    if inside is False:
         found.append("the step starts outside the sampled region")
     if not worth.lasts:
         found.append("the dissipation budget of the step does not last")

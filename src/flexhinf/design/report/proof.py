@@ -53,6 +53,9 @@ def _own_text(design: Design) -> str:
     given = proof.certificate
     if given is None:
         sampled = "the region is a sampled check" if looked else "no region was looked for"
+        if looked and math.isnan(design.chosen.level):
+            why = design.chosen.limit.removeprefix("no region: ").rstrip(".")
+            sampled = f"the sampled check gives no region ({why})"
         if proof.box is not None:
             return f"Of a region nothing is proved, {sampled.replace('the region', 'it')}: {proof.reason.rstrip('.')}."
         return f"Nothing is proved, {sampled}: {proof.reason.rstrip('.')}."
