@@ -267,20 +267,20 @@ def laws() -> str:
     found = compare(fh.paper_arm(), Specification(**fields), progress=lambda text: print(text, flush=True))
     head = (
         "law: what it measures", "criterion", "load of {:.1f} N·m: largest, remaining deviation",
-        "jump: peak input, overshoot, settling", "move: largest error, worst of {} robots",
+        "step: peak input, overshoot, settling", "move: largest error, worst of {} robots",
         "peak sensitivity, gain margin, delay margin", "noise at the motor", "unstable corners, of {}",
     )  # fmt: skip
     corners = found.own.evaluation.corners
     counts = iter((float(np.abs(found.scenario.load).max()), len(found.scenario.robots), corners.count))
     titles = [title.format(next(counts)) if "{" in title else title for title in head]
     lines = ["| " + " | ".join(titles) + " |", "|---" * len(head) + "|"]
-    for row in sorted(found.compared, key=lambda row: (not row.tuned.feasible, row.tuned.cost)):
+    for row in sorted(found.compared, key=lambda row: row.tuned.cost):
         m = row.evaluation.metrics
         cells = (
             f"`{row.name}`: {', '.join(row.tuned.sensors).replace('_', ' ')}",
-            f"{row.tuned.cost:.2f}{'' if row.tuned.feasible else ' (a limit is not kept)'}",
+            f"{row.tuned.cost:.2f}",
             f"{1e3 * m['load_deviation']:.0f}, {1e3 * m['load_remaining']:.2g} mrad",
-            f"{m['jump_peak_input']:.0f} V, {m['jump_overshoot_percent']:.0f} %, {m['jump_settling_s']:.2f} s",
+            f"{m['step_peak_input']:.0f} V, {m['step_overshoot_percent']:.0f} %, {m['step_settling_s']:.2f} s",
             f"{1e3 * m['move_error']:.1f}, {1e3 * m['drawn_worst_move_error']:.0f} mrad",
             f"{m['peak_sensitivity']:.1f}, {m['gain_margin']:.1f}, {1e3 * m['delay_margin_s']:.0f} ms",
             f"{1e3 * m['input_noise']:.0f} mV",

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
+from flexhinf.loop.simulation.metrics import damping_ratio
 
 __all__ = ["DiscreteSystem", "SampledSystem"]
 
@@ -75,9 +76,8 @@ class SampledSystem(ABC):
         lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
         if not len(lasting):
             return 1.0, np.nan
-        sizes = np.abs(lasting)
-        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
-        return float(ratios.min()), float(sizes[ratios.argmin()])
+        ratios = damping_ratio(lasting)
+        return float(ratios.min()), float(np.abs(lasting)[ratios.argmin()])
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,7 +85,7 @@ class StepProof(NamedTuple):
     text : str
         A sentence.
     missing : tuple of str
-        What is not proved of it, for the status.
+        What fails of a proof or of the sampled check, for the status; empty where neither was made of it.
     """
 
     proved: bool
@@ -126,16 +126,14 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
         return StepProof(False, text, ("the step starts outside the proved region",))
     text = "Nothing is proved of the step that is asked for"
     if not chosen.looked:
-        return StepProof(False, f"{text}, and no region was sampled.", ("no region was sampled",))
+        return StepProof(False, f"{text}, and no region was sampled.", ())
     if np.isnan(chosen.level):
-        return StepProof(
-            False, f"{text}, and the law has no sampled region.", ("the law has no sampled region",)
-        )
+        return StepProof(False, f"{text}, and the law has no sampled region.", ())
     if inside is False:
         text = f"{text}: it starts outside the sampled region."
         return StepProof(False, text, ("the step starts outside the sampled region",))
     text = f"{text}: it starts inside a region that is sampled."
-    return StepProof(False, text, ("the region is sampled, for the law fed the true state",))
+    return StepProof(False, text, ())
 
 
 def prove_design(

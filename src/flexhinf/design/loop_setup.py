@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -78,6 +78,13 @@ class LoopSetup(LoopPlants):
         """Levels of R^v of the estimator."""
         stated = EstimatorNoise.stated(self.specification)
         return stated if self.estimator_noise is None else self.estimator_noise
+
+    @cached_property
+    def without_noise(self) -> LoopSetup:
+        """The same loop, `quiet`; what is derived is shared, since none of it depends on the simulated noise."""
+        found = replace(self, quiet=True)
+        vars(found).update({name: value for name, value in vars(self).items() if name not in vars(found)})
+        return found
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
@@ -205,7 +212,7 @@ class LoopSetup(LoopPlants):
 
     @cached_property
     def tracking_controller(self) -> Controller:
-        """In error coordinates, its integrals at zero: for a jump of the command, and for a move."""
+        """In error coordinates, its integrals at zero: for a move."""
         return self.controller(self.start, moving=True)
 
     @cached_property
@@ -248,22 +255,6 @@ class LoopSetup(LoopPlants):
             self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps, **options
         )
 
-    def jump(
-        self,
-        duration: float,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        begin: np.ndarray | None = None,
-        sub_steps: int | None = None,
-    ) -> Response:
-        """The whole command at once in error coordinates, integrals at zero: the same command for every law.
-
-        Parameters as for `step`; `begin` (n,) is another start.
-        """
-        at = self.start if begin is None else begin
-        controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
-        return self._run(controller, at, duration, values, seed, None, sub_steps)
-
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
         period = self.specification.period
@@ -303,9 +294,9 @@ class LoopSetup(LoopPlants):
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
-        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, jump: bool = False, **options: Any
-    ) -> EnsembleResult:  # fmt: skip
-        """The step, or the jump, of each robot, with noise of its own.
+        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, **options: Any
+    ) -> EnsembleResult:
+        """The step of each robot as the controller is deployed, with noise of its own.
 
         Parameters
         ----------
@@ -315,13 +306,11 @@ class LoopSetup(LoopPlants):
             s.
         sub_steps : int
             Of the true plants: the nominal one's, so that all runs share one kernel.
-        jump : bool
         **options
             Of `Loop.ensemble`: what is said of the runs.
         """
-        controller = self.tracking_controller if jump else self.bumpless_controller
-        options |= {} if jump or self.command is None else {"reference": self.command}
-        return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
+        options |= {} if self.command is None else {"reference": self.command}
+        return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)
 
     def moves(
         self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None, **options: Any

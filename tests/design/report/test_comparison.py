@@ -68,15 +68,21 @@ def test_the_first_sentence_names_the_best_rival_and_who_wins(
     assert comparison_verdict(found).startswith(first)
 
 
-def test_laws_that_do_not_keep_a_limit_are_no_rivals(report_comparison: Comparison) -> None:
+def test_a_law_without_a_tuning_within_the_limits_is_named_and_has_no_numbers(
+    report_comparison: Comparison,
+) -> None:
+    """Old code tabled the best of the tunings that keep no limit: numbers of an arbitrary point."""
     rows = tuple(
-        row if row is report_comparison.own or row.tuned is None
-        else dataclasses.replace(row, tuned=dataclasses.replace(row.tuned, feasible=False, reason="not kept: noise"))
+        row if row is report_comparison.own else ComparedLaw(row.kind, failure="no tuning; not kept: noise")
         for row in report_comparison.rows
-    )  # fmt: skip
+    )
     found = dataclasses.replace(report_comparison, rows=rows)
     assert comparison_verdict(found).startswith("No other law keeps every limit")
-    assert any("does not keep every limit: not kept: noise." in note for note in comparison_notes(found))
+    assert "pid was not compared: no tuning; not kept: noise." in comparison_notes(found)
+    table = FigureTable(found).html()
+    assert not any(row.name in table for row in rows[1:])
+    for law in comparison_numbers(found)["laws"][1:]:
+        assert (law["compared"], law["tuned"], law["figures"]) == (False, None, {})
 
 
 def test_the_file_is_finite_or_null_and_keeps_its_keys(report_comparison: Comparison) -> None:
@@ -113,7 +119,7 @@ def test_every_figure_of_the_evaluations_has_a_label(report_comparison: Comparis
 
 def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     by_key = {figure.key: figure for figure in FIGURES}
-    deviation, settling = by_key["load_deviation"], by_key["jump_settling_s"]
+    deviation, settling = by_key["load_deviation"], by_key["step_settling_s"]
     assert cell(deviation, 0.0123, report_comparison) == "12.3"
     assert cell(settling, np.inf, report_comparison) == "> 3"
     assert cell(settling, None, report_comparison) == "–"

@@ -66,9 +66,6 @@ def remarks(design: Design) -> Iterator[str]:
     s = design.specification
     for low, high in design.shrinking:
         yield f"Degree {high} allows a smaller step than degree {low}."
-    if design.chosen.looked and math.isnan(design.chosen.level):
-        why = design.chosen.limit.removeprefix("no region: ").rstrip(".")
-        yield f"The sampled check gives no region for the law that is used: {why}."
     if design.attenuation.failure:
         yield design.attenuation.failure
     found = design.attenuation.attained
