@@ -208,23 +208,25 @@ def step() -> str:
             panel.plot(theirs.run.time, other[:, k], color=colour, linewidth=1.3, dashes=(3.0, 1.5))
     above.plot([], [], color=INK, linewidth=1.3, dashes=(3.0, 1.5), label="rigid design")
     label(above, "link angle", "°")
-    label(below, "motor torque", "N·m")
+    unit = found.setup.model.unit(found.setup.model.inputs[0])
+    assert unit == "V"
+    label(below, "motor voltage", unit)
     legend(above)
     drawing.set_facecolor("white")  # readable on dark pages too
     DRAWN[IMAGES / "step.svg"] = figure_to_svg(drawing)
     last, passed = ours.settling, ours.overshoot
     slow, over = theirs.settling, theirs.overshoot
     picture = (
-        "![Step of a two-link arm: angles of both links and torques of both motors over time, by the design and, "
+        "![Step of a two-link arm: angles of both links and voltages of both motors over time, by the design and, "
         "dashed, by a rigid design that rings](docs/images/step.svg)"
     )
     text = (
         "The figure shows the step of [the design below](#your-own-robot): both links from hanging to "
         f"{np.degrees(ours.goal[0]):.0f}° and {np.degrees(ours.goal[1]):.0f}°. Solid lines are the design, with its "
         f"estimator and noisy encoders: it settles in {last.value:.2f} s, overshoots by {passed.value:.1f} % and needs "
-        f"{ours.peak_input:.1f} N·m. Dashed lines are a design with the same weights for a robot with rigid joints, "
+        f"{ours.peak_input:.1f} V. Dashed lines are a design with the same weights for a robot with rigid joints, "
         "which is fed the true positions and velocities of the motors: "
-        f"{slow.value:.2f} s, {over.value:.1f} % and {theirs.peak_input:.1f} N·m. Fed those of the links it is "
+        f"{slow.value:.2f} s, {over.value:.1f} % and {theirs.peak_input:.1f} V. Fed those of the links it is "
         f"{'stable' if rigid['link'].stable else 'unstable'}."
     )
     return f"{picture}\n\n{textwrap.fill(text, 150, break_on_hyphens=False)}"
