@@ -356,3 +356,13 @@ def test_commands_in_a_sentence_have_options_that_exist() -> None:
             known |= {option for parameter in command.params for option in parameter.secondary_opts}
             asked = {word.strip("[]").split("=")[0] for word in words if word.lstrip("[").startswith("--")}
             assert asked <= known | {"--help"}, f"{page.name}: flexhinf {text}"
+
+
+def test_modules_and_files_that_python_is_told_to_run_exist() -> None:
+    for page in (*PAGES, *EXAMPLES):
+        for module, file in re.findall(
+            r"python (?:-m ([\w.]+)|([\w/]+\.py))", page.read_text(encoding="utf-8")
+        ):
+            path = REPOSITORY / (file or module.replace(".", "/"))
+            known = path.exists() or path.with_suffix(".py").exists() or module in ("pytest", "flexhinf")
+            assert known, f"{page.name}: python {module or file}"
