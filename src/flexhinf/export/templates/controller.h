@@ -2,7 +2,7 @@
  *
  * @SUMMARY@
  *
- * Call @NAME@_init once, then @NAME@_step once per sample, from one thread. No memory is allocated, nothing is
+ * Call @NAME@_init once, then @NAME@_step once per sample, from one thread; a step without it says so. No memory is allocated, nothing is
  * static but constants; several controllers are several states. Do not compile with -ffast-math.
  */
 #ifndef @BIG@_H
@@ -66,14 +66,17 @@ typedef struct {
     @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
     @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
     @NAME@_real work[@BIG@_WORK];
-    int missing, failed, began_again, samples;
+    int missing, failed, began_again, samples, waiting;
+    unsigned int mark;
 } @NAME@_state;
 
-/* Forget everything: @BEGINS@. */
+/* Forget everything: @BEGINS@.
+ * Until there is a good measurement the output is the input before the first sample: @FIRST@. */
 void @NAME@_init(@NAME@_state *state);
 
 /* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. The first
- * output then continues from that input as far as the design says (rate limit, bumpless start). */
+ * output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
+ * @HELD@. */
 void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                   const @NAME@_real *input);
 
