@@ -128,6 +128,8 @@ class Controller(Running):
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self._given_windup = windup
+        if windup is not None:
+            windup.check(self.laws)
         self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         check_names(solution, estimator, self.period, self.states, self.tracked)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)

@@ -22,8 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.plant import Estimator, Law, Plant, ProblemLaw
+from flexhinf.untrusted import value_text
 
 __all__ = ["Windup"]
 
@@ -49,6 +51,24 @@ class Windup:
     limit: np.ndarray
     line: np.ndarray
     spread: np.ndarray
+
+    def check(self, laws: Sequence[Law]) -> None:
+        """Refuse numbers of a file that do not fit these laws.
+
+        Raises
+        ------
+        InvalidInput
+            If shapes differ, or a number is NaN or, but for limits, infinite.
+        """
+        size = (len(laws[0].input_names), len(laws[0].tracked))
+        shape = size if len(laws) == 1 else (len(laws), *size)
+        fits = [np.shape(part) for part in (self.limit, self.line, self.spread)] == [size[:1], shape, shape]
+        if not fits or not np.all(self.limit >= 0.0) or not np.isfinite([self.line, self.spread]).all():
+            raise InvalidInput(
+                "The bound of the integrals does not fit the law.",
+                f"expected numbers for {size[0]} inputs and {size[1]} integrals, got {value_text(vars(self))}",
+                "windup=None: the bound of law and model",
+            )
 
     @staticmethod
     def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
