@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.certify.a_cubic import CUBIC
+from tests.certify.test_checker import V_2, V_4, uncertain, upright
 
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.checker.bounds import Face, Proof, _interval
 from flexhinf.certify.checker.quotient import ORDER
-from tests.certify.a_cubic import CUBIC
-from tests.certify.test_checker import V_2, V_4, uncertain, upright
 
 pytestmark = pytest.mark.oracle
 
