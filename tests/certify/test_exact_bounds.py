@@ -1,4 +1,4 @@
-"""Every bound of a cell again, in rationals and by the formulas of docs/certificate.md: none is smaller, none much larger.
+"""Every bound of a cell again, in rationals and by the formulas of docs/certificate.md: none is smaller.
 
 What is random points' to find is in test_random_cells.py. Here a lost term is found even where it is far smaller than
 what the other terms leave: remainders, odd parts, what parameters differ by, and the allowance for rounding.
@@ -30,10 +30,11 @@ UNIT = Q(1, 2**53)
 Rows = dict[tuple[int, tuple[int, ...]], Fraction]
 
 
-def _three_states() -> Certificate:
+def three_states() -> Certificate:
     """Every kind of pair and of tail has terms; V is nearly even, so that odd parts are bounded."""
     value = (((2, 0, 0), 1.3), ((0, 2, 0), 0.9), ((0, 0, 2), 0.7), ((1, 1, 0), 0.4), ((0, 1, 1), -0.3),
-             ((1, 0, 1), 0.2), ((2, 2, 0), -0.02), ((1, 1, 2), 0.03), ((4, 0, 0), 0.01), ((2, 1, 0), 1e-12))  # fmt: skip
+             ((1, 0, 1), 0.2), ((2, 2, 0), -0.02), ((1, 1, 2), 0.03), ((4, 0, 0), 0.01),
+             ((2, 1, 0), 1e-12))  # fmt: skip
     line = [Term(-1.0, tuple(int(i == j) for j in range(3))) for i in range(3)]
     one, none = ((Term(1.0, (0, 0, 0)),),), ((),)
     return replace(
@@ -50,7 +51,7 @@ CASES = {
     "degree 4": upright(V_4, 9.0),
     "uncertain": uncertain(0.04),
     "one state": CUBIC,
-    "three states": _three_states(),
+    "three states": three_states(),
     "exp": upright(V_2, functions=(Function("exp", (0.1, 0.02), 0.2),)),
 }
 

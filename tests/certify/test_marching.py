@@ -1,4 +1,4 @@
-"""The march covers every direction with accepted cells that adjoin, from ρ = 0 until V > c, whatever it is told to cut."""
+"""Accepted cells cover every direction and adjoin, from ρ = 0 until V > c, whatever the march is told to cut."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def marched(claim: Certificate, face: tuple[int, int]) -> tuple[Watched, Marched
 
 
 def check_covered(watched: Watched, n: int, seed: int = 0) -> None:
-    """In random directions, and in those of corners of cells, the accepted intervals adjoin from 0 to a finished one."""
+    """In random directions, and in those of corners, accepted intervals adjoin from 0 to a finished one."""
     good, finished = np.hstack(watched.good), np.hstack(watched.finished)
     rng = np.random.default_rng(seed)
     directions = rng.uniform(-1.0, 1.0, (n - 1, 40))

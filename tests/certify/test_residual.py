@@ -182,7 +182,8 @@ def test_the_gradient_law_is_told_from_others() -> None:
     assert not residual(uncertain(0.04)).gradient_law
     one, half = Term(1.0, (0, 0)), Term(0.5, (0, 0))
     two = replace(
-        sound, inputs=(Signal("torque"), Signal("second")), g2=(((), ()), ((one,), (half,))), r2=((1.0, 0.0), (0.0, 2.0)),
+        sound, inputs=(Signal("torque"), Signal("second")),
+        g2=(((), ()), ((one,), (half,))), r2=((1.0, 0.0), (0.0, 2.0)),
         law=(law, tuple((e, v / 4) for e, v in law)),
     )  # fmt: skip
     assert residual(two).gradient_law
