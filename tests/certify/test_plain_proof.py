@@ -142,8 +142,10 @@ def test_a_cell_holds_up_to_the_level_at_which_its_bound_is_zero(name: str) -> N
 
 
 def at_level(proof: Proof, level: float) -> Proof:
+    """The same at another level, which may be negative: then r/ρ² + λ(c − V) is."""
     moved = copy(proof)
-    moved.claim = replace(proof.claim, level=level)
+    moved.claim = copy(proof.claim)
+    object.__setattr__(moved.claim, "level", level)
     return moved
 
 
@@ -162,7 +164,7 @@ def test_a_cell_holds_without_the_level_where_r_is_negative(name: str) -> None:
 def test_a_cell_in_which_v_may_not_grow_does_not_hold() -> None:
     """V = x² − x⁴ grows up to x = 1/√2; its bound ends a little before, at one end of the interval."""
     claim = replace(CUBIC, value=(((2,), 1.0), ((4,), -1.0)), parameters=(), drift=((Term(-1.0, (1,)),),))
-    proof = at_level(Proof(claim), -1e6)  # so that r/ρ² + c − V is negative wherever we look
+    proof = at_level(Proof(claim), -1e6)
     with ctx.workprec(128):
         for begin in (0.1, 0.3, 0.6):
             low, high = begin, 1.0
