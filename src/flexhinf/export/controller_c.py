@@ -145,7 +145,7 @@ class ControllerCode:
         if self.predicts:
             codes["PREDICTED"] = (5, "no measurement in time: the estimate is predicted, the law acts on it")
         codes["STOPPED"] = (6, "too many samples without a measurement: the last output is held")
-        codes["BAD_ARITHMETIC"] = (8, "the compiler's flags change results: nothing is computed")
+        codes["BAD_ARITHMETIC"] = (9, "the compiler's flags change results: nothing is computed")
         return codes
 
     @property
