@@ -51,10 +51,7 @@ def test_the_step_is_that_of_the_loop_on_our_own_plant(paper: tuple[fh.Robot, fh
     """MuJoCo's robot against ours, integrated by our Runge–Kutta steps: the same noise, the same command."""
     run = prepared(paper)
     found = run.make(real_time=False).trajectory
-    given = {
-        name: run.arguments[name]
-        for name in ("reference", "noise", "duration", "initial_state", "initial_input")
-    }
+    given = {name: run.arguments[name] for name in ("reference", "noise", "duration", "initial_state")}
     ours = fh.Loop(paper[0].plant(), paper[1]).run(**given)
     for kind in ("state", "input", "estimate"):
         size = np.abs(ours.signals[kind]).max()
@@ -74,7 +71,7 @@ def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) ->
     # the robot that is driven begins in its own equilibrium, and the law holds it there
     x, u = softer.operating_point([-0.1])
     np.testing.assert_allclose(made.trajectory.signals["state"][0], x)
-    np.testing.assert_allclose(run.arguments["initial_input"], u)
+    np.testing.assert_allclose(run.controller.input_before(), u)
     assert run_met(run, made) is all(line.met for line in run.requirements(made))
 
 

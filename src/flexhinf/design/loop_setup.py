@@ -122,14 +122,15 @@ class LoopSetup(LoopPlants):
         moving : bool
             In error coordinates about a moving reference.
         start : {"zero", "bumpless"}, optional
-            Integrals at zero, or such that the input continues from what held the robot; by default the first for a
-            moving reference.
+            Integrals at zero, or such that the input continues from what holds the model there; by default the first
+            for a moving reference.
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
         return Controller(
             self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
+            before_first=self.robot.operating_point(at)[1],
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
@@ -274,7 +275,7 @@ class LoopSetup(LoopPlants):
         x, u = self.equilibrium(self.goal)
         enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
-        runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration, initial_input=u)
+        runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration)
         starts, own = x + (enter * impulses).T, [{}] * len(self.goal)
         for run in runs.trajectories(own, self.specification.seed, starts):
             yield Response(run, self.goal, self.goal, self.joints)
@@ -363,13 +364,11 @@ class LoopSetup(LoopPlants):
         **options: Any,
     ) -> EnsembleResult:
         """From a pose (n,), in equilibrium there, each with a seed of its own."""
-        begun = [self.equilibrium(at, values) for values in robots]
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],
             range(seed, seed + len(robots)),
-            np.array([x for x, _ in begun]),
-            initial_inputs=np.array([u for _, u in begun]),
+            np.array([self.equilibrium(at, values)[0] for values in robots]),
         )
 
     def _plant_with(self, values: Mapping[str, Any]) -> Plant:
@@ -378,7 +377,8 @@ class LoopSetup(LoopPlants):
     def _begun(
         self, at: np.ndarray, duration: float, values: Mapping[str, Any] | None, seed: int
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Link positions (n,) at which a run begins in equilibrium, and its arguments."""
-        x, u = self.equilibrium(at, values)
-        given = {"noise": self.noise, "duration": duration, "initial_state": x, "initial_input": u}
+        """Link positions (n,) at which a run begins in equilibrium, and its arguments; the controller begins as it
+        boots, with the input that holds the model there."""
+        x, _ = self.equilibrium(at, values)
+        given = {"noise": self.noise, "duration": duration, "initial_state": x}
         return x[: len(self.goal)], {**given, "seed": seed + self.specification.seed}

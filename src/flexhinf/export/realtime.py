@@ -132,6 +132,7 @@ def run_realtime(
         core that there is not.
     """
     _check_scheduling(priority, core)
+    initial_input = loop.controller.input_before(initial_input, initial_estimate)
     given: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
         "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,

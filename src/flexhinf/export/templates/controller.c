@@ -32,10 +32,11 @@ static const real initial_memory[@BIG@_MEMORY] = {
 @INITIAL@
 };
 
-/* The operating input within its limits. */
-static const real safe_input[@BIG@_INPUTS] = {
-@SAFE@
-};
+/* The input before the first sample, within its limits. */
+#define SAFE (initial_memory + @U@)
+
+/* The mark of a state that was initialised. */
+#define INITIALISED 0x1d1e5e7au
 
 @FUNCTIONS@
 /* What every step returns after @NAME@_init found that other numbers come out than are written. */
@@ -52,6 +53,16 @@ static int same(const real *one, const real *other, int count)
     return 1;
 }
 
+/* An input (from) within the limits of now. */
+static void limit(const @NAME@_param *param, const real *from, real *to)
+{
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
+        const real above = (from[i] > low) ? from[i] : low;
+        to[i] = (above < high) ? above : high;
+    }
+}
+
 static void begin(@NAME@_state *state)
 {
     @NAME@_copy(state->start, state->memory, @BIG@_MEMORY);
@@ -62,6 +73,8 @@ static void begin(@NAME@_state *state)
     state->failed = 0;
     state->began_again = 0;
     state->samples = 0;
+    state->waiting = 1;
+    state->mark = INITIALISED;
 }
 
 int @NAME@_init(@NAME@_state *state)
@@ -81,11 +94,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
     @NAME@_init(state);
 @START@
     if (input != 0 && @NAME@_finite(input, @BIG@_INPUTS)) {
-        for (int i = 0; i < @BIG@_INPUTS; ++i) {
-            const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
-            const real above = (input[i] > low) ? input[i] : low;
-            state->start[@U@ + i] = (above < high) ? above : high;
-        }
+        limit(param, input, state->start + @U@);
     }
     begin(state);
     return state->refused;
@@ -106,7 +115,7 @@ static int went_back(@NAME@_state *state)
         @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
     start = same(state->older, state->start, @BIG@_MEMORY);
-    if (start && state->began_again) { /* the start itself is bad: it can only be that memory was overwritten */
+    if (start && state->began_again) { /* the start itself is bad: as it was told, or its memory was overwritten */
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
         @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
@@ -129,7 +138,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
         const int good = state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]);
-        real u = good ? state->held[i] : safe_input[i];
+        real u = good ? state->held[i] : SAFE[i];
         if (u < low) {
             u = low;
         }
@@ -147,6 +156,13 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 {
     const int in_time = input->measured != 0 && input->age <= param->oldest;
     int code;
+    if (state->mark != INITIALISED) {
+        limit(param, SAFE, output->u);
+        for (int i = 0; i < @BIG@_STATES; ++i) {
+            output->estimate[i] = @ZERO@;
+        }
+        return @BIG@_NOT_INITIALISED;
+    }
     if (state->refused == REFUSED) {
         code = REFUSED;
     } else if (in_time) {
@@ -154,6 +170,8 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
         if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
         }
+    } else if (state->waiting) {
+        code = @BIG@_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
         code = @PREDICTED@;
@@ -162,6 +180,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     if (code == @BIG@_OK@OR_PREDICTED@) {
         state->failed = 0;
+        state->waiting = 0;
         @NAME@_copy(state->u, state->held, @BIG@_INPUTS);
         state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
         if (state->samples == @SPACING@) {

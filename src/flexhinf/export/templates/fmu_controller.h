@@ -68,6 +68,11 @@ static void model_begin(model_instance *model)
     if (elsewhere) {
         @NAME@_start(&model->state, &model->param, model->real + FIRST_START, 0);
     }
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        const double first = model->state.held[i];
+        const double above = first > model->real[FIRST_LOWER + i] ? first : model->real[FIRST_LOWER + i];
+        model->real[FIRST_U + i] = above < model->real[FIRST_UPPER + i] ? above : model->real[FIRST_UPPER + i];
+    }
 }
 
 /* Whatever the sample, the output is safe: there is nothing to refuse. */
