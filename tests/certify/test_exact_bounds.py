@@ -46,11 +46,19 @@ def three_states() -> Certificate:
     )  # fmt: skip
 
 
+def _without_channels() -> Certificate:
+    """r = V_x f has the degree of V, so that V decides how many powers of the radius are kept."""
+    still, none = (Term(-1.0, (1, 0)),), ((), ())
+    return upright(V_4, 5.0, drift=(still, (Term(-0.5, (0, 1)),)), g1=((none[:1]), (none[:1])), law=((),),
+                   g2=((none[:1]), (none[:1])), penalty=(), functions=())  # fmt: skip
+
+
 CASES = {
     "quadratic V": upright(V_2),
     "degree 4": upright(V_4, 9.0),
     "uncertain": uncertain(0.04),
     "one state": CUBIC,
+    "r of V's degree": _without_channels(),
     "three states": three_states(),
     "exp": upright(V_2, functions=(Function("exp", (0.1, 0.02), 0.2),)),
 }
@@ -322,3 +330,75 @@ def test_parameters_middles_and_radii_hold_every_corner() -> None:
             assert Q(mid) - Q(rad) <= min(exact)
             assert max(exact) <= Q(mid) + Q(rad)
             assert Q(rad) <= (max(exact) - min(exact)) / 2 + abs(Q(mid)) * 20 * UNIT
+
+
+@pytest.mark.parametrize("name", ["uncertain", "three states"])
+def test_each_allowance_is_added_where_it_belongs(name: str) -> None:
+    """One table's rounding made a billion times larger: the bounds change by that, and the others do not."""
+    proof = proof_of(name)
+    face = Face(proof, proof.faces[-1])
+    rng = np.random.default_rng(8)
+    _, t, h, begin, end = map(np.array, zip(*cells_of(proof, 12, rng)))
+    t, h, end = t.T, h.T, np.maximum(end, begin)
+
+    def bounds() -> Any:
+        return face.bounds(t, h, begin, end)
+
+    def enlarged(columns: Any) -> tuple[Any, np.ndarray]:
+        more = columns._replace(errors=columns.errors * 1e9)
+        return more, sum(
+            (more.errors[k] - columns.errors[k]) * end**k for k in range(len(columns.errors))
+        )  # fmt: skip
+
+    before, zero = bounds(), np.zeros(len(end))
+    for which in ("_value", "_plain", "_factors", "_lifted"):
+        old = getattr(face, which)
+        one = old[0][2] if which == "_lifted" else old[0] if which == "_factors" else old
+        more, added = enlarged(one)
+        listed = {
+            "_factors": [more],
+            "_lifted": [[*old[0][:2], more, *old[0][3:]]] if which == "_lifted" else more,
+        }
+        setattr(face, which, listed.get(which, more))
+        after = bounds()
+        setattr(face, which, old)
+        in_r = after.largest - before.largest
+        expected = {"rounding": zero, "remainder": zero}
+        if which == "_plain":
+            expected["rounding"] = added
+        elif which == "_lifted":
+            slopes = proof.slopes[0]
+            others = [i for i in range(proof.n) if i != face.face[0]]
+            ray = face.face[1] * slopes[face.face[0]] + slopes[others] @ t
+            spread = np.abs(ray) * (end - begin) / 2 + np.abs(slopes[others]) @ h * end
+            middle = ray * (begin + end) / 2
+            expected["rounding"] = added * np.abs(
+                proof.quotients[0].at(middle - spread, middle + spread)[0][2]
+            )
+        elif which == "_factors":
+            expected["remainder"] = added * (before.remainder / sizes(face, t, h, begin, end))
+        for part, change in expected.items():
+            np.testing.assert_allclose(
+                getattr(after, part) - getattr(before, part), change, rtol=1e-3, atol=1e-10
+            )
+        np.testing.assert_allclose(in_r, sum(expected.values()), rtol=1e-3, atol=1e-9)
+        inside = sum(expected.values()) + (before.multiplier * added * end**2 if which == "_value" else 0.0)
+        np.testing.assert_allclose(after.largest_inside - before.largest_inside, inside, rtol=1e-3, atol=1e-7)
+        value = added if which == "_value" else zero
+        np.testing.assert_allclose(
+            before.least_value - after.least_value, value * begin**2, rtol=1e-3, atol=1e-9
+        )
+        growth = before.least_growth - after.least_growth
+        np.testing.assert_allclose(growth, value * proof.small.degree, rtol=1e-3, atol=1e-9)
+
+
+def sizes(face: Face, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """What multiplies a function's remainder."""
+    proof = face.proof
+    mid, rad = [Q(v) for v in proof.mid], [Q(v) for v in proof.rad]
+    found = []
+    for i in range(len(end)):
+        here = Exact(face.face, t[:, i].tolist(), h[:, i].tolist(), float(begin[i]), float(end[i]))
+        factors = [here.rows(proof.parts(p)[0]) for p in proof.exact.factors[0]]
+        found.append(here.tails(factors, mid, rad) + sum(absolute(here, factors, mid, rad).values(), Q(0)))
+    return np.array([float(v) for v in found])
