@@ -12,16 +12,28 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 from math import comb
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from flint import fmpq, fmpq_mpoly_ctx
 from tests.certify.a_cubic import CUBIC
 from tests.certify.test_checker import V_2, V_4, uncertain, upright
 
 from flexhinf.certify import Certificate, Function, Term
-from flexhinf.certify.checker.bounds import Face, Proof, _interval
+from flexhinf.certify.checker.bounds import (
+    Bounds,
+    Face,
+    Proof,
+    _interval,
+    _is_odd,
+    _nearly_even,
+    _roundings,
+)
 from flexhinf.certify.checker.quotient import ORDER
+from flexhinf.certify.checker.residual import as_rational
+from flexhinf.certify.checker.taylor import CentredForm, TaylorTable
 
 pytestmark = pytest.mark.oracle
 
@@ -46,11 +58,19 @@ def three_states() -> Certificate:
     )  # fmt: skip
 
 
+def _without_channels() -> Certificate:
+    """r = V_x f has the degree of V, so that V decides how many powers of the radius are kept."""
+    still, none = (Term(-1.0, (1, 0)),), ((), ())
+    return upright(V_4, 5.0, drift=(still, (Term(-0.5, (0, 1)),)), g1=((none[:1]), (none[:1])), law=((),),
+                   g2=((none[:1]), (none[:1])), penalty=(), functions=())  # fmt: skip
+
+
 CASES = {
     "quadratic V": upright(V_2),
     "degree 4": upright(V_4, 9.0),
     "uncertain": uncertain(0.04),
     "one state": CUBIC,
+    "r of V's degree": _without_channels(),
     "three states": three_states(),
     "exp": upright(V_2, functions=(Function("exp", (0.1, 0.02), 0.2),)),
 }
@@ -222,7 +242,7 @@ def test_no_bound_is_below_its_formula_and_none_is_idle(name: str, monkeypatch: 
                 lifted = [(one * argument**m, odd * argument**m) for one, odd in pairs]
                 more = [w * allowance(proof, degree, pair, here.end) for w, pair in zip(weight, lifted)]
                 rounding += abs(Q(a[m, 0])) * sum(more, Q(0))
-                kept = [p + one * rational(a[m, 0]) for p, (one, _) in zip(kept, lifted, strict=True)]
+                kept = [p + one * as_rational(a[m, 0]) for p, (one, _) in zip(kept, lifted, strict=True)]
         rows = [here.rows(p) for p in kept]
         low, spread = combined(here, rows, mid, rad)
         zero = (0, (0,) * (n - 1))
@@ -260,12 +280,6 @@ def test_no_bound_is_below_its_formula_and_none_is_idle(name: str, monkeypatch: 
         grown = {key: -c * key[0] for key, c in value.items()}
         expected = -bound(n, here, grown)
         assert -6 * small * error <= Q(found.least_growth[0]) - expected <= -small * error * Q(4, 5)
-
-
-def rational(value: float) -> Any:
-    from flexhinf.certify.checker.residual import as_rational
-
-    return as_rational(value)
 
 
 def ends(here: Exact, argument: Any) -> tuple[Fraction, Fraction]:
@@ -322,3 +336,144 @@ def test_parameters_middles_and_radii_hold_every_corner() -> None:
             assert Q(mid) - Q(rad) <= min(exact)
             assert max(exact) <= Q(mid) + Q(rad)
             assert Q(rad) <= (max(exact) - min(exact)) / 2 + abs(Q(mid)) * 20 * UNIT
+
+
+@pytest.mark.parametrize("name", ["uncertain", "three states"])
+def test_each_allowance_is_added_where_it_belongs(name: str) -> None:
+    """One table's rounding made a billion times larger: the bounds change by that, and the others do not."""
+    proof = proof_of(name)
+    face = Face(proof, proof.faces[-1])
+    rng = np.random.default_rng(8)
+    _, t, h, begin, end = map(np.array, zip(*cells_of(proof, 12, rng)))
+    t, h, end = t.T, h.T, np.maximum(end, begin)
+
+    def bounds() -> Any:
+        return face.bounds(t, h, begin, end)
+
+    def enlarged(columns: Any) -> tuple[Any, np.ndarray]:
+        more = columns._replace(errors=columns.errors * 1e9)
+        return more, sum(
+            (more.errors[k] - columns.errors[k]) * end**k for k in range(len(columns.errors))
+        )  # fmt: skip
+
+    before, zero = bounds(), np.zeros(len(end))
+    for which in ("_value", "_plain", "_factors", "_lifted"):
+        old = getattr(face, which)
+        one = old[0][2] if which == "_lifted" else old[0] if which == "_factors" else old
+        more, added = enlarged(one)
+        listed = {
+            "_factors": [more],
+            "_lifted": [[*old[0][:2], more, *old[0][3:]]] if which == "_lifted" else more,
+        }
+        setattr(face, which, listed.get(which, more))
+        after = bounds()
+        setattr(face, which, old)
+        in_r = after.largest - before.largest
+        expected = {"rounding": zero, "remainder": zero}
+        if which == "_plain":
+            expected["rounding"] = added
+        elif which == "_lifted":
+            slopes = proof.slopes[0]
+            others = [i for i in range(proof.n) if i != face.face[0]]
+            ray = face.face[1] * slopes[face.face[0]] + slopes[others] @ t
+            spread = np.abs(ray) * (end - begin) / 2 + np.abs(slopes[others]) @ h * end
+            middle = ray * (begin + end) / 2
+            expected["rounding"] = added * np.abs(
+                proof.quotients[0].at(middle - spread, middle + spread)[0][2]
+            )
+        elif which == "_factors":
+            expected["remainder"] = added * (before.remainder / sizes(face, t, h, begin, end))
+        for part, change in expected.items():
+            np.testing.assert_allclose(
+                getattr(after, part) - getattr(before, part), change, rtol=1e-3, atol=1e-10
+            )
+        np.testing.assert_allclose(in_r, sum(expected.values()), rtol=1e-3, atol=1e-9)
+        inside = sum(expected.values()) + (before.multiplier * added * end**2 if which == "_value" else 0.0)
+        np.testing.assert_allclose(after.largest_inside - before.largest_inside, inside, rtol=1e-3, atol=1e-7)
+        value = added if which == "_value" else zero
+        np.testing.assert_allclose(
+            before.least_value - after.least_value, value * begin**2, rtol=1e-3, atol=1e-9
+        )
+        growth = before.least_growth - after.least_growth
+        np.testing.assert_allclose(growth, value * proof.small.degree, rtol=1e-3, atol=1e-9)
+
+
+def sizes(face: Face, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """What multiplies a function's remainder."""
+    proof = face.proof
+    mid, rad = [Q(v) for v in proof.mid], [Q(v) for v in proof.rad]
+    found = []
+    for i in range(len(end)):
+        here = Exact(face.face, t[:, i].tolist(), h[:, i].tolist(), float(begin[i]), float(end[i]))
+        factors = [here.rows(proof.parts(p)[0]) for p in proof.exact.factors[0]]
+        found.append(here.tails(factors, mid, rad) + sum(absolute(here, factors, mid, rad).values(), Q(0)))
+    return np.array([float(v) for v in found])
+
+
+# The smallest parts ---------------------------------------------------------------------------------------------------
+def test_a_cell_is_proved_by_growth_and_one_of_two_bounds_and_finished_beyond_the_level() -> None:
+    rows = np.array(list(product((-1.0, 0.0, 1.0), repeat=4))).T
+    growth, largest, inside, value = rows
+    nothing, form = np.zeros_like(value), CentredForm(*np.zeros((3, 1, 81)))
+    bounds = Bounds(value, growth, largest, inside, nothing, 0.0, nothing, nothing, nothing, nothing, form)
+    expected = [
+        g > 0 and (one < 0 or other < 0) for g, one, other in zip(growth, largest, inside, strict=True)
+    ]
+    assert bounds.proved.tolist() == expected
+    assert bounds.finished.tolist() == [v > 0 for v in value]
+    unknown = np.full_like(value, np.nan)
+    for field in ("least_growth", "least_value"):
+        assert not (
+            replace(bounds, **{field: unknown}).proved & replace(bounds, **{field: unknown}).finished
+        ).any()
+
+
+def test_which_functions_are_odd_about_their_offset() -> None:
+    for halves in range(-4, 5):
+        assert _is_odd(Function("sin", (1.0,), 0.0, halves)) == (halves % 2 == 0)
+        assert _is_odd(Function("cos", (1.0,), 0.0, halves)) == (halves % 2 == 1)
+        for name in ("tanh", "arctan"):
+            assert _is_odd(Function(name, (1.0,), 0.0, halves)) == (halves == 0)
+        for name in ("exp", "log"):
+            assert not _is_odd(Function(name, (1.0,), 0.0, halves))
+        assert not _is_odd(Function("sin", (1.0,), 1e-9, halves))
+
+
+def test_what_is_nearly_even() -> None:
+    context = fmpq_mpoly_ctx.get(["a", "b"])
+    for reach in (0.5, 2.0):
+        for share in (0.99e-9, 1.01e-9):
+            even = context.from_dict({(2, 0): fmpq(3), (1, 3): fmpq(-2)})
+            size = 3 * reach**2 + 2 * reach**4
+            odd = context.from_dict({(2, 1): as_rational(-share * size / reach**3)})
+            assert _nearly_even(even + odd, reach) == (share < 1e-9)
+    assert _nearly_even(even, 1.0)
+    assert not _nearly_even(odd, 1.0)
+    assert _nearly_even(context.constant(0), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("n", "degree", "components", "functions"), [(1, 2, 1, 0), (5, 4, 300, 0), (2, 30, 1, 0), (5, 12, 1, 8)]
+)
+def test_k_counts_every_rounding_of_section_6(n: int, degree: int, components: int, functions: int) -> None:
+    """2 + 2(M + 1) per function, 2nd, 6d, one per component and one per row; twice, and a little more."""
+    rows = sum(comb(k + n - 1, n - 1) for k in range(2, degree + 1))
+    table: Any = SimpleNamespace(n=n, degree=degree, k=range(rows))
+    counted = 2 + 2 * (ORDER + 1) * functions + 2 * n * degree + 6 * degree + components + rows
+    assert 2 * counted <= _roundings(table, components, functions) <= 2 * counted + 200
+
+
+def test_a_table_has_a_row_for_each_degree_and_monomial() -> None:
+    for n, degree in ((1, 4), (2, 5), (3, 4)):
+        table = TaylorTable(n, degree, 4)
+        assert len(table.k) == sum(comb(k + n - 1, n - 1) for k in range(2, degree + 1))
+
+
+def test_nothing_is_known_beyond_the_reach_and_everything_within(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The quotients' tables hold every ℓᵀTz with |z_i| ≤ reach."""
+    for name in ("degree 4", "three states", "exp"):
+        proof = proof_of(name)
+        for slopes, quotient in zip(proof.slopes, proof.quotients, strict=True):
+            most = proof.claim.reach * np.abs(slopes).sum()
+            _, rest = quotient.at(np.array([-most, most]), np.array([-most, most]))
+            assert np.isfinite(rest).all()

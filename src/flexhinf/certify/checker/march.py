@@ -19,10 +19,7 @@ __all__ = ["Marched", "march_face"]
 
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
-_NARROW, _SHORT = (
-    2.0**-40,
-    2.0**-24,
-)  # half widths and intervals that are not cut: their parts would not be exact
+_NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not cut: parts would not be exact
 
 
 @dataclass(frozen=True)
