@@ -1,5 +1,8 @@
 """Estimators and controllers: random models, covariances over many decades; outliers, huge, missing and bad samples.
 
+Covariances are numbers, or V Vᵀ of any rank. A part of the attempts measures an angle or another state through what
+wraps, jumps or has a corner, against sigma points written down again in plain NumPy.
+
 Each attempt draws a linear model, an estimator and a sequence of samples. What is accepted is judged: belief finite,
 symmetric, semidefinite and fit for the next prediction; for ordinary numbers equal to filterpy's. What is refused must
 leave the belief as it was, and a few ordinary samples later (or after `reset`) the estimator must work again. Half
@@ -8,11 +11,13 @@ of the attempts go through a compiled `Controller`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter as Peer
 
+from flexhinf import scalars
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.loop import Controller
@@ -88,6 +93,8 @@ def run(attempts: int, seed: int) -> Tally:
 
 def one(rng: np.random.Generator) -> str:
     """One attempt; what is wrong, or nothing."""
+    if rng.random() < 0.1:
+        return not_linear(rng)
     shape = SHAPES[rng.integers(len(SHAPES))]
     kind = KINDS[rng.integers(len(KINDS))]
     ordinary = rng.random() < 0.4
@@ -95,12 +102,16 @@ def one(rng: np.random.Generator) -> str:
     plant = MODELS[shape].with_parameters(a=a)
     most = 2 if ordinary else 12
     r_v, r_n = 1e-6 * decades(rng, most) * (rng.random() < 0.8), 1e-6 * decades(rng, most)
-    p0 = decades(rng, most)
+    p0: Any = decades(rng, most)
+    if rng.random() < 0.4:
+        p0 = of_rank(rng, shape[0], 0.2 * most)
     if kind is OutputInjectionObserver and not r_v:
         r_v = r_n
     estimator = kind(plant, PERIOD, r_v, r_n, np.zeros(shape[0]), p0)
     if rng.random() < 0.5:
         return controlled(rng, estimator)
+    if np.ndim(p0) and kind is not OutputInjectionObserver:
+        estimator.predict([0.0])  # what was accepted can be used
     if ordinary and kind is not OutputInjectionObserver:
         return against_filterpy(rng, estimator)
     return alone(rng, estimator)
@@ -109,6 +120,46 @@ def one(rng: np.random.Generator) -> str:
 def decades(rng: np.random.Generator, most: float) -> float:
     """A positive number within so many decades of one."""
     return float(10.0 ** rng.uniform(-most, most))
+
+
+def of_rank(rng: np.random.Generator, n: int, most: float) -> np.ndarray:
+    """V Vᵀ, V of n rows scaled over so many decades and up to n columns."""
+    root = rng.normal(size=(n, rng.integers(0, n + 1))) * 10.0 ** rng.uniform(-most, most, (n, 1))
+    return root @ root.T
+
+
+#: Outputs of one state whose slope is constant wherever they have one.
+KINKED: tuple[Callable[[Any], Any], ...] = (
+    lambda x: np.arctan2(np.sin(x), np.cos(x)), lambda x: np.arctan(np.tan(x)), lambda x: np.arcsin(np.sin(x)),
+    lambda x: np.arccos(np.cos(x)), np.abs, np.floor, np.ceil, scalars.sign, lambda x: x - np.floor(x),
+    lambda x: scalars.clip(x, -1.0, 1.0), lambda x: scalars.maximum(x, 0.1), lambda x: scalars.minimum(x, 0.1),
+    lambda x: scalars.where(x > 0.2, x, 2.0 * x), lambda x: np.sqrt(x * x),
+)  # fmt: skip
+
+
+def not_linear(rng: np.random.Generator) -> str:
+    """One correction through such an output and a linear one."""
+    kink = KINKED[rng.integers(len(KINKED))]
+    plant = Plant(
+        lambda x, u, d, q: np.array([x[1], u[0]]),
+        lambda x, u, q: np.array([kink(x[0]), x[0] + x[1]]),
+        ("a", "b"),
+        ("u",),
+    )
+    mean, root = 3.0 * rng.normal(size=2), np.tril(rng.normal(size=(2, 2))) + 2.0 * np.eye(2)
+    noise, y = 0.1 + rng.random(), rng.normal(size=2)
+    ukf = UnscentedKalmanFilter(plant, PERIOD, 1e-6, noise, mean, root @ root.T)
+    ukf.correct(y)
+    offsets = np.sqrt(2.0) * np.linalg.cholesky(root @ root.T)
+    points = mean[:, None] + np.hstack([np.zeros((2, 1)), offsets, -offsets])
+    seen = np.array([[float(kink(x[0])), x[0] + x[1]] for x in points.T]).T
+    weights, central = np.array([0.0, *[0.25] * 4]), np.array([2.0, *[0.25] * 4])
+    spread, apart = seen - (seen @ weights)[:, None], points - mean[:, None]
+    gain = (apart * central) @ spread.T @ np.linalg.inv((spread * central) @ spread.T + noise * np.eye(2))
+    expected = mean + gain @ (y - seen @ weights)
+    return (
+        "" if np.allclose(ukf.mean, expected, rtol=1e-9, atol=1e-9) else f"{ukf.mean} instead of {expected}"
+    )
 
 
 def sample(rng: np.random.Generator, p: int) -> Any:

@@ -63,6 +63,34 @@ JOINTS = "".join(
 )
 
 
+#: Units of a stiffness at a joint that turns and one that slides, and of nothing of the kind.
+TURNING = {
+    "N·m/rad": 1.0,
+    "kNm/rad": 1e3,
+    "Nm/deg": 180.0 / np.pi,
+    "mNm/mrad": 1.0,
+    "kg m^2 s^-2 rad^-1": 1.0,
+}
+SLIDING = {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3, "MN/m": 1e6, "kg/s²": 1.0}
+OTHER = (
+    "N·m",
+    "rad",
+    "kat",
+    "N·m/rad/rad",
+    "kg",
+    "%",
+    "",
+    "/",
+    "N·m//rad",
+    "m" * 50,
+    "²",
+    "N·m/rad " + "·m" * 20,
+)
+
+#: What drives a motor, by which of its constants are stated.
+DRIVES = {(True, True, True): "voltage", (False, True, False): "current", (False, False, False): "torque"}
+CONSTANTS = ("resistance", "torque_constant", "back_emf_constant")
+
 #: Elements that are read of a link, a joint or an <inertial>.
 READ = {"inertial", "origin", "mass", "inertia", "parent", "child", "axis", "limit", "mimic"}
 
@@ -169,7 +197,31 @@ def _ranged(content: bytes, rng: np.random.Generator) -> bytes:
     return content[: place.start()] + stated + content[place.end() :]
 
 
+def _unit(content: bytes, rng: np.random.Generator) -> bytes:
+    """A number as text with a unit: mostly of a stiffness, in one of its units or in another."""
+    pattern = (
+        rb"(stiffness = (?:\{ *value = )?)(\d[\d.e+-]*)" if rng.random() < 0.8 else rb"( = )(\d[\d.e+-]*)"
+    )
+    places = list(re.finditer(pattern, content))
+    if not places:
+        return content
+    place = places[rng.integers(len(places))]
+    units = (*TURNING, *SLIDING, *OTHER)
+    text = f'"{place[2].decode()} {units[rng.integers(len(units))]}"'.encode()
+    return content[: place.start()] + place[1] + text + content[place.end() :]
+
+
+def _constants(content: bytes, rng: np.random.Generator) -> bytes:
+    """Some constants of the motors left out everywhere, or stated everywhere."""
+    for name in CONSTANTS:
+        content = re.sub(rb"(?m)^%s = .*$" % name.encode(), b"", content)
+    stated = "".join(f"{name} = 0.5\n" for name in CONSTANTS if rng.random() < 0.5).encode()
+    return content.replace(b"[joint.motor]\n", b"[joint.motor]\n" + stated)
+
+
 MUTATIONS = (
+    _unit,
+    _constants,
     _bytes,
     _replaced(r"-?\d+\.?\d*(e-?\d+)?", NUMBERS),
     _replaced(r'(?<=")[^"\n]*(?=")', (*WORDS, *NUMBERS)),
@@ -219,6 +271,17 @@ def _toml_fault(robot: Robot, content: bytes) -> str:
     for row in rows:
         stated = row["spring"]["stiffness"]
         value = stated["value"] if isinstance(stated, dict) else stated
+        if isinstance(value, str):
+            number, unit = value.split(" ", 1)
+            known = SLIDING if row.get("kind") == "prismatic" else TURNING
+            if unit not in known:
+                return f"a stiffness in {unit!r} was taken"
+            value = float(number) * known[unit]
+            found = robot[per_joint("stiffness", row["name"], len(rows))].value
+            value = found if np.isclose(found, value, rtol=1e-12, atol=0.0) else value
+        drive = DRIVES.get(tuple(name in row["motor"] for name in CONSTANTS))
+        if drive != robot.drive:
+            return f"a robot driven by {robot.drive}, and not by {drive}"
         if robot[per_joint("stiffness", row["name"], len(rows))].value != value:
             return f"the stiffness of {row['name']!r} is not {value}"
     return ""

@@ -30,7 +30,8 @@ from typing import Any, Literal
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import checked_path, read_bytes
+from flexhinf.file_bytes import array_of, read_bytes
+from flexhinf.untrusted import checked_path
 
 try:
     import fcntl
@@ -226,6 +227,8 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
     ------
     InvalidInput
         Not a file, damaged, or no archive of arrays. Its `found` says which, for the reader's own message.
+    MemoryError
+        Its arrays do not fit into the memory that is free; nothing is wrong with the file.
     """
     try:
         content = read_bytes(Path(path), _LARGEST_FILE + 1)
@@ -235,7 +238,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
         raise _unreadable(getattr(error, "strerror", None) or str(error)) from error
     if len(content) > _LARGEST_FILE:
         raise _unreadable(f"more than {_LARGEST_FILE} bytes")
-    whole = content[-_DIGEST:] == _digest(content[:-_DIGEST])
+    whole = content[-_DIGEST:] == _digest(memoryview(content)[:-_DIGEST])
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if archive.comment and not whole:
@@ -243,18 +246,15 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             unpacked = sum(member.file_size for member in archive.infolist())
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            members = {name: arrays[name] for name in arrays.files}
-        if not all(isinstance(member, np.ndarray) for member in members.values()):
-            raise _unreadable("damaged: a member is no array")
-        return members, whole
-    except InvalidInput:
+            names = [member.filename for member in archive.infolist()]
+            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in names}, whole
+    except (InvalidInput, MemoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
         raise _unreadable(f"damaged or not such a file ({type(error).__name__})") from error
 
 
-def _digest(content: bytes) -> bytes:
+def _digest(content: bytes | memoryview) -> bytes:
     return hashlib.sha256(content).hexdigest().encode()
 
 

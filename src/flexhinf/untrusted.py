@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 import tomllib
 import unicodedata
 from collections.abc import Iterable, Sequence
@@ -15,11 +14,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flexhinf.errors import InvalidInput, readable
+from flexhinf.file_bytes import read_bytes
 
 __all__ = [
     "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "is_real",
-    "read_bytes", "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number", "value_text",
-    "within_proportion",
+    "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number",
+    "value_text", "within_proportion",
 ]  # fmt: skip
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
@@ -263,24 +263,6 @@ def checked_path(what: str, path: Any) -> Path:
             "for example 'folder/name'",
         )
     return Path(text)
-
-
-def read_bytes(path: Path, most: int) -> bytes:
-    """The first `most` bytes of a regular file, all for −1; nobody is kept waiting by a FIFO or a device.
-
-    Raises
-    ------
-    OSError, ValueError
-        There is no such file, it cannot be read, or it is not a regular one.
-    """
-    with open(path, "rb", opener=_without_waiting) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError("not a file, but a folder, a pipe or a device")
-        return file.read(most)
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from tests.campaign.conftest import Deadly, made_campaign
+from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
 
-from flexhinf.campaign import Journal, drive, in_cluster
-from flexhinf.campaign.driver import Report
+from flexhinf.campaign import Journal, Shard, drive, in_cluster, run_campaign
+from flexhinf.campaign import driver as campaign_driver
+from flexhinf.campaign import storage as campaign_storage
+from flexhinf.campaign.driver import Report, in_this_process, next_batches
 from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 
@@ -28,6 +32,94 @@ def free_port() -> int:
 def test_an_address_is_read_before_any_work() -> None:
     with pytest.raises(InvalidInput, match="address of the cluster"):
         in_cluster("localhost")
+
+
+@pytest.mark.parametrize("rooms", [[2, 1, 1], [3, 0, -1, 2], [1], [7], [50]])
+def test_what_hands_out_batches_loses_none(rooms: list[int]) -> None:
+    left, given = iter(range(20)), []
+    while some := [batch for room in rooms for batch in next_batches(left, room)]:
+        given += some
+    assert given == list(range(20))
+
+
+def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fifty batches for one worker, two of them on the way; threads stand for processes."""
+
+    class Pool(ThreadPoolExecutor):
+        def __init__(self, workers, context, initializer, initargs):
+            super().__init__(workers)
+
+    monkeypatch.setattr(campaign_driver, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(campaign_driver, "_work", lambda batch: batch)
+    found = [batch for batch, _ in campaign_driver._pooled(made_campaign(50, 1), range(50), 1)]
+    assert sorted(found) == list(range(50))
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_of_one_thread_runs_every_batch(tmp_path: Path) -> None:
+    """Many more batches than are on the way: twenty for one worker with one thread."""
+    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    campaign, told = made_campaign(40, 2), []
+    with distributed.LocalCluster(
+        1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        far = drive(
+            campaign, Journal.opened(tmp_path / "far", campaign), executor=in_cluster(cluster.scheduler_address),
+            progress=told.append,
+        )  # fmt: skip
+    assert far is not None
+    assert far.columns["sample"].tolist() == list(range(40))
+    assert told[-1] == Report(40, 40, 40)
+
+
+def losing(campaign, batches):
+    """An executor that ends before it is done."""
+    yield from in_this_process(campaign, batches[:-1])
+
+
+def doubling(campaign, batches):
+    """An executor that gives the first batch again instead of the second one."""
+    for batch, rows in in_this_process(campaign, batches):
+        yield min(batch, batches[0]), rows
+
+
+@pytest.mark.parametrize("executor", [losing, doubling])
+@pytest.mark.parametrize("shard", [None, Shard(2, 2)])
+def test_an_executor_that_loses_a_batch_is_an_error(tmp_path: Path, executor, shard: Shard | None) -> None:
+    campaign = made_campaign()
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    with pytest.raises(FlexhinfError, match="were not run"):
+        drive(campaign, journal, shard=shard, executor=executor)
+    drive(campaign, journal)
+    assert sorted(journal.shards()[0]) == [0, 1, 2, 3]
+
+
+def test_a_full_disk_ends_what_runs_the_batches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the error is told: workers and the cluster's batches do not go on for nothing."""
+    ended: list[bool] = []
+
+    def executor(campaign, batches):
+        try:
+            yield from in_this_process(campaign, batches)
+        finally:
+            ended.append(True)
+
+    def full(name: str, path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    campaign = made_campaign()
+    journal = Journal.opened(tmp_path / "campaign", campaign)
+    monkeypatch.setattr(campaign_storage, "publish_whole", full)
+    with pytest.raises(FlexhinfError, match="disk of the campaign is full") as error:
+        drive(campaign, journal, executor=executor)
+    assert ended == [True]
+    assert error.value.__traceback__ is not None  # which holds the frames, and would keep a generator alive
+
+
+def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign_driver, "in_this_process", losing)
+    with pytest.raises(FlexhinfError, match="expected 3 batches, got 2"):
+        run_campaign(loop, tolerances(), 5, batch=2, **OPTIONS)
 
 
 @pytest.mark.slow

@@ -42,6 +42,31 @@ def test_samples_are_distributed_as_stated(method):
     assert found[:, 1].max() > high
 
 
+def test_corners_are_the_ends_themselves_each_as_often():
+    variable = Variable("a", 0.3, 1.7, "corners")
+    u = (np.arange(1000) + 0.5) / 1000.0
+    found = variable.values(u)
+    assert set(found.tolist()) == {0.3, 1.7}
+    assert (found == np.where(np.arange(1000) < 500, 0.3, 1.7)).all()
+    assert variable.values(np.array([2.0**-54, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53])).tolist() == [
+        0.3, 0.3, 1.7, 1.7,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_corner_of_a_box_is_drawn_as_often(method):
+    """Exactly for sequences that are evenly spread in two numbers, and within their scatter for independent ones."""
+    box = [Variable("a", -1.0, 2.0, "corners"), Variable("b", 5.0, 7.0, "corners")]
+    found = numbers(Tolerances(box, method), range(4096), 4096)
+    counts = [found.count((a, b)) for a in (-1.0, 2.0) for b in (5.0, 7.0)]
+    assert sum(counts) == 4096
+    if method == "sobol":
+        assert counts == [1024] * 4
+    elif method == "latin-hypercube":
+        assert counts[0] + counts[1] == counts[0] + counts[2] == 2048
+    assert stats.chisquare(counts).pvalue > 1e-4
+
+
 def test_latin_hypercubes_and_sobol_sequences_are_evenly_spread():
     variables = [Variable("a", 0.0, 1.0), Variable("b", 0.0, 1.0)]
     latin = np.array(numbers(Tolerances(variables, "latin-hypercube"), range(64)))

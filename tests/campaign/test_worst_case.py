@@ -24,6 +24,7 @@ from flexhinf.campaign import (
     stored_worsts,
     worst_case,
 )
+from flexhinf.campaign.manifest import sealed
 from flexhinf.errors import InvalidInput
 
 #: Long enough to settle.
@@ -180,7 +181,8 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     assert search_worst(campaign, journal, "peak_input", table.columns) == found
     assert path.read_bytes() == content
     stated = json.loads(content)
-    path.write_text(json.dumps(stated | {"settings": stated["settings"] | {"campaign": "another"}}))
+    del stated["sha256"]
+    path.write_bytes(sealed(stated | {"settings": stated["settings"] | {"campaign": "another"}}))
     with pytest.raises(InvalidInput, match="of another campaign"):
         stored_worst(journal, "peak_input")
 

@@ -139,7 +139,7 @@ def test_starts_on_a_path_are_inside_up_to_their_amplitude() -> None:
     assert upright(starts=(inside,)).check(threads=1).starts > 0
     found = upright(starts=(inside, outside)).check(threads=1)
     assert not found.proved
-    assert "is not inside: at rest" in found.reason
+    assert "on path 2 is not inside" in found.reason
 
 
 def test_starts_that_differ_from_plant_to_plant_are_inside_for_all_of_them() -> None:

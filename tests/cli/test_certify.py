@@ -21,7 +21,8 @@ def test_the_theorem_is_said_with_its_hypotheses_and_what_is_not_proved(
     assert run(["certify", "--check", str(tmp_path / "certificate.json")]) == 0
     out = capsys.readouterr().out
     for text in (
-        "softening in [0.5, 1] N/m3", "gust [N]", "released at rest; steps from rest to rest of up to 0.499",
+        "softening in [0.5, 1] N/m3", "gust [N]", "Starts on path 1, steps of up to 0.499",
+            "Path 1 of starts: released at rest",
         "is fed the true state, in continuous time", "gamma = 2", "V <= 0.1249", "Not proved", "saturation",
         "Disturbances that last for ever: no decay", "PROVED again from the certificate's data alone",
     ):  # fmt: skip
@@ -96,16 +97,18 @@ def test_a_design_is_certified_and_its_certificate_checked(
         "99.9 %",
         "V smallest",
         "input unchanged",
-        "steps from rest to rest of up to 1.49",
+        "steps of up to 1.49",
         "Parameters, nominal",
     ):
         assert text in shown, text
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "certificate.html",
+    assert sorted(path.name for path in folder.iterdir()) == ["design.toml", "flexhinf-certificate"]
+    written = folder / "flexhinf-certificate"
+    assert sorted(path.name for path in written.iterdir()) == [
         "certificate.json",
-        "design.toml",
+        "flexhinf-report.json",
+        "index.html",
     ]
-    certificate = load_certificate(folder / "certificate.json")
+    certificate = load_certificate(written / "certificate.json")
     assert certificate.about.startswith("paper, goal 3.14159 rad, degree 2")
     replace(certificate, level=1.002 * certificate.level, starts=()).save(folder / "more.json")
     assert main(["certify", "--check", "more.json"]) == 1
@@ -115,10 +118,10 @@ def test_a_design_is_certified_and_its_certificate_checked(
 @pytest.mark.slow
 def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
-    assert main(["certify", "design.toml", "--degree", "4", "--out", "four.json"]) == 0
-    assert main(["certify", "--check", "four.json"]) == 0
+    assert main(["certify", "design.toml", "--degree", "4", "--out", "four"]) == 0
+    assert main(["certify", "--check", "four/certificate.json"]) == 0
     assert "PROVED again from the certificate's data alone" in capsys.readouterr().out
-    content = json.loads((folder / "four.json").read_text(encoding="utf-8"))
+    content = json.loads((folder / "four" / "certificate.json").read_text(encoding="utf-8"))
     assert content["format"] == "flexhinf certificate"
 
 
@@ -128,8 +131,8 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
         (["certify"], "a robot, a design file, or --check FILE"),
         (["certify", "--check", "certificate.json", "--tolerances"], "got --tolerances"),
         (["certify", "--check", "certificate.json", "--goal", "0"], "got --pose"),
-        (["certify", "paper", "--page", "nowhere/page.html"], "nowhere/page.html: No such file"),
-        (["certify", "paper", "--out", "."], "there is a folder"),
+        (["certify", "paper", "--out", "."], "a folder below it"),
+        (["certify", "paper", "--out", "arm.toml"], "arm.toml"),
         (
             ["certify", "paper", "--goal", "0", "--from-pose", "0.1", "--decay", "nan"],
             "decay >= 0 in 1/s, got nan",
@@ -140,7 +143,10 @@ def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixtu
             "no margin in some direction",
             marks=pytest.mark.slow,
         ),
-        (["certify", "planar-two-link", "--degrees", "2"], "at most 5 states"),
+        (
+            ["certify", "planar-two-link", "--degrees", "2"],
+            "try: flexhinf design planar-two-link --degrees 2",
+        ),
         (["certify", "paper", "--tolerances", "--observer", "10"], "--tolerances and --observer contradict"),
         (["certify", "paper", "--tolerances", "--decay", "0.1"], "--tolerances and --decay contradict"),
         (["certify", "arm.toml", "--tolerances"], "states no tolerances"),
@@ -186,10 +192,10 @@ def test_a_step_is_proved_for_all_tolerances_and_checked(
     shown = capsys.readouterr().out
     for text in ("all parameters within the", "the whole box and not only its corners", "input unchanged"):
         assert text in shown, text
-    given = load_certificate(folder / "certificate.json")
+    given = load_certificate(folder / "flexhinf-certificate" / "certificate.json")
     assert given.step_amplitude == pytest.approx(0.1745, abs=1e-4)
     assert {p.name for p in given.parameters if p.low < p.high} >= {"mass", "stiffness", "resistance"}
-    page = (folder / "certificate.html").read_text(encoding="utf-8")
+    page = (folder / "flexhinf-certificate" / "index.html").read_text(encoding="utf-8")
     assert "all robots of the stated box of parameters" in page
     assert "½∫vᵀR2v" not in page  # the square does not complete where kt/R is uncertain
     assert given.check(threads=2).proved
@@ -200,9 +206,9 @@ def test_an_observer_is_proved_and_shown(folder: Path, capsys: pytest.CaptureFix
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "2", "--observer", "10"]) == 0
     assert "observer" in capsys.readouterr().out
-    given = load_certificate(folder / "certificate.json")
+    given = load_certificate(folder / "flexhinf-certificate" / "certificate.json")
     assert given.feedback == "output injection observer"
-    assert "the observer's estimates" in (folder / "certificate.html").read_text(encoding="utf-8").replace(
-        "&#x27;", "'"
-    )
-    assert main(["certify", "--check", "certificate.json"]) == 0
+    assert "the observer's estimates" in (folder / "flexhinf-certificate" / "index.html").read_text(
+        encoding="utf-8"
+    ).replace("&#x27;", "'")
+    assert main(["certify", "--check", "flexhinf-certificate/certificate.json"]) == 0

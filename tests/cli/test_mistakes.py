@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from flexhinf.cli import main
+from flexhinf.cli.commands import app
 
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0"]
 BOTH = ["--penalty", "link_position=1,link_position_integral=1"]
@@ -184,3 +188,57 @@ def test_words_that_are_no_text_are_refused(
 def test_a_pipe_is_no_robot(folder: Path, refused: Callable[..., str]) -> None:
     os.mkfifo(folder / "arm.toml")
     refused(["design", "arm.toml"], "There is no robot file", folder)
+
+
+def paths_of(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Words of every command, and its options and arguments that are paths."""
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from paths_of(inner, (*words, name))
+    kinds = (
+        inspect.signature(command.callback, eval_str=True).parameters if words and command.callback else {}
+    )
+    for parameter in command.params:
+        if parameter.name in kinds and "Path" in str(kinds[parameter.name].annotation):
+            yield words, parameter.opts[0] if parameter.param_type_name == "option" else ""
+
+
+PATHS = list(paths_of(get_command(app)))
+
+
+def test_every_command_that_writes_has_a_path() -> None:
+    found = {" ".join((*words, option)) for words, option in PATHS}
+    assert found >= {
+        "run --log", "run --record", "run --library", "compile --out", "export c --out", "export fmu --out",
+        "design --out", "compare --out", "certify --out", "certify --check", "paper --out",
+        "campaign run --out", "campaign compare --out", "campaign merge ",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["compile"],
+        ["export", "c"],
+        ["export", "fmu"],
+        ["run", "--mujoco"],
+        ["design"],
+        ["compare"],
+        ["campaign", "run"],
+    ],
+)
+def test_an_empty_design_is_not_that_of_the_working_folder(
+    words: list[str], folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "design.toml").write_text("")
+    refused([*words, ""], "no usable path", folder)
+
+
+@pytest.mark.parametrize(("words", "option"), PATHS)
+def test_an_empty_path_is_no_path(
+    words: tuple[str, ...], option: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    """Python takes "" for the folder ".": a log of that name was a traceback, a campaign there the working folder."""
+    (folder / "design.toml").write_text("")
+    for given in ((option, ""), (f"{option}=",)) if option else (("",),):
+        before = () if words == ("paper",) or not option else ("paper",)
+        refused([*words, *before, *given], "no usable path", folder)

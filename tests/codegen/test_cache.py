@@ -1,9 +1,11 @@
 """A cache file is used when it is exactly right, and never otherwise."""
 
+import functools
 import hashlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import casadi
@@ -89,6 +91,49 @@ def test_a_damaged_file_is_told_and_made_anew(case, folder, assembled, caplog):
     assert only_file(folder).read_bytes() == right
     (told,) = caplog.messages
     assert told == f"the compiled code {file} is not used (it is damaged); it is compiled anew."
+
+
+@pytest.mark.parametrize("other", ["processor", "instructions", "system", "compiler"])
+def test_code_of_another_processor_is_not_run(other, folder, assembled, monkeypatch):
+    """A folder in a home that machines share: instructions that this one lacks would end the process."""
+    here = machine.host()
+    changed = {
+        "processor": {"cpu": "generic"},
+        "instructions": {"features": here.features.rpartition(",")[0]},
+        "system": {"triple": here.triple.replace("linux", "linux6").replace("apple", "apple6")},
+        "compiler": {"version": "another LLVM"},
+    }[other]
+    there = replace(here, **changed)
+    assert there != here
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(machine, "host", lambda: there)
+        elsewhere.setattr(machine, "_target", functools.partial(_target_of, here))
+        assert works()
+    theirs = only_file(folder)
+    monkeypatch.setattr(machine, "Code", _noting(machine.Code, loaded := []))
+    assert works()
+    assert len(assembled) == 2
+    (ours,) = set(folder.iterdir()) - {theirs}
+    assert len(loaded) == 1
+    assert loaded[0] in ours.read_bytes()
+    assert ours.name != theirs.name
+
+
+def _target_of(host, level):
+    """A target as that of `machine`, for this processor whatever is said."""
+    target = machine.llvm.Target.from_triple(host.triple)
+    options = {"cpu": host.cpu, "features": host.features, "opt": level}
+    return target.create_target_machine(**options, reloc="pic", codemodel="small")
+
+
+def _noting(code, loaded):
+    """The class with a note of what is loaded."""
+
+    def made(image, *others):
+        loaded.append(image)
+        return code(image, *others)
+
+    return made
 
 
 def test_a_file_of_another_program_is_not_taken(folder, assembled):

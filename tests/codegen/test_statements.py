@@ -1,5 +1,9 @@
 """Functions mapped over columns, and weighted sums: equal to NumPy, to loops of calls, and for any lanes."""
 
+import ctypes
+import shutil
+import subprocess
+
 import casadi
 import numpy as np
 import pytest
@@ -20,6 +24,8 @@ from flexhinf.codegen import (
     compile_program,
     interpret,
 )
+from flexhinf.codegen.c import Real, Translator
+from flexhinf.codegen.machine import host
 from flexhinf.codegen.memory import COLUMN
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
@@ -242,6 +248,55 @@ def test_a_factor_of_what_is_not_positive(make, lanes):
     np.testing.assert_array_equal(factor[:, [0, *range(4, 12)]], 0.0)
     kernel.run({"a": np.repeat(-np.eye(12).reshape(-1, 1), lanes, axis=1), "y": y})
     assert np.isnan(y).any()
+
+
+@pytest.mark.parametrize("n", [2, 5, 13, 28])
+def test_factors_of_low_rank_are_finite_and_the_same_in_lanes_and_in_c(n, tmp_path):
+    """A pivot that rounding makes negative counts as zero, by the same rule as in `flexhinf.scalars.cholesky`."""
+    rng, alone, lanes = (
+        np.random.default_rng(n),
+        compile_program(factored(n)),
+        compile_program(factored(n), 8),
+    )
+    in_c = compiled_cholesky(n, tmp_path)
+    for _ in range(25):
+        roots = rng.normal(size=(8, n, n - 1)) * 10.0 ** rng.uniform(-3, 3, (8, 1, n - 1))
+        roots *= 10.0 ** rng.uniform(-6, 6, (8, n, 1))
+        matrices = roots @ roots.transpose(0, 2, 1)
+        many, one = np.empty((n * n, 8)), np.empty((n * n, 1))
+        lanes.run({"a": matrices.reshape(8, -1).T.copy(), "y": many})
+        for matrix, row in zip(matrices, many.T):
+            alone.run({"a": matrix.reshape(-1, 1).copy(), "y": one})
+            np.testing.assert_array_equal(one[:, 0], row)
+            factor, size = row.reshape(n, n).T, np.sqrt(np.diag(matrix))
+            assert np.all(np.abs(factor @ factor.T - matrix) <= 1e-6 * np.outer(size, size))
+            if in_c is not None:
+                np.testing.assert_array_equal(in_c(matrix), row)
+    indefinite = np.diag([*np.ones(n - 1), -1e-9])
+    alone.run({"a": indefinite.reshape(-1, 1), "y": one})
+    assert np.isnan(one).any()
+    assert in_c is None or np.isnan(in_c(indefinite)).any()
+
+
+def compiled_cholesky(n, folder):
+    """The factor in C as a function; None where there is no compiler, or other bits are to be expected."""
+    if shutil.which("gcc") is None or not host().fused:
+        return None
+    translator = Translator("c", Real("double"))
+    name = translator.add(factored(n), "run")
+    source, library = folder / "c.c", folder / "c.so"
+    entry = f"void entry(const double *a, double *y) {{ {name}(a, y); }}"
+    source.write_text(f"#include <math.h>\n#define FMA(a, b, c) fma(a, b, c)\n{translator}{entry}\n")
+    flags = ["-O1", "-Wall", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *flags, str(source), "-lm", "-o", str(library)], check=True)
+    loaded = ctypes.CDLL(str(library))
+
+    def run(matrix):
+        given, found = np.ascontiguousarray(matrix, dtype=float), np.empty(n * n)
+        loaded.entry(given.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
+        return found
+
+    return run
 
 
 def test_lanes_that_are_no_power_of_two_lie_side_by_side():

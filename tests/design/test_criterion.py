@@ -11,7 +11,7 @@ import pytest
 from flexhinf.design.criterion import Criterion, Figures, criterion_for, pareto_front
 from flexhinf.errors import InvalidInput
 
-OWN = Figures(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009)
+OWN = Figures(1.8, 2.6, 0.2, 0.03, 3.0, 264.0, 1.5, 0.04, 0.009, 0.001)
 LIMITS: dict[str, Any] = {"peak_sensitivity": (2.0, "default"), "gain_margin": (2.0, "default")}
 
 
@@ -30,13 +30,22 @@ def test_the_design_itself_has_one_and_keeps_its_own_limits() -> None:
         assert criterion.judge(OWN).excess == 0.0
 
 
-def test_the_cost_is_the_mean_of_three_ratios() -> None:
-    other = replace(OWN, load_deviation=0.02, settling=3.0, move_error=0.009)
+def test_the_cost_is_the_geometric_mean_of_four_ratios() -> None:
+    other = replace(OWN, load_deviation=0.02, settling=3.0, move_error=0.018, remaining_error=0.008)
     criterion = made()
     assert criterion.ratios(other) == pytest.approx(
-        {"load_deviation": 0.5, "settling": 2.0, "move_error": 1.0}
+        {"load_deviation": 0.5, "settling": 2.0, "move_error": 2.0, "remaining_error": 8.0}
     )
-    assert criterion.cost(other) == pytest.approx(3.5 / 3.0)
+    assert criterion.cost(other) == pytest.approx(2.0)
+
+
+def test_an_error_that_a_law_keeps_for_ever_counts() -> None:
+    """Old code left it out: a PD that kept 46.6 mrad for ever tied with a law that kept none."""
+    criterion = criterion_for("peak", replace(OWN, remaining_error=1.5e-6), 7.5, LIMITS, "V", 1e-4)
+    kept = replace(OWN, settling=0.5 * OWN.settling, move_error=0.5 * OWN.move_error, remaining_error=0.0466)
+    assert criterion.ratios(kept)["remaining_error"] == pytest.approx(466.0)
+    assert criterion.cost(kept) > 3.0
+    assert criterion.cost(replace(kept, remaining_error=9e-5)) < 1.0
 
 
 def test_an_error_that_no_sensor_shows_is_no_reason_to_win() -> None:
@@ -115,7 +124,7 @@ def test_only_what_is_far_beyond_a_limit_is_not_run_further() -> None:
     criterion = made()
     assert not criterion.is_far(replace(OWN, peak_sensitivity=2.4))
     assert criterion.is_far(replace(OWN, peak_sensitivity=2.6))
-    assert not criterion.is_far(replace(OWN, peak_input=math.nan))  # before the jump is run
+    assert not criterion.is_far(replace(OWN, peak_input=math.nan))  # before the step is run
     assert not criterion.is_far(replace(OWN, peak_input=1.2 * OWN.peak_input))
     assert criterion.is_far(replace(OWN, peak_input=1.3 * OWN.peak_input))
     assert criterion.is_far(replace(OWN, peak_input=math.inf))

@@ -104,7 +104,7 @@ def test_other_sensors_and_noise_levels_make_another_loop(setup_of: Setups) -> N
 
 
 def test_every_figure_of_the_worst_joint_names_it(setup_of: Setups) -> None:
-    response = setup_of("planar-two-link", (0.4, 0.6), (0.2, 0.9)).jump(1.0)
+    response = setup_of("planar-two-link", (0.4, 0.6), (0.2, 0.9)).step(1.0)
     assert [row["joint"] for row in response.metrics] == ["shoulder", "elbow"]
     assert response.overshoot.joint in ("shoulder", "elbow")
     assert response.peak.joint in ("shoulder", "elbow")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -34,16 +35,40 @@ def limited(robot: Any, **limits: Any) -> Any:
 
 # Saturation, and what the robot states ------------------------------------------------------------------
 def test_each_motor_saturates_at_its_own_limit(robot_of: Named, setup_of: Callable[..., LoopSetup]) -> None:
+    def jump(setup: LoopSetup) -> Any:  # with integrals at zero all inputs jump
+        return setup._run(setup.tracking_controller, setup.start, 0.4, None, 0, None, None)
+
     free = setup_of("planar-two-link", GOAL, START, estimator="none")
-    peaks = np.abs(free.jump(0.4).inputs).max(axis=0)
+    peaks = np.abs(jump(free).inputs).max(axis=0)
     own = limited(robot_of("planar-two-link"), effort_limits=0.7 * peaks)
     kept = dataclasses.replace(free, robot=own)
-    run = kept.jump(0.4)
+    run = jump(kept)
     assert np.abs(run.inputs).max(axis=0) == pytest.approx(0.7 * peaks)
     use = kept.limits.input_use(run)
     assert (use.share, use.joint in kept.joints) == (pytest.approx(1.0), True)
     stated = dataclasses.replace(kept, specification=Specification(estimator="none", saturation=np.inf))
-    np.testing.assert_array_equal(stated.jump(0.4).inputs, free.jump(0.4).inputs)
+    np.testing.assert_array_equal(jump(stated).inputs, jump(free).inputs)
+
+
+@pytest.mark.parametrize(
+    ("peaks", "strongest", "equivalent"),
+    [
+        ((87.0, 12.0), 87.0, 80.0 / 12.0 * 87.0),
+        ((np.inf, 12.0), 12.0, 80.0),
+        ((np.inf, np.inf), np.inf, 80.0),
+    ],
+)
+def test_inputs_of_unequal_motors_are_compared_by_their_share_of_their_own_limit(
+    robot_of: Named, peaks: tuple[float, float], strongest: float, equivalent: float
+) -> None:
+    """Old code held 80 of a motor that gives 12 against the 87 of the other one, or against no limit at all."""
+    limits = joint_limits(robot_of("planar-two-link"), Specification(peak_effort=peaks))
+    inputs, run = np.array([[40.0, 1.0], [2.0, -80.0]]), SimpleNamespace(time=np.array([0.0, 1.0]))
+    response: Any = SimpleNamespace(inputs=inputs, diverged_at=None, run=run, peak_input=80.0)
+    assert limits.strongest == strongest
+    assert limits.equivalent_peak(response) == pytest.approx(equivalent)
+    response.diverged_at, response.peak_input = 0.1, np.inf
+    assert limits.equivalent_peak(response) == np.inf
 
 
 def test_a_pose_that_a_joint_cannot_hold_within_its_own_limit_is_refused_before_any_work(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import flexhinf as fh
+from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.design.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 
 pytestmark = pytest.mark.oracle
@@ -23,7 +25,34 @@ def test_two_masses_on_a_spring_vibrate_as_in_the_textbook() -> None:
     assert vibration[-1].frequency == pytest.approx(
         np.sqrt(1.248 * (1 / link + 1 / motor)) / (2 * np.pi), rel=1e-9
     )
-    assert vibration[-1].damping == pytest.approx(0.0, abs=1e-9)
+    assert vibration[-1].damping == 0.0  # old code had the eigenvalue's rounding, 1e-16
+    assert vibration[-1].time_constant is None
+
+
+@pytest.mark.parametrize("name", sorted(fh.catalogue()))
+@pytest.mark.parametrize("period", [None, 1e-4, 1e-3])
+def test_springs_without_damping_have_a_damping_ratio_of_zero_and_no_rounding(
+    name: str, period: float | None
+) -> None:
+    """Old code printed −6.4e-16. A real damping, however small, is no rounding."""
+    robot = fh.load_robot(name)
+    n = len(robot.joint_names)
+    energy = stiffness_and_inertia(robot.plant(), robot.operating_point())
+    stiffness, inertia = np.diag(energy[0]), energy[1]
+    springs = np.block(
+        [[stiffness, -stiffness], [-stiffness, 2.0 * stiffness]]
+    )  # motors held by springs as well
+    order = np.r_[:n, 2 * n : 3 * n, n : 2 * n, 3 * n : 4 * n]  # q, θ, q̇, θ̇ as q, q̇, θ, θ̇
+
+    def damping(time: float) -> list[float]:
+        pull, drag = -np.linalg.solve(inertia, springs), -np.linalg.solve(inertia, time * springs)
+        a = np.block([[np.zeros((2 * n, 2 * n)), np.eye(2 * n)], [pull, drag]])[np.ix_(order, order)]
+        if period is not None:
+            return [DiscreteSystem(expm(a * period), a, a, a, period).damping[0]]
+        return [mode.damping for mode in modes_of(a, robot.joint_names, *energy)]
+
+    assert set(damping(0.0)) == {0.0}
+    assert min(damping(1e-6)) > 1e-9
 
 
 def test_the_papers_arm_swings_as_one_and_vibrates() -> None:

@@ -15,7 +15,8 @@ from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
 from flexhinf.design.joint_limits import ROBOT, JointLimits, joint_limits
 from flexhinf.design.monte_carlo import MonteCarlo
-from flexhinf.design.report.sections.requirements import found_text, limit_text
+from flexhinf.design.report.sections.requirements import found_text, limit_text, requirement_table
+from flexhinf.design.report.text import lines_table
 from flexhinf.design.requirements import (
     Requirement,
     all_met,
@@ -98,7 +99,22 @@ def test_angles_are_shown_as_the_user_gave_them() -> None:
 def test_a_line_holds_up_to_the_width_of_the_search(
     asked: float, found: float, at_most: bool, holds: bool
 ) -> None:
-    assert line(asked, found, at_most).met is holds
+    one = line(asked, found, at_most)
+    assert one.met is holds
+    exact = found <= asked if at_most else found >= asked
+    assert one.judgement == ("NOT MET" if not holds else "met" if exact else "met within 2 %")
+    assert one.within_tolerance is (holds and not exact)
+
+
+@pytest.mark.parametrize(("found", "judged", "cell"), [(2.52, "met within 2 %", None), (2.5, "met", "yes")])
+def test_what_is_past_its_limit_and_counts_as_met_says_so_in_its_line(
+    found: float, judged: str, cell: str | None
+) -> None:
+    """Old code printed 2.52, ≤ 2.5 and met."""
+    one = Requirement("peak sensitivity", 2.5, found, "", True, "loop", "")
+    table = lines_table("", [one], False)
+    assert str(list(table.columns[-1].cells)[-1]) == judged
+    assert requirement_table([one]).rows[0][3] == (cell or judged)
 
 
 def test_all_hold_when_each_does() -> None:

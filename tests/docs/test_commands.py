@@ -1,12 +1,19 @@
-"""Every command and every program of README.md and docs/*.md runs as it is printed.
+"""Every command and every program of README.md, docs/*.md and the examples' docstrings runs as it is printed.
 
-Each block runs in an empty folder that holds the files that its page shows. A command may end with exit code 1 (a
-report is written, and the loop does not meet its specification), never with 2. Commands that set up an environment need
-a network: make's are looked up in the Makefile, pip's extras in pyproject.toml.
+A block runs as one script, in an empty folder that holds the files that its page shows. Every ``flexhinf`` of it must
+be called, after ``&&``, ``;`` and pipes too, and each ends with exit code 0. Where one does not, a comment at the end
+of its line tells the reader, and the command's output has the comment's words:
+
+    flexhinf design arm.toml   # exit code 1: Not met: overshoot
+    flexhinf run arm --mujoco  # exit code 0, or 1 if deadlines were missed
+
+What a page quotes as ``prints "…"`` between a block and the next one is in the output of that block. Commands that set
+up an environment need a network: make's are looked up in the Makefile, pip's extras in pyproject.toml.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -14,12 +21,46 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
 
-_FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+REPOSITORY = Path(__file__).resolve().parents[2]
+LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
+LONG = {"design", "compare", "paper", "campaign"}
+
+_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"^(?:#|<!--) file: (\S+)")
+_CODES = re.compile(r"# exit code (1|0, or 1)(?: if|:) (.+)$")
+_QUOTED = re.compile(r'prints\s+"([^"]+)"')
+_HERE = re.compile(r"<<-?\s*['\"]?(\w+)")
+
+
+# Pages ----------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Command:
+    """One ``flexhinf``, ``make`` or ``pip`` of a block.
+
+    Attributes
+    ----------
+    words : tuple of str
+        The program's name without its folder, and the arguments.
+    codes : tuple of int
+        Exit codes that the page allows.
+    reason : str
+        What the output says where the code is 1.
+    """
+
+    words: tuple[str, ...]
+    codes: tuple[int, ...] = (0,)
+    reason: str = ""
+
+    @property
+    def long(self) -> bool:
+        """Whether it designs."""
+        return self.words[0] == "flexhinf" and self.words[1] in LONG and "--help" not in self.words
 
 
 @dataclass(frozen=True)
@@ -33,12 +74,15 @@ class Block:
     number : int
         Of all fenced blocks of the page, from 1.
     language, text : str
+    quoted : tuple of str
+        What the page says that it prints.
     """
 
     page: str
     number: int
     language: str
     text: str
+    quoted: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -51,113 +95,274 @@ class Block:
         match = _FILE.match(self.text)
         return match[1] if match else None
 
-    @property
-    def lines(self) -> list[str]:
-        """Commands, one a line; a backslash at the end continues one."""
-        joined = self.text.replace("\\\n", " ")
-        return [line for line in joined.splitlines() if line.strip() and not line.startswith("#")]
+    @cached_property
+    def commands(self) -> list[Command]:
+        """What it calls, in order."""
+        return [command for line in logical_lines(self.text) for command in commands_of(line)]
 
 
-def blocks(repository: Path) -> list[Block]:
-    """Every fenced block with a language, page by page."""
-    pages = [repository / "README.md", *sorted((repository / "docs").glob("*.md"))]
+def logical_lines(text: str) -> list[str]:
+    """Lines, those that a backslash continues joined, without here-documents."""
+    found, end = [], None
+    for line in text.replace("\\\n", " ").splitlines():
+        if end is None:
+            found.append(line)
+            here = _HERE.search(line)
+            end = here[1] if here else None
+        elif line.strip() == end:
+            end = None
+    return found
+
+
+def commands_of(line: str) -> list[Command]:
+    """The commands of one line; a claim of another exit code is the last one's."""
+    lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+    lexer.whitespace_split = True
+    parts: list[list[str]] = [[]]
+    file = False  # whether the next word is one that is read or written
+    for word in lexer:
+        if set(word) <= set("();|&"):
+            parts.append([])
+        elif not file and not set(word) <= set("<>"):
+            parts[-1].append(word)
+        file = set(word) <= set("<>")
+    called = [(part[0].rpartition("/")[2], *part[1:]) for part in parts if part]
+    known = [words for words in called if words[0] in ("flexhinf", "make", "pip")]
+    claim = _CODES.search(line)
+    own = [Command(words) for words in known]
+    if claim:
+        own[-1] = Command(own[-1].words, (1,) if claim[1] == "1" else (0, 1), claim[2])
+    return own
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """Its fenced blocks, each with what the text up to the next one quotes."""
+    text, name = page.read_text(encoding="utf-8"), page.relative_to(REPOSITORY).as_posix()
+    fences = list(_FENCE.finditer(text))
+    found = []
+    for number, (fence, after) in enumerate(zip_longest(fences, fences[1:]), 1):
+        said = text[fence.end() : after.start() if after else len(text)]
+        quoted = tuple(" ".join(words.split()) for words in _QUOTED.findall(said))
+        found.append(Block(name, number, fence[1], fence[2], quoted))
+    return found
+
+
+def docstring_blocks(example: Path) -> list[Block]:
+    """The indented commands of an example's docstring."""
+    said = ast.get_docstring(ast.parse(example.read_text(encoding="utf-8"))) or ""
+    lines = re.findall(r"^ +(flexhinf .*)$", said, re.MULTILINE)
+    name = example.relative_to(REPOSITORY).as_posix()
+    return [Block(name, number, "sh", f"{line}\n") for number, line in enumerate(lines, 1)]
+
+
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
+BLOCKS = [block for page in PAGES for block in blocks_of(page)]
+BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
+
+
+def scripts() -> list[object]:
+    """The blocks of commands; those that design are slow."""
     return [
-        Block(page.relative_to(repository).as_posix(), number, language, text)
-        for page in pages
-        for number, (language, text) in enumerate(_FENCE.findall(page.read_text(encoding="utf-8")), 1)
+        pytest.param(
+            block,
+            id=block.name,
+            marks=[pytest.mark.slow] if any(command.long for command in block.commands) else [],
+        )
+        for block in BLOCKS
+        if block.language == "sh"
     ]
+
+
+def programs() -> list[object]:
+    return [
+        pytest.param(block, id=block.name, marks=[pytest.mark.slow] if "fh.design(" in block.text else [])
+        for block in BLOCKS
+        if block.language == "python"
+    ]
+
+
+# Running --------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Outcome:
+    """What a script did.
+
+    Attributes
+    ----------
+    codes : dict of str to list of int
+        Exit codes of each call of flexhinf, by its words.
+    failed : set of int
+        Exit codes other than 0 of anything.
+    output : str
+        Of both streams, its blanks and lines one space each.
+    """
+
+    codes: dict[str, list[int]]
+    failed: set[int]
+    output: str
+
+
+def run_script(text: str, folder: Path, flexhinf: str = f'"{sys.executable}" -m flexhinf "$@"') -> Outcome:
+    """Run it as it is printed, in `folder`/work; tests of this file have another program as `flexhinf`."""
+    work, bin = folder / "work", folder / "work" / ".venv" / "bin"
+    bin.mkdir(parents=True)
+    calls, statuses = folder / "calls", folder / "statuses"
+    for name in ("flexhinf", "make", "pip"):
+        run = flexhinf if name == "flexhinf" else ":"
+        note = f"printf '%s\\t%s\\n' \"$code\" \"{name} $*\" >> '{calls}'"
+        (bin / name).write_text(f"#!/bin/sh\n{run}\ncode=$?\n{note}\nexit $code\n", encoding="utf-8")
+        (bin / name).chmod(0o755)
+    watch = f'set -T -o pipefail\ntrap \'printf "%s\\n" "$?" >> {shlex.quote(str(statuses))}\' DEBUG\n'
+    paths = [str(REPOSITORY / "src"), os.environ.get("PYTHONPATH", "")]
+    environment = {
+        **os.environ,
+        "PATH": os.pathsep.join([str(bin), os.environ["PATH"]]),
+        "PYTHONPATH": os.pathsep.join(path for path in paths if path),
+        "MPLBACKEND": "Agg",
+        "COLUMNS": "160",
+    }
+    done = subprocess.run(
+        ["bash", "-c", watch + text], cwd=work, env=environment, capture_output=True, text=True, check=False
+    )
+    codes: dict[str, list[int]] = {}
+    for line in calls.read_text(encoding="utf-8").splitlines() if calls.exists() else []:
+        code, words = line.split("\t", 1)
+        codes.setdefault(words, []).append(int(code))
+    failed = {int(line) for line in statuses.read_text(encoding="utf-8").split()} | {done.returncode}
+    return Outcome(codes, failed - {0}, " ".join((done.stdout + done.stderr).split()))
+
+
+def mistakes(block: Block, outcome: Outcome) -> list[str]:
+    """Where a block did not do what its page says."""
+    found, explained = [], set[int]()
+    codes = {words: iter(each) for words, each in outcome.codes.items()}
+    for command in block.commands:
+        words = " ".join(command.words)
+        code = next(codes.get(words, iter(())), None)
+        if code is None:
+            found.append(f"never called: {words}")
+            continue
+        explained.add(code)
+        if code not in command.codes:
+            found.append(f"exit code {code} instead of {command.codes}: {words}")
+        elif code and command.reason not in outcome.output:
+            found.append(f"exit code {code}, but not because {command.reason!r}: {words}")
+    found += [f"exit code {code} of another command" for code in outcome.failed - explained]
+    found += [f"not printed: {text}" for text in block.quoted if not _says(outcome.output, text)]
+    return found + ["a traceback"] * ("Traceback" in outcome.output)
+
+
+def _says(output: str, text: str) -> bool:
+    """Whether the output has the text; an ellipsis stands for anything."""
+    return re.search(".*".join(map(re.escape, text.split("…"))), output) is not None
 
 
 def write_files(page: str, folder: Path) -> None:
     """Write the files that a page shows into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
     for block in BLOCKS:
         if block.page == page and block.file:
             (folder / block.file).write_text(block.text, encoding="utf-8")
 
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-BLOCKS = blocks(REPOSITORY)
-LONG = {"design", "compare", "paper", "campaign"}
-SHIM = '#!/bin/sh\nexec "{python}" -m flexhinf "$@"\n'
-
-
-def words(line: str) -> list[str]:
-    return shlex.split(line, comments=True)
-
-
-def commands() -> list[object]:
-    found = []
-    for block in BLOCKS:
-        for line in block.lines if block.language == "sh" else []:
-            long = any(word in LONG for word in words(line)[1:2]) and "--help" not in line
-            marks = [pytest.mark.slow] if long else []
-            found.append(pytest.param(block, line, id=f"{block.name}-{line[:60]}", marks=marks))
-    return found
-
-
-def programs() -> list[object]:
-    return [pytest.param(block, id=block.name) for block in BLOCKS if block.language == "python"]
-
-
-@pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
-    """Where ``flexhinf`` is the tree that is tested."""
-    (tmp_path / "bin").mkdir()
-    shim = tmp_path / "bin" / "flexhinf"
-    shim.write_text(SHIM.format(python=sys.executable), encoding="utf-8")
-    shim.chmod(0o755)
-    paths = [str(REPOSITORY / "src"), os.environ.get("PYTHONPATH", "")]
-    return {
-        **os.environ,
-        "PATH": os.pathsep.join([str(tmp_path / "bin"), os.environ["PATH"]]),
-        "PYTHONPATH": os.pathsep.join(path for path in paths if path),
-        "MPLBACKEND": "Agg",
-    }
-
-
-def run(arguments: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-
-
-@pytest.mark.parametrize(("block", "line"), commands())
-def test_a_command_runs_as_it_is_printed(
-    block: Block, line: str, tmp_path: Path, environment: dict[str, str]
-) -> None:
-    program, *arguments = words(line)
-    if program == "make":
-        targets = re.findall(
-            r"^([\w-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
-        )
-        assert set(arguments) <= set(targets), line
-        return
-    if program == "pip":
-        extras = {extra for word in arguments for extra in re.findall(r"\[([\w,]+)\]", word)}
-        known = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-        assert {name for extra in extras for name in extra.split(",")} <= set(known["optional-dependencies"])
-        return
-    assert program.removeprefix(".venv/bin/") == "flexhinf", line
-    folder = tmp_path / "work"
-    folder.mkdir()
-    write_files(block.page, folder)
-    command = line.removeprefix(".venv/bin/")
-    outcome = run(["bash", "-c", command], folder, environment)
-    assert outcome.returncode in (0, 1), outcome.stderr
-    assert "Traceback" not in outcome.stderr
+# Tests ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("block", scripts())
+def test_every_command_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
+    assert block.commands, block.text
+    targets = re.findall(r"^([\w-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for program, *arguments in (command.words for command in block.commands):
+        if program == "make":
+            assert set(arguments) <= set(targets), arguments
+        if program == "pip":
+            extras = {extra for word in arguments for extra in re.findall(r"\[([\w,]+)\]", word)}
+            names = {name for extra in extras for name in extra.split(",")}
+            assert names <= set(project["optional-dependencies"])
+    write_files(block.page, tmp_path / "work")
+    outcome = run_script(block.text, tmp_path)
+    assert mistakes(block, outcome) == [], outcome.output[-2000:]
 
 
 @pytest.mark.parametrize("block", programs())
-def test_a_program_runs_as_it_is_printed(block: Block, tmp_path: Path, environment: dict[str, str]) -> None:
-    folder = tmp_path / "work"
-    folder.mkdir()
-    write_files(block.page, folder)
-    outcome = run([sys.executable, "-W", "error", "-c", block.text], folder, environment)
-    assert outcome.returncode == 0, outcome.stderr
+def test_every_program_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
+    write_files(block.page, tmp_path)
+    paths = [str(REPOSITORY / "src"), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "MPLBACKEND": "Agg"}
+    words = [sys.executable, "-W", "error", "-c", block.text]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+#: Instead of flexhinf: says what it is asked, and cannot do "wrong".
+ECHO = 'echo "$@"; test "$1" != wrong'
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("flexhinf a && flexhinf b\n", []),
+        ("mkdir a && cd a && flexhinf a > list && wc -l < list\n", []),
+        ("flexhinf a | cat\n", []),
+        ("cat > a <<'END'\nflexhinf nothing\nEND\nflexhinf a\n", []),
+        ("flexhinf wrong && \\\n    flexhinf a\n", ["exit code 1", "never called: flexhinf a"]),
+        ("flexhinf wrong; flexhinf a\n", ["exit code 1"]),
+        ("flexhinf wrong | cat\nflexhinf a\n", ["exit code 1"]),
+        ("flexhinf wrong || flexhinf a\n", ["exit code 1"]),
+        ("false; flexhinf a\n", ["exit code 1 of another command"]),
+        ("false && true\nflexhinf a\n", ["exit code 1 of another command"]),
+        ("true || flexhinf a\n", ["never called"]),
+        ("flexhinf a  # exit code 1: Not met\n", ["exit code 0 instead of (1,)"]),
+        ("flexhinf wrong  # exit code 1: wrong\n", []),
+        ("flexhinf wrong  # exit code 1: other reason\n", ["exit code 1, but not because 'other reason'"]),
+        ("flexhinf a; flexhinf wrong  # exit code 0, or 1 if wrong\n", []),
+        ("flexhinf wrong; flexhinf a  # exit code 0, or 1 if wrong\n", ["exit code 1 instead of (0,)"]),
+    ],
+)
+def test_no_part_of_a_chain_is_lost(text: str, expected: list[str], tmp_path: Path) -> None:
+    found = mistakes(Block("page", 1, "sh", text), run_script(text, tmp_path, ECHO))
+    assert len(found) == len(expected), found
+    assert all(mistake.startswith(start) for mistake, start in zip(found, expected, strict=True)), found
+
+
+def test_what_a_page_quotes_must_be_printed(tmp_path: Path) -> None:
+    text = "flexhinf 0 of 2000 failed, worst 1.83\n"
+    outcome = run_script(text, tmp_path, ECHO)
+    for quoted, expected in (("of 2000 failed", []), ("0 of … 1.83", []), ("1.84", ["not printed: 1.84"])):
+        assert mistakes(Block("page", 1, "sh", text, (quoted,)), outcome) == expected
 
 
 def test_no_block_is_left_out() -> None:
-    known = {"sh", "python", "toml", "xml", "csv", "c", "text"}
-    assert {block.language for block in BLOCKS} <= known
-    assert len(commands()) > 10
+    assert {block.language for block in BLOCKS} <= LANGUAGES  # none without: it would not be run
+    assert len(scripts()) > 10
     assert len(programs()) >= 4
     nameless = [block.name for block in BLOCKS if block.language in ("toml", "xml", "csv") and not block.file]
     assert nameless == []
+
+
+def test_commands_in_a_sentence_have_options_that_exist() -> None:
+    """Commands between single backquotes have placeholders, so they are compared with ``--help``."""
+    from typer.main import get_command
+
+    from flexhinf.cli.commands import app
+
+    for page in (*PAGES, REPOSITORY / "CHANGELOG.md"):
+        prose = _FENCE.sub("", page.read_text(encoding="utf-8"))
+        for text in re.findall(r"`flexhinf ([^`]*)`", prose):
+            command, words = get_command(app), text.split()
+            while words and words[0] in getattr(command, "commands", ()):
+                command = command.commands[words.pop(0)]  # pyright: ignore[reportAttributeAccessIssue]
+            command = getattr(command, "commands", {}).get("run", command)  # `flexhinf campaign DESIGN`
+            known = {option for parameter in command.params for option in parameter.opts}
+            known |= {option for parameter in command.params for option in parameter.secondary_opts}
+            asked = {word.strip("[]").split("=")[0] for word in words if word.lstrip("[").startswith("--")}
+            assert asked <= known | {"--help"}, f"{page.name}: flexhinf {text}"
+
+
+def test_modules_and_files_that_python_is_told_to_run_exist() -> None:
+    for page in (*PAGES, *EXAMPLES):
+        for module, file in re.findall(
+            r"python (?:-m ([\w.]+)|([\w/]+\.py))", page.read_text(encoding="utf-8")
+        ):
+            path = REPOSITORY / (file or module.replace(".", "/"))
+            known = path.exists() or path.with_suffix(".py").exists() or module in ("pytest", "flexhinf")
+            assert known, f"{page.name}: python {module or file}"

@@ -181,3 +181,30 @@ def test_one_step_of_eight_stages_is_as_right_as_five_classical_ones(speed):
     # Positions and velocities, of links and of motors: the links' velocities alike, the rest better.
     assert np.all(eight < np.array([0.3, 1.15, 0.3, 1.0]) * five), (eight, five)
     assert np.all(eight < 0.2 * three)
+
+
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
+    """Singular P0 and R^v of any rank, scaled over decades: the filter runs."""
+    for n in (2, 6):
+        case = kalman.case(n, 1, 1, seed=n)
+        ukf = kind(**case.arguments(mean=np.zeros(n)))
+        for _ in range(100):
+            units = 10.0 ** case.rng.uniform(-4, 4, n)
+            roots = [
+                case.rng.normal(size=(n, rank)) * units[:, None] for rank in (n - 1, case.rng.integers(0, n))
+            ]
+            start, noise = (covariance_matrix(root @ root.T, n, "covariance") for root in roots)
+            belief = ukf.initial._replace(covariance=start)
+            vector = ukf.plant.parameters.vector()
+            for _ in range(3):
+                belief = ukf.time_stages(DIRECT, belief, np.zeros(1), vector, 1e-6 * noise)
+                belief = ukf.innovation_stages(DIRECT, belief, np.zeros(1), np.zeros(1), vector, case.r)[0]
+                assert np.all(np.isfinite(belief.covariance))
+
+
+def test_a_covariance_without_a_factor_is_refused(kalman):
+    """A correlation above one by more than rounding: what is accepted is what every update can begin with."""
+    case = kalman.case(2, 1, 1)
+    with pytest.raises(InvalidInput, match="positive semidefinite"):
+        ExtendedKalmanFilter(**case.arguments(covariance=[[1.0, 1.0 + 9e-14], [1.0 + 9e-14, 1.0]]))

@@ -179,3 +179,25 @@ def test_null_space_keeps_states_apart():
     mixed = np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]])
     assert null_space(mixed).shape == (3, 2)
     np.testing.assert_allclose(mixed @ null_space(mixed), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda angle: np.arctan2(np.sin(angle), np.cos(angle)),
+        lambda angle: np.arctan(np.tan(angle)),
+        lambda angle: np.arctan(np.sin(angle) / np.cos(angle)),
+    ],
+)
+def test_an_angle_that_wraps_is_not_linear(wrap):
+    """Its slope is one wherever it has one."""
+    measured = Plant(
+        lambda x, u, d, p: np.array([x[1], u[0]]), lambda x, u, p: [wrap(x[0])], ("a", "b"), ("u",)
+    )
+    with pytest.raises(InvalidInput, match="not linear in the state"):
+        output_form(measured)
+    hidden = Plant(
+        lambda x, u, d, p: np.array([wrap(x[1]), u[0] - x[1]]), lambda x, u, p: x[:1], ("a", "b"), ("u",)
+    )
+    with pytest.raises(InvalidInput, match="b enters nonlinearly"):
+        output_form(hidden)

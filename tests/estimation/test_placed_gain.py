@@ -87,11 +87,11 @@ def test_observable_chains_of_any_speed():
 
 def test_detectable_is_less_than_observable():
     stable = np.diag([1.0, -2.0])
-    check_detectable(stable, np.eye(1, 2), 0.01, ("a", "b"))
+    check_detectable(stable, np.eye(1, 2), ("a", "b"))
     with pytest.raises(NotDetectable, match="'a'"):
-        check_detectable(stable, np.eye(2)[1:], 0.01, ("a", "b"))
+        check_detectable(stable, np.eye(2)[1:], ("a", "b"))
     with pytest.raises(NotDetectable, match="'a'"):
-        check_detectable(CHAIN, np.eye(4)[1:2], 0.01, NAMES)
+        check_detectable(CHAIN, np.eye(4)[1:2], NAMES)
 
 
 def test_an_error_that_stays_is_refused():

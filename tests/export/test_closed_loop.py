@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-import shutil
 import subprocess
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -81,10 +81,9 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "compiler", "real"), CASES)
 def test_the_compiled_controller_replays_the_loop(
-    name: str, compiler: str, real: str, tmp_path: Path
+    name: str, compiler: str, real: str, tmp_path: Path, needs_compiler: Callable[..., None]
 ) -> None:
-    if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler}")
+    needs_compiler(compiler, *SANITIZERS)
     controller, run = loop(name)
     y, r, u, estimate = (run.signals[kind] for kind in ("output", "reference", "input", "estimate"))
     folder = export_c(controller, tmp_path / "c", "arm", real)

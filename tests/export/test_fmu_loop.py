@@ -172,6 +172,14 @@ def test_the_estimate_begins_where_the_robot_is_said_to_be(
         one.model.reset()
         one.set(**{f"start__{name}": value for name, value in at.items()})
         one.begin()
+        held = steps.step(None)  # the input that holds the motor there, until there is a measurement
+        assert held != 0.0
+        assert one.get("u", ("motor_voltage",)) == pytest.approx(held, rel=1e-12)
+        one.model.setBoolean([one.at["is_measured"]], [False])
+        one.step(0)
+        assert one.model.getInteger([one.at["code"]]) == [7]
+        assert one.get("u", ("motor_voltage",)) == pytest.approx(held, rel=1e-12)
+        one.model.setBoolean([one.at["is_measured"]], [True])
         for k in range(20):
             one.set(measured__link_position=0.2 + 1e-3 * k, command__link_position=0.2)
             one.step(k)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import threading
@@ -178,6 +179,29 @@ def test_a_plant_or_a_library_of_another_kind(controller: fh.Controller, library
     other = fh.Controller(controller.law, ukf, 2e-3, 48.0)
     with pytest.raises(InvalidInput, match="its period is"):
         fh.run_realtime(Loop(Box(), other), library=fh.load_compiled(library))
+
+
+@pytest.mark.parametrize("what", ["law", "noise", "limits", "start", "spring"])
+def test_a_library_of_another_design_of_the_same_robot(
+    what: str, controller: fh.Controller, library: Path
+) -> None:
+    """Signals and period are the same: its inputs are not."""
+    arm = fh.paper_arm()
+    plant = (
+        arm.plant()
+        if what != "spring"
+        else arm.with_values({"stiffness": 1.01 * arm.nominal["stiffness"]}).plant()
+    )
+    law = fh.linear_law(arm.problem(), gamma=math.inf) if what == "law" else controller.law
+    start = [0.1 * (what == "start")] * 4
+    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-7, 1e-4 * (1 + (what == "noise")), start, 1e-4)
+    other = fh.Controller(law, ukf, 1e-3, 24.0 if what == "limits" else 48.0)
+    compiled = fh.load_compiled(library)
+    with pytest.raises(InvalidInput, match=r"one of another controller(.|\n)*expected the controller"):
+        fh.run_realtime(Loop(Box(), other), library=compiled)
+    same = fh.Controller(controller.law, controller.estimator, 1e-3, 48.0)
+    run = fh.run_realtime(Loop(Box(), same), library=compiled, duration=0.003, real_time=False)
+    assert len(run.trajectory.time) == 4
 
 
 # Timing ---------------------------------------------------------------------------------------------

@@ -243,3 +243,41 @@ def test_degree_zero_is_refused():
 def test_a_point_that_is_not_finite_is_refused():
     with pytest.raises(InvalidInput, match="point of the expansion"):
         expand_control_affine(joint, [0.0, np.nan, 0.0, 0.0], [0.0], [0.0], ARM, 2)
+
+
+def wrapped(angle):
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        wrapped,
+        lambda u: np.arctan(np.sin(u) / np.cos(u)),
+        lambda u: np.arcsin(np.sin(u)),
+        lambda u: np.arccos(np.cos(u - 0.5)) - 0.5,
+        lambda u: np.sqrt((u - 0.5) ** 2) - 0.5,
+        lambda u: u + u**9,  # beyond the expansion
+    ],
+)
+@pytest.mark.parametrize("place", ["u", "d"])
+def test_a_flow_that_is_affine_in_its_inputs_near_the_point_only_is_refused(actuator, place):
+    def flow(x, u, d, p):
+        v, w = (actuator(u[0]), d[0]) if place == "u" else (u[0], actuator(d[0]))
+        return np.array([x[1], v + w - x[0]])
+
+    plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u",), ("d",))
+    with pytest.raises(
+        InvalidInput, match=f"not affine in its inputs(.|\n)*function of {place} that bends or jumps"
+    ):
+        plant.with_objective([1.0, 1.0]).expand(3)
+
+
+def test_products_of_inputs_that_cancel_and_quotients_of_states_are_affine():
+    def flow(x, u, d, p):
+        cancels = (x[0] + u[0]) ** 2 - u[0] ** 2 - x[0] ** 2 + (np.sin(u[0]) ** 2 + np.cos(u[0]) ** 2) * x[1]
+        return np.array([x[1] + wrapped(x[0]), cancels + (u[0] + d[0]) / (2.0 + np.cos(x[0]))])
+
+    plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u",), ("d",))
+    expansion = plant.with_objective([1.0, 1.0]).expand(3)
+    np.testing.assert_allclose(expansion.g2_parts[1][1, 0], [2.0, 0.0], atol=1e-15)

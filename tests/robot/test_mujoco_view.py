@@ -56,7 +56,7 @@ def test_links_and_motors_are_drawn(windows: list[Window]) -> None:
     plant.reset(robot.operating_point([0.3, 0.4])[0])
     with MuJoCoView(robot, plant) as view:
         window = windows[0]
-        assert window.synced.wait(5.0)
+        assert window.synced.wait(300.0)
         assert view.show()
         scene = window.user_scn
         assert scene.ngeom == 4  # two links, two motors

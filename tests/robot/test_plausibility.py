@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 
 import pytest
 
@@ -66,7 +65,6 @@ def loaded(tmp_path, **changes):
     ],
 )
 def test_what_is_probably_in_another_unit_is_asked_or_refused(tmp_path, changes, refused, text):
-    begun = time.process_time()
     if refused:
         with pytest.raises(InvalidInput, match=text):
             loaded(tmp_path, **changes)
@@ -75,7 +73,6 @@ def test_what_is_probably_in_another_unit_is_asked_or_refused(tmp_path, changes,
             robot = loaded(tmp_path, **changes)
         assert len(caught) == 1
         assert robot.joint_names == ("shoulder",)
-    assert time.process_time() - begun < 1.0
 
 
 @pytest.mark.parametrize("mass", ["1e29kg", "0..1e29kg", "600"])
@@ -115,12 +112,10 @@ def test_a_joint_that_no_loop_of_this_period_can_follow_is_refused_before_any_wo
         assert text == "equilibrium, and weights"
 
     robot = loaded(tmp_path, stiffness=1e8)
-    begun = time.process_time()
     with pytest.raises(
         InvalidInput, match=r"'shoulder' vibrates at (.|\n)*stiffness = (.|\n)*--period"
     ) as caught:
         fh.design(robot, fh.Specification(), work)
-    assert time.process_time() - begun < 2.0
     softer = float(re.search(r"stiffness = ([0-9.e+]+)", str(caught.value))[1])
     check_fast(loaded(tmp_path, stiffness=softer), 1e-3)
     with pytest.raises(InvalidInput, match="vibrates"):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, catalogue, load_robot, paper_arm
+
+#: Calls of functions within which any file is refused.
+CALLS = 5_000_000
 
 GOOD = """
 name = "two"
@@ -166,8 +167,10 @@ def test_a_mistake_is_told_with_its_place_and_what_is_allowed(write, text, words
 
 def test_motors_of_two_kinds_are_refused(write):
     motor = "friction = 0.3\nresistance = 1.0\ntorque_constant = 1.0\nback_emf_constant = 1.0"
-    with pytest.raises(InvalidInput, match="voltages and by torques"):
+    with pytest.raises(InvalidInput, match="by torques and by voltages"):
         load_robot(write(replaced("friction = 0.3", motor)))
+    with pytest.raises(InvalidInput, match="by currents and by torques"):
+        load_robot(write(replaced("friction = 0.3", "friction = 0.3\ntorque_constant = 1.0")))
 
 
 def test_a_tolerance_that_looks_like_a_fraction_is_warned_of(write):
@@ -215,14 +218,12 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
         ("effort = 0.5", "effort = 0.5\n[[joint]]" * 1 + "\n[[joint]]" * 70_000, "too many joints"),
     ],
 )
-def test_what_no_robot_has_is_refused_in_a_second(tmp_path, replaced, by, match):
+def test_what_no_robot_has_is_refused_with_little_work(tmp_path, replaced, by, match, bounded_work):
     assert replaced in GOOD
     path = tmp_path / "arm.toml"
     path.write_text(GOOD.replace(replaced, by), encoding="utf-8")
-    start = time.process_time()
-    with pytest.raises(InvalidInput, match=match) as caught:
+    with pytest.raises(InvalidInput, match=match) as caught, bounded_work(CALLS):
         load_robot(path)
-    assert time.process_time() - start < 1.0
     assert len(str(caught.value)) < 2000
 
 

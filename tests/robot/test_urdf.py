@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -198,12 +196,10 @@ LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz=
 
 
 def refused(path, text, match):
-    """The message of a refusal within a second of processor time, a few lines long."""
+    """The message of a refusal, a few lines long."""
     path.write_text(text, encoding="utf-8")
-    start = time.process_time()
     with pytest.raises(InvalidInput, match=match) as caught:
         read_urdf(path)
-    assert time.process_time() - start < 1.0
     assert len(str(caught.value)) < 2000
 
 

@@ -65,6 +65,40 @@ def test_a_matrix_of_low_rank():
     np.testing.assert_array_equal(factor[:, 2:], 0)
 
 
+def of_low_rank(rng, n: int, rank: int) -> np.ndarray:
+    """V Vᵀ, rows and columns of V scaled over decades."""
+    root = rng.normal(size=(n, rank)) * 10.0 ** rng.uniform(-3, 3, rank)
+    if rng.random() < 0.5:
+        root = np.cumsum(root, axis=0)  # neighbours alike, as in a covariance of positions over time
+    root *= 10.0 ** rng.uniform(-6, 6, (n, 1))
+    return root @ root.T
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_product_of_low_rank_has_a_factor(seed):
+    """Elimination leaves pivots a little below zero, whose rounding is not that of their diagonal entry."""
+    rng = np.random.default_rng(seed)
+    for n in (*range(2, 29), *range(2, 12), *range(2, 12)):
+        for rank in (n - 1, rng.integers(0, n + 1)):
+            matrix = of_low_rank(rng, n, rank)
+            factor, size = cholesky(matrix), np.sqrt(np.diag(matrix))
+            error = np.abs(factor @ factor.T - matrix)
+            assert np.all(error <= 1e-6 * np.outer(size, size)), (n, rank)
+
+
+def test_a_pivot_is_compared_with_the_rounding_of_what_was_subtracted():
+    """The first two states are alike to 1e-6: their difference has 1e12 units of the last place of the third."""
+
+    def matrix(below: float) -> np.ndarray:
+        root = np.array([[1.0, 0.0], [1.0, 1e-6], [0.0, 1.0]])
+        return root @ root.T - np.diag([0.0, 0.0, below])
+
+    assert np.isfinite(cholesky(matrix(1e-4))).all()
+    assert np.isnan(cholesky(matrix(0.5))).any()
+    apart = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, -1e-9]])
+    assert np.isnan(cholesky(apart)).any()  # nothing was subtracted there
+
+
 def test_a_matrix_that_is_not_positive_gives_nan():
     assert np.isnan(cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))).any()
     assert np.isnan(cholesky(np.array([[-1.0]]))).all()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
+from flexhinf.loop.simulation.metrics import damping_ratio
 
 __all__ = ["BRIEF", "DiscreteSystem"]
 
@@ -121,9 +122,8 @@ class DiscreteSystem:
         lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
         if not len(lasting):
             return 1.0, np.nan
-        sizes = np.abs(lasting)
-        ratios = np.divide(-np.real(lasting), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
-        return float(ratios.min()), float(sizes[ratios.argmin()])
+        ratios = damping_ratio(lasting)
+        return float(ratios.min()), float(np.abs(lasting)[ratios.argmin()])
 
     def plus(self, d: np.ndarray) -> DiscreteSystem:
         """With another direct term (p, m) added."""

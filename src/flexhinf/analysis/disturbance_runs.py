@@ -111,7 +111,15 @@ class DisturbanceRuns:
         if self.commands:
             commands = Samples(self.times, controller.operating_reference + d[:, : self.commands])
         torques = {name: Held(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)}
-        run = self.loop.run(commands, torques or None, None, self.horizon)
+        n, law = len(controller.states), self.law
+        run = self.loop.run(
+            commands,
+            torques or None,
+            None,
+            self.horizon,
+            law.operating_point[:n],
+            initial_input=law.operating_input,
+        )
         return run, run.diverged_at is None
 
     def deviations(self, run: Trajectory, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

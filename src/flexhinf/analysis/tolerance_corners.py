@@ -200,11 +200,6 @@ class ToleranceCorners:
         return self.designed.unstable
 
     @property
-    def most_unstable(self) -> int:
-        """The largest number of corners that any other R^v of the sweep makes unstable; 0 without a sweep."""
-        return max((rates.unstable for rates in self.swept), default=0)
-
-    @property
     def worst(self) -> int:
         """The corner at which the loop as designed grows fastest."""
         return self.designed.worst

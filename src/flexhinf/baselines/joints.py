@@ -38,7 +38,7 @@ class ElasticJoints:
     motor_inertia, motor_damping : ndarray, (n,)
         J and B, the back-EMF's k_t k_b / R included.
     torque_per_input : ndarray, (n,)
-        Torque per input: k_t / R, N·m/V, for a voltage; 1 for a torque.
+        Torque per input: k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque.
     """
 
     link_inertia: np.ndarray

@@ -21,6 +21,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 from flexhinf.scalars import apply
+from flexhinf.scalars.dependence import linear
 
 __all__ = ["NormalForm"]
 
@@ -88,7 +89,7 @@ class NormalForm:
                 f"expected a relative degree of at most {plant.n} for each of {list(self.outputs)}",
                 "states that the inputs move",
             )
-        if any(ca.which_depends(ca.vertcat(*top), u, 2, True)):
+        if not linear(ca.Function("top", [u, x, p], [ca.densify(ca.vertcat(*top))])):
             raise InvalidInput(
                 "The inputs do not enter linearly.", f"in the derivatives of {list(self.outputs)}",
                 "a model that is affine in its inputs",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,21 +11,23 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.campaign.draws import Draw, FunctionDraw, Sample, sample_seed
-from flexhinf.campaign.fingerprint import DIGITS, fingerprint, is_ours, number_hash, option_text
+from flexhinf.campaign.fingerprint import (
+    DIGITS,
+    campaign_digest,
+    fingerprint,
+    is_ours,
+    number_hash,
+    option_text,
+)
 from flexhinf.campaign.metrics import chosen_metrics
+from flexhinf.campaign.outcomes import rest_reduction
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, Loop, Trajectory
 from flexhinf.loop.simulation.run_arguments import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
-__all__ = [
-    "ALONE", "COMPLETED", "DIVERGED", "NOT_RUN", "TRACE", "TRACED", "Campaign", "Column", "check_counts",
-    "checked_integer",
-]  # fmt: skip
-
-#: Values of a row's status.
-COMPLETED, DIVERGED, NOT_RUN = "completed", "diverged", "not run"
+__all__ = ["ALONE", "TRACE", "TRACED", "Campaign", "Column", "check_counts", "checked_integer"]
 
 #: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
 MOST_SAMPLES = 1 << 29
@@ -133,10 +133,11 @@ class Campaign:
                 )
             object.__setattr__(self, "draw", FunctionDraw(self.draw))
         check_counts(self.samples, self.seed, self.batch)
+        object.__setattr__(self, "options", {"duration": 8.0, **self.options})
         tracked = self.loop.controller.judged
         object.__setattr__(self, "metrics", chosen_metrics(self.metrics, bool(tracked)))
         object.__setattr__(self, "signals", tuple(tracked if self.signals is None else self.signals))
-        sample_count(self.options.get("duration", 8.0), self.loop.controller.period)
+        sample_count(self.options["duration"], self.loop.controller.period)
         self._check_first()
 
     def _check_first(self) -> None:
@@ -199,8 +200,13 @@ class Campaign:
     @cached_property
     def instants(self) -> np.ndarray:
         """Samples (T,) at which signals are kept, the first and the last among them."""
-        last = sample_count(self.options.get("duration", 8.0), self.loop.controller.period) - 1
+        last = sample_count(self.options["duration"], self.loop.controller.period) - 1
         return np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
+
+    @property
+    def time(self) -> np.ndarray:
+        """Instants (T,) at which signals are kept, s."""
+        return self.instants * self.loop.controller.period
 
     # Runs -------------------------------------------------------------------------------------------------
     def loop_of(self, drawn: Sample) -> Loop:
@@ -309,7 +315,8 @@ class Campaign:
         if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
             return None
         reductions = [reduction for one in self.metrics for reduction in one.reductions]
-        return self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+        made = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
+        return replace(made, common=(*made.common, rest_reduction(made)))
 
     @cached_property
     def _recorder(self) -> Ensemble:
@@ -351,8 +358,9 @@ class Campaign:
 
     @cached_property
     def digest(self) -> str:
-        """Of the settings."""
-        return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()
+        """Of what the rows depend on, and of what they hold."""
+        columns = [[column.name, column.kind, column.unit] for column in self.columns]
+        return campaign_digest(self.settings, columns, self.time.tolist())
 
     @cached_property
     def _probe(self) -> dict[str, str]:
@@ -364,7 +372,7 @@ class Campaign:
         }  # fmt: skip
         if isinstance(loop.true_plant, Plant):
             found["plant"] = number_hash(loop.true_plant.parameters.vector())
-        duration = min(PROBE * controller.period, float(self.options.get("duration", 8.0)))
+        duration = min(PROBE * controller.period, float(self.options["duration"]))
         options = {**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
         run = self.loop_of(Sample()).run(**options)
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
@@ -379,14 +387,14 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
     checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
 
 
-def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> None:
-    """Refuse what is no integer between two."""
+def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
+    """An integer between two; anything else is refused."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:
+        usable = "The number of the campaign's samples is not usable."
         raise InvalidInput(
-            f"The number of the campaign's {name} is not usable."
-            if name == "samples"
-            else f"No such {name}.",
+            usable if name == "samples" else f"No such {name}.",
             f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
             f"{name}={example}",
         )
+    return int(value)

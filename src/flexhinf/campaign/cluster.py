@@ -10,7 +10,7 @@ from typing import Any
 
 from flexhinf import __version__
 from flexhinf.campaign.batches import Campaign
-from flexhinf.campaign.driver import Executor
+from flexhinf.campaign.driver import Executor, next_batches
 from flexhinf.campaign.samples import Rows, run_batch
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text
@@ -81,7 +81,7 @@ def _run(client: Any, address: str, campaign: Campaign, batches: Sequence[int]) 
     try:
         while True:
             room = AHEAD * max(1, sum(client.nthreads().values())) - len(begun)
-            for batch in (batch for batch, _ in zip(rest, range(max(room, 0)))):
+            for batch in next_batches(rest, room):
                 future = client.submit(remote_batch, sent, batch, __version__, pure=False)
                 begun[future] = batch
                 done.add(future)

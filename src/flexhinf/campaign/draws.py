@@ -302,8 +302,13 @@ def one_of(what: str, value: Any, known: Sequence[str]) -> None:
 # Numbers inside (0, 1) --------------------------------------------------------------------------------------
 def sample_seed(seed: int, index: int) -> int:
     """The seed of a sample's measurement noise, for `Loop.run`."""
-    words = philox((0, 0, index, _SEEDS), seed_key(seed))
-    return int(words[0]) << 32 | int(words[1])
+    return int(sample_seeds(seed, [index])[0])
+
+
+def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
+    """Those of several samples, (N,) of 64 bits."""
+    words = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
+    return words[0] << np.uint64(32) | words[1]
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:

@@ -6,10 +6,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +21,7 @@ from flexhinf.campaign.batches import BATCH, TRACED, Campaign
 from flexhinf.campaign.journal import Journal
 from flexhinf.campaign.results import MergedTable, merged
 from flexhinf.campaign.samples import Rows, run_batch
-from flexhinf.campaign.storage import labelled
+from flexhinf.campaign.storage import disk_refusals, labelled
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
     from flexhinf.loop import Loop
 
-__all__ = ["Executor", "Report", "Shard", "drive", "in_processes", "run_campaign"]
+__all__ = ["Executor", "Report", "Shard", "drive", "in_processes", "next_batches", "run_campaign"]
 
 #: Runs batches of a campaign and gives them in any order, each once.
 Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
@@ -135,7 +137,7 @@ def drive(
     InvalidInput
         If another driver is at work, or a sample is refused.
     FlexhinfError
-        If the disk is full, or workers die.
+        If the disk is full, workers die, or a batch is not run.
     """
     shard = Shard() if shard is None else shard
     with journal.driven(shard.name):
@@ -146,19 +148,20 @@ def drive(
         done = total - sum(map(journal.size, todo))
         fresh = 0
         for path, wrong in bad:
-            path.unlink(missing_ok=True)
+            with disk_refusals(journal.folder):
+                path.unlink(missing_ok=True)
             progress(
                 Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
             )
         progress(Report(done, total, fresh))
-        run = in_this_process if executor is None else executor
-        for batch, rows in run(campaign, todo) if todo else ():
-            good[batch] = journal.write(batch, rows)
-            fresh += len(rows)
-            progress(Report(done + fresh, total, fresh))
+        with closing(_run(executor or in_this_process, campaign, todo)) as running:
+            for batch, rows in running:
+                good[batch] = journal.write(batch, rows)
+                fresh += len(rows)
+                progress(Report(done + fresh, total, fresh))
         if shard.of > 1:
             good = journal.shards()[0]
-        return None if journal.missing(good) else merged(journal, good)
+        return None if len(good) < journal.batches else merged(journal, good)
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
@@ -216,7 +219,7 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
     rest, begun = iter(batches), dict[Future[Rows], int]()
     try:
         while True:
-            for batch in _next(rest, 2 * workers - len(begun)):
+            for batch in next_batches(rest, 2 * workers - len(begun)):
                 begun[pool.submit(_work, batch)] = batch
             if not begun:
                 return
@@ -227,8 +230,37 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _next(batches: Iterator[int], count: int) -> list[int]:
-    return [batch for batch, _ in zip(batches, range(count))] if count > 0 else []
+def next_batches(batches: Iterator[int], count: int) -> list[int]:
+    """So many of the batches that are left, and none for a count below 1; the iterator loses no others."""
+    return list(islice(batches, max(count, 0)))
+
+
+def _run(
+    executor: Executor, campaign: Campaign, batches: Sequence[int]
+) -> Generator[tuple[int, Rows], None, None]:
+    """What an executor makes of these batches, all of them.
+
+    Raises
+    ------
+    FlexhinfError
+        If it ends before, or gives a batch that was not asked for, or one again.
+    """
+    left = set(batches)
+    for batch, rows in executor(campaign, batches) if batches else ():
+        if batch not in left or len(rows) != len(campaign.indices(batch)):
+            raise _lost(f"got batch {batch} with {len(rows)} samples, which was not asked for")
+        left.remove(batch)
+        yield batch, rows
+    if left:
+        raise _lost(f"expected {len(batches)} batches, got {len(batches) - len(left)}")
+
+
+def _lost(found: str) -> FlexhinfError:
+    return FlexhinfError(
+        "Batches of the campaign were not run; what is written stays.",
+        found,
+        "the same command, which runs what is missing; without --cluster and --workers if it happens again",
+    )
 
 
 _campaign: Campaign | None = None  # of a worker process
@@ -324,15 +356,14 @@ def run_campaign(
         assert table is not None
         return table.dataset()
     found: dict[int, Rows] = {}
-    for index, rows in executor(campaign, range(campaign.batches)):
+    for index, rows in _run(executor, campaign, range(campaign.batches)):
         found[index] = rows
         done = sum(map(len, found.values()))
         progress(Report(done, samples, done))
     parts = [found[index].columns for index in range(campaign.batches)]
     rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     kept = {name: rows[name][:TRACED] for name in campaign.named("trace")}
-    time = campaign.instants * loop.controller.period
-    return labelled({**rows, **kept}, campaign.columns, time, campaign.settings)
+    return labelled({**rows, **kept}, campaign.columns, campaign.time, campaign.settings)
 
 
 _OPTIONS = (

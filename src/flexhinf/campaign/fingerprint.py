@@ -13,13 +13,14 @@ import dataclasses
 import dis
 import functools
 import hashlib
+import json
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-__all__ = ["DIGITS", "fingerprint", "is_ours", "number_hash", "option_text"]
+__all__ = ["DIGITS", "campaign_digest", "fingerprint", "is_ours", "number_hash", "option_text"]
 
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.
@@ -41,6 +42,15 @@ def number_hash(numbers: np.ndarray) -> str:
     """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
     text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def campaign_digest(
+    settings: Mapping[str, str], columns: Sequence[Sequence[str]], time: Sequence[float]
+) -> str:
+    """Of a campaign's settings, of its columns (name, kind, unit) and of the instants (T,), s, at which signals are
+    kept: files that state it are parts of one table."""
+    stated = [dict(settings), [list(column) for column in columns], list(time)]
+    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def option_text(value: Any) -> str:

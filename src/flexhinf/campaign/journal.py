@@ -8,19 +8,20 @@ again. A batch that is written twice gets the same name twice.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexhinf.campaign.batches import Campaign, Column
+from flexhinf.campaign.manifest import made_manifest, read_manifest, sealed
 from flexhinf.campaign.samples import Rows
 from flexhinf.campaign.storage import (
     FORMAT,
@@ -30,27 +31,29 @@ from flexhinf.campaign.storage import (
     parquet_bytes,
     publish_whole,
     read_columns,
+    schema_of,
     write_whole,
+    wrong_rows,
 )
 from flexhinf.errors import InvalidInput
+from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
-from flexhinf.untrusted import checked_path, read_bytes
+from flexhinf.untrusted import checked_path
 
 __all__ = ["MANIFEST", "TABLE", "Journal"]
 
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
-_WHAT = "flexhinf campaign"
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX = ".batch-{:08d}."
 
-#: Bytes of the largest manifest and shard that are read.
-_MOST_MANIFEST, _MOST_SHARD = 10_000_000, 4 << 30
+#: Bytes of the largest shard that is read.
+_MOST_SHARD = 4 << 30
 
 #: Rows of a group in the table, at least.
 _GROUP = 65_536
 
-#: Changes of the settings that a refusal lists.
+#: Changes of the settings, and batches, that a refusal lists.
 _LISTED = 8
 
 
@@ -90,11 +93,7 @@ class Journal:
                 "A campaign needs a folder, and there is a file.", f"got {place}", "another name"
             )
         try:
-            manifest = json.loads(read_bytes(place / MANIFEST, _MOST_MANIFEST))
-            if not isinstance(manifest, dict) or manifest.get("what") != _WHAT:
-                raise ValueError("it is not a campaign's")
-            Journal._checked(manifest)
-            return Journal(place, manifest)
+            return Journal(place, read_manifest(place / MANIFEST))
         except FileNotFoundError:
             found = [] if not place.is_dir() else [p.name for p in place.iterdir() if p.name[:1] != "."]
             strangers = [name for name in found if name not in (SHARDS, *beside)]
@@ -105,22 +104,12 @@ class Journal:
                     "another folder",
                 ) from None
             return None
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InvalidInput(
                 "The manifest of the campaign cannot be read.",
-                f"{place / MANIFEST}: {str(error)[:200]}",
+                f"{place / MANIFEST}: {str(error)[:400]}",
                 "a copy of it, or another folder",
             ) from error
-
-    @staticmethod
-    def _checked(manifest: Mapping[str, Any]) -> None:
-        """Raise ValueError for a manifest that was changed."""
-        if manifest["digest"] != _digest_of(manifest["settings"]):
-            raise ValueError("its settings are not those of its digest")
-        for name in ("samples", "batch"):
-            if int(manifest["settings"][name]) < 1:
-                raise ValueError(f"{name} is not positive")
-        _ = [Column(*column) for column in manifest["columns"]], np.array(manifest["time_s"], dtype=float)
 
     @staticmethod
     def opened(
@@ -151,22 +140,33 @@ class Journal:
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
             journal = Journal._made(place, campaign, command, about or {})
-        journal.refuse_other(campaign.settings)
+        journal.refuse_campaign(campaign)
         return journal
 
     @staticmethod
     def _made(place: Path, campaign: Campaign, command: Sequence[str], about: Mapping[str, Any]) -> Journal:
-        manifest = {
-            "what": _WHAT, "version": 1, "digest": campaign.digest, "command": list(command),
-            "settings": campaign.settings, "about": dict(about),
-            "columns": [[column.name, column.kind, column.unit] for column in campaign.columns],
-            "time_s": (campaign.instants * campaign.loop.controller.period).tolist(),
-        }  # fmt: skip
+        manifest = made_manifest(campaign, command, about)
         check_installed()
         with disk_refusals(place):
             (place / SHARDS).mkdir(parents=True, exist_ok=True)
-            write_whole(place / MANIFEST, json.dumps(manifest, indent=1).encode())
+            write_whole(place / MANIFEST, sealed(manifest))
         return Journal(place, manifest)
+
+    def refuse_campaign(self, campaign: Campaign) -> None:
+        """Refuse another campaign than this one; the message says what differs."""
+        self.refuse_other(campaign.settings)
+        self._refuse_table(campaign.digest, campaign.columns)
+
+    def _refuse_table(self, digest: str, columns: Sequence[Column]) -> None:
+        """Refuse a campaign of the same settings with other columns or instants."""
+        if self.manifest["digest"] != digest:
+            names = [[column.name for column in those] for those in (self.columns, columns)]
+            other = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
+            raise InvalidInput(
+                "The folder is that of a campaign with other columns.",
+                f"{self.folder}: {', '.join(other) or 'other kinds, units or instants'}",
+                "another folder",
+            )
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
@@ -252,7 +252,7 @@ class Journal:
         FlexhinfError
             If the disk is full, or refuses for another reason; what was written before stays.
         """
-        content = parquet_bytes(self.columns, rows.columns, self.manifest["digest"])
+        content = parquet_bytes(rows.columns, self._schema(batch=str(batch)))
         name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
         path = self.folder / SHARDS / name
         with disk_refusals(self.folder):
@@ -263,7 +263,8 @@ class Journal:
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """The shards that are whole, by batch, and those that are not with what is wrong.
 
-        Every byte is looked at: SHA-256, the digest of the campaign, and the number of rows.
+        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, and the
+        numbers and seeds of the samples.
 
         Raises
         ------
@@ -290,25 +291,24 @@ class Journal:
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """What is wrong with a shard; empty where nothing is."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
+        if not 0 <= batch < self.batches:
+            return f"of no batch: there are {self.batches}"
         try:
-            content = read_bytes(path, _MOST_SHARD)
+            if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
+                return "damaged: its bytes are not those of its digest"
         except OSError as error:
-            return str(error)
-        if hashlib.sha256(content).hexdigest()[:16] != digest:
-            return f"damaged: {len(content)} bytes that are not those of its digest"
-        found = pq.read_metadata(pa.BufferReader(content))
-        if (found.metadata or {}).get(b"campaign") != self.manifest["digest"].encode():
-            return "of another campaign"
-        if not 0 <= batch < self.batches or found.num_rows != self.size(batch):
-            return f"{found.num_rows} rows for batch {batch}"
-        return ""
+            return error.strerror or str(error)
+        first = batch * int(self.settings["batch"])
+        samples = range(first, first + self.size(batch))
+        return wrong_rows(path, self._schema(batch=str(batch)), samples, int(self.settings["seed"]))
+
+    def _schema(self, **about: str) -> Any:
+        """Of a part, or of the table without kept signals, which is about no part."""
+        kept = [column for column in self.columns if about or column.kind != "trace"]
+        return schema_of(kept, len(self.time), campaign=self.manifest["digest"], **about)
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
-
         batch, place = divmod(sample, int(self.settings["batch"]))
         for path in (self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"):
             match = _SHARD.match(path.name)
@@ -321,11 +321,6 @@ class Journal:
                 }
         return {}
 
-    def missing(self, good: Iterable[int]) -> list[int]:
-        """The batches that are still to be run."""
-        done = set(good)
-        return [batch for batch in range(self.batches) if batch not in done]
-
     # The whole ---------------------------------------------------------------------------------------------
     def take(self, other: Journal) -> int:
         """Copy the shards of another folder of the same campaign that are missing here; returns how many.
@@ -336,6 +331,7 @@ class Journal:
             If it is another campaign, or a shard there is damaged.
         """
         self.refuse_other(other.settings)
+        self._refuse_table(other.manifest["digest"], other.columns)
         here, (there, bad) = self.shards()[0], other.shards()
         if bad:
             raise InvalidInput(
@@ -365,22 +361,22 @@ class Journal:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        if missing := self.missing(good):
+        if lacking := self.batches - len(good):
+            first = islice((batch for batch in range(self.batches) if batch not in good), _LISTED)
             raise InvalidInput(
                 "The campaign is not complete.",
                 f"expected {self.batches} batches, got {len(good)}; missing: "
-                f"{', '.join(map(str, missing[:10]))}{' …' if len(missing) > 10 else ''}",
+                f"{', '.join(map(str, first))}{' …' if lacking > _LISTED else ''}",
                 "the campaign's command again, or the folders of the other shards",
             )
-        kept = [column.name for column in self.columns if column.kind != "trace"]
-        path = self.folder / TABLE
+        schema, path = self._schema(), self.folder / TABLE
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            with pq.ParquetWriter(name, read_columns(good[0], kept).schema, **FORMAT) as writer:
+            with pq.ParquetWriter(name, schema, **FORMAT) as writer:
                 group: list[pa.Table] = []
                 for batch in range(self.batches):
-                    group.append(read_columns(good[batch], kept))
+                    group.append(read_columns(good[batch], schema.names))
                     if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
-                        writer.write_table(pa.concat_tables(group).combine_chunks())
+                        writer.write_table(pa.concat_tables(group).combine_chunks().cast(schema))
                         group = []
             publish_whole(name, path)
         return path
@@ -390,7 +386,3 @@ def _held(path: Path) -> bool:
     """Whether another process holds a lock file."""
     with locked(path) as state:
         return state == "busy"
-
-
-def _digest_of(settings: Mapping[str, str]) -> str:
-    return hashlib.sha256(json.dumps(dict(settings), sort_keys=True).encode()).hexdigest()

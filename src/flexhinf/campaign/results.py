@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.campaign.batches import COMPLETED, TRACED, Campaign
+from flexhinf.campaign.batches import TRACED, Campaign
 from flexhinf.campaign.journal import TABLE, Journal
 from flexhinf.campaign.metrics import Requirement
+from flexhinf.campaign.outcomes import COMPLETED
 from flexhinf.campaign.samples import run_samples
 from flexhinf.campaign.statistics import MOST_ROWS, Interval, Sensitivity, sensitivity, success_interval
 from flexhinf.campaign.storage import StoredColumns, labelled, numpy_column, read_columns
@@ -81,7 +82,7 @@ def main_metric(names: Sequence[str]) -> str:
 
 
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
-    """Whether each sample (N) misses each requirement (R); one that did not come to its end misses all.
+    """Whether each sample (N) misses each requirement (R); one that is unstable or did not come to its end misses all.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class CampaignJudgement:
 
     @cached_property
     def violations(self) -> np.ndarray:
-        """Whether each sample (N) misses each requirement (R); one that did not come to its end misses all."""
+        """See `violations`."""
         return violations(self.table.columns, self.requirements)
 
     @cached_property
@@ -137,10 +138,22 @@ class CampaignJudgement:
         """How many fail."""
         return len(self.failed)
 
+    @property
+    def method(self) -> str:
+        """How the samples are spread, see `METHODS`; a draw that states no method draws each by itself."""
+        return self.table.journal.settings.get("method", "random")
+
+    @property
+    def rate(self) -> float:
+        """The fraction of successes."""
+        return 1.0 - self.failures / self.count
+
     @cached_property
-    def success(self) -> Interval:
-        """The fraction of successes, as of independent samples."""
-        return success_interval(self.count - self.failures, self.count)
+    def success(self) -> Interval | None:
+        """The fraction of successes with its interval; None for samples that are not independent, as those of a Sobol
+        sequence and of a Latin hypercube: of one campaign of these no interval is known."""
+        independent = self.method == "random"
+        return success_interval(self.count - self.failures, self.count) if independent else None
 
     @property
     def main(self) -> str:
@@ -218,7 +231,7 @@ class Replayed:
     @property
     def same(self) -> bool:
         """Whether both are the same, bit by bit."""
-        return not self.recorded or all(_same(self.recorded[k], v) for k, v in self.again.items())
+        return not self.recorded or all(_same(self.recorded.get(k), v) for k, v in self.again.items())
 
 
 def _same(a: object, b: object) -> bool:

@@ -8,17 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.campaign.batches import (
-    ALONE,
-    COMPLETED,
-    DIVERGED,
-    NOT_RUN,
-    TRACE,
-    TRACED,
-    Campaign,
-    checked_integer,
-)
-from flexhinf.campaign.draws import Sample, sample_seed
+from flexhinf.campaign.batches import ALONE, TRACE, TRACED, Campaign, checked_integer
+from flexhinf.campaign.draws import Sample, sample_seeds
+from flexhinf.campaign.outcomes import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE, is_unstable
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import EnsembleResult, Trajectory
 
@@ -106,7 +98,7 @@ class _Table:
             shape = (count, len(campaign.instants)) if trace else count
             self.columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
         self.columns["sample"] = np.array(indices, dtype=np.int64)
-        self.columns["seed"] = np.array([sample_seed(campaign.seed, k) for k in indices], dtype=np.uint64)
+        self.columns["seed"] = sample_seeds(campaign.seed, indices)
         self.columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
 
     def describe(self, place: int, index: int, drawn: Sample) -> None:
@@ -125,7 +117,8 @@ class _Table:
 
     def fill(self, places: np.ndarray, found: EnsembleResult) -> None:
         """Status, metrics and kept signals of runs in lanes."""
-        status = np.where(found.completed, COMPLETED, DIVERGED)
+        ended = np.where(found.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
+        status = np.where(found.completed, ended, DIVERGED)
         self.columns["status"][places], self.columns["diverged_at_s"][places] = status, found.diverged_at
         for metrics in self.campaign.metrics:
             assert metrics.reduced is not None
@@ -140,7 +133,7 @@ class _Table:
     def judge(self, place: int, run: Trajectory) -> None:
         """Status and metrics, and the signals that are kept."""
         if run.diverged_at is None:
-            self.columns["status"][place] = COMPLETED
+            self.columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
             for metrics in self.campaign.metrics:
                 for name, value in metrics(run).items():
                     self.columns[name][place] = value

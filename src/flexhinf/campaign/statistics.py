@@ -57,7 +57,7 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
     InvalidInput
         For a count below 1, or successes that are not among them.
     """
-    from scipy.stats import binomtest
+    from scipy.special import betaincinv
 
     if not 0 <= successes <= count or count < 1:
         raise InvalidInput(
@@ -65,8 +65,10 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
             f"expected 0 <= successes <= count, got {successes} of {count}",
             "99 of 100",
         )
-    found = binomtest(successes, count).proportion_ci(confidence, method="exact")
-    return Interval(successes, count, float(found.low), float(found.high), confidence)
+    half, failures = 0.5 * (1.0 - confidence), count - successes
+    low = betaincinv(successes, failures + 1, half) if successes else 0.0
+    high = betaincinv(successes + 1, failures, 1.0 - half) if failures else 1.0
+    return Interval(successes, count, float(low), float(high), confidence)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.campaign.batches import Column
+from flexhinf.campaign.draws import sample_seeds
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import part_file
 
@@ -21,8 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FORMAT", "StoredColumns", "check_installed", "disk_refusals", "labelled", "numpy_column", "parquet_bytes",
-    "publish_whole", "read_columns", "write_whole",
+    "publish_whole", "read_columns", "schema_of", "write_whole",
+    "wrong_rows",
 ]  # fmt: skip
+
+#: Bytes of a file beyond its rows, and of one text, at most.
+_SPARE, _LONGEST_TEXT = 1_000_000, 16_384
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
 HELD = 6
@@ -52,36 +57,58 @@ def check_installed() -> None:
         ) from error
 
 
-def parquet_bytes(columns: Sequence[Column], rows: Mapping[str, np.ndarray], digest: str) -> bytes:
-    """Columns as the bytes of a Parquet file, the digest of their campaign in its metadata."""
+def schema_of(columns: Sequence[Column], instants: int, **about: str) -> pa.Schema:
+    """What a file of these columns has; a kept signal is a list of `instants` numbers of 32 bits."""
+    import pyarrow as pa
+
+    own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
+    lists = pa.list_(pa.float32(), instants)
+    fields = []
+    for column in columns:
+        kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
+        fields.append(pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit}))
+    return pa.schema(fields, about)
+
+
+def parquet_bytes(rows: Mapping[str, np.ndarray], schema: pa.Schema) -> bytes:
+    """Columns as the bytes of a Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fields, arrays = [], []
-    for column in columns:
-        array = _arrow(column, rows[column.name])
-        about = {"kind": column.kind, "unit": column.unit}
-        fields.append(pa.field(column.name, array.type, metadata=about))
-        arrays.append(array)
+    arrays = [_arrow(rows[name]) for name in schema.names]
     stream = pa.BufferOutputStream()
-    pq.write_table(
-        pa.Table.from_arrays(arrays, schema=pa.schema(fields, {"campaign": digest})), stream, **FORMAT
-    )
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
     return stream.getvalue().to_pybytes()
 
 
 def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
-    """Columns of a file, all by default."""
+    """Columns of a file, all by default.
+
+    Raises
+    ------
+    InvalidInput
+        If it cannot be read.
+    """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with pq.ParquetFile(path) as file:
-        return file.read(columns=None if names is None else list(names))
+    try:
+        with pq.ParquetFile(path) as file:
+            return file.read(columns=None if names is None else list(names))
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+        if isinstance(error, MemoryError):
+            raise
+        raise InvalidInput(
+            "A file of the campaign cannot be read.",
+            f"{path}: {str(error)[:200]}",
+            "delete it, and the campaign's command again, which makes it again",
+        ) from error
 
 
-def _arrow(column: Column, values: np.ndarray) -> pa.Array:
+def _arrow(values: np.ndarray) -> pa.Array:
     import pyarrow as pa
 
-    if column.kind == "trace":
+    if values.ndim == 2:
         flat = pa.array(values.ravel(), mask=np.isnan(values).ravel())
         return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
     if values.dtype == object:
@@ -89,6 +116,56 @@ def _arrow(column: Column, values: np.ndarray) -> pa.Array:
     if values.dtype == float:
         return pa.array(values, mask=np.isnan(values))
     return pa.array(values)
+
+
+def wrong_rows(path: Path, schema: pa.Schema, samples: range, seed: int) -> str:
+    """What is wrong with a file of the rows of these samples; empty where nothing is.
+
+    Its columns, its metadata, the numbers of its samples and their seeds are those of the schema and of the campaign's
+    seed, and it unpacks to no more than such rows take.
+
+    Raises
+    ------
+    MemoryError
+        It does not fit into the memory that is free.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            found, rows = file.schema_arrow, file.metadata.num_rows
+            if any((found.metadata or {}).get(key) != value for key, value in schema.metadata.items()):
+                return "of another campaign, or another part of it"
+            if not found.equals(schema):
+                return "of other columns"
+            if rows != len(samples):
+                return f"{rows} rows instead of {len(samples)}"
+            groups = range(file.metadata.num_row_groups)
+            unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
+            if unpacked > _SPARE + rows * sum(_width(field.type) for field in schema):
+                return f"a file that unpacks to {unpacked} bytes"
+            own = file.read(columns=["sample", "seed"])
+    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+        if isinstance(error, MemoryError):
+            raise
+        return f"no file of rows ({' '.join(str(error).split())[:100]})"
+    numbers, seeds = (numpy_column(own.column(name)) for name in ("sample", "seed"))
+    first, last = samples[0], samples[-1]
+    if not np.array_equal(numbers, np.array(samples)):
+        return f"not the samples {first} to {last}"
+    if not np.array_equal(seeds, sample_seeds(seed, samples)):
+        return f"not the samples {first} to {last} of the seed {seed}"
+    return ""
+
+
+def _width(kind: pa.DataType) -> int:
+    """Most bytes of one entry, twice what it takes; texts are sentences of an error."""
+    import pyarrow as pa
+
+    if pa.types.is_fixed_size_list(kind):
+        return 12 * kind.list_size
+    return _LONGEST_TEXT if pa.types.is_string(kind) else 24
 
 
 class StoredColumns(Mapping[str, np.ndarray]):

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.box_search import climb, corners
-from flexhinf.campaign.batches import COMPLETED, Campaign, checked_integer
+from flexhinf.campaign.batches import Campaign, checked_integer
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.metrics import known_metric
+from flexhinf.campaign.outcomes import COMPLETED
 from flexhinf.campaign.samples import rows_of, run_batch
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from flexhinf.campaign.batches import Campaign
+from flexhinf.campaign.batches import MOST_SAMPLES, Campaign, checked_integer
 from flexhinf.campaign.journal import Journal
+from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed
 from flexhinf.campaign.metrics import known_metric
 from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.campaign.worst_case import STARTS, FoundPlant, WorstCase, search_settings, worst_case
 from flexhinf.errors import InvalidInput
-from flexhinf.untrusted import read_bytes
 
 __all__ = ["search_worst", "stored_worst", "stored_worsts"]
 
 #: Folder of the files, inside a campaign's.
 FOLDER = "worst-case"
 
-_MOST_FILE = 10_000_000
+_COUNTS = ("sample", "starts", "together", "runs", "outside")
 
 
 def search_worst(
@@ -61,7 +60,7 @@ def search_worst(
     path = _path(journal, metric)
     with journal.driven(), disk_refusals(journal.folder):
         path.parent.mkdir(exist_ok=True)
-        write_whole(path, _text(found).encode())
+        write_whole(path, sealed(_plain(asdict(found))))
     return found
 
 
@@ -75,7 +74,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     """
     path = _path(journal, metric)
     try:
-        found = _read(read_bytes(path, _MOST_FILE))
+        found = _read(read_sealed(path))
         if found.settings["campaign"] != journal.manifest["digest"] or found.metric != metric:
             raise ValueError("it is of another campaign")
         return found
@@ -86,7 +85,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             f"expected one of {', '.join(known) or 'none'}",
             "the campaign's command with --worst-case --metric " + metric,
         ) from None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except UNREADABLE as error:
         raise InvalidInput(
             f"The worst case of {metric!r} cannot be read.",
             f"{path}: {str(error)[:200]}",
@@ -111,31 +110,31 @@ def _path(journal: Journal, metric: str) -> Path:
     return journal.folder / FOLDER / f"{metric}.json"
 
 
-def _text(found: WorstCase) -> str:
+def _plain(value: Any) -> Any:
     """Every digit of every number; those that JSON does not have as text."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, float) and not math.isfinite(value):
-            return str(value)
-        if isinstance(value, Mapping):
-            return {name: plain(one) for name, one in value.items()}
-        return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
-
-    return json.dumps(plain(asdict(found)), indent=1, allow_nan=False) + "\n"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
 
 
-def _read(content: bytes) -> WorstCase:
-    """The inverse of `_text`; KeyError, TypeError or ValueError where it is not one."""
-    stated = json.loads(content)
-    given = {one.name: stated[one.name] for one in fields(WorstCase)}
+def _read(stated: Mapping[str, Any]) -> WorstCase:
+    """The inverse of `_plain`; one of `UNREADABLE` where it is not one."""
+    given: dict[str, Any] = {one.name: stated[one.name] for one in fields(WorstCase)}
 
     def plant(one: Mapping[str, Any]) -> FoundPlant:
         return FoundPlant(
             {k: float(v) for k, v in one["numbers"].items()}, float(one["value"]), str(one["status"])
         )
 
-    return WorstCase(**given | {
+    counts: dict[str, Any] = {
+        name: checked_integer(name, given[name], 0, MOST_SAMPLES, "0") for name in _COUNTS
+    }
+    texts: dict[str, Any] = {name: str(given[name]) for name in ("metric", "unit")}
+    return WorstCase(**given | counts | texts | {
         "sampled": plant(given["sampled"]), "found": plant(given["found"]), "nominal": plant(given["nominal"]),
         "alone": {name: float(value) for name, value in given["alone"].items()},
         "intervals": {name: (float(a), float(b)) for name, (a, b) in given["intervals"].items()},
+        "units": {name: str(unit) for name, unit in given["units"].items()}, "settings": dict(given["settings"]),
     })  # fmt: skip

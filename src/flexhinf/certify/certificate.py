@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
 from flexhinf.certify.checker.observer import check_observer
+from flexhinf.certify.checker.peak import proved_peaks
 from flexhinf.certify.checker.quadratic import definite_corners
 from flexhinf.certify.checker.residual import residual
 from flexhinf.certify.checker.starts import check_start
@@ -65,6 +66,11 @@ class Certificate(Summarised, Claim):
     def is_gradient_law(self) -> bool:
         """Whether the law is −R2⁻¹g2ᵀV_xᵀ up to rounding, with a known g2: for the budget of the theorem."""
         return residual(self).gradient_law
+
+    @property
+    def stated(self) -> Verification:
+        """What the theorem says besides its hypotheses, for a certificate that the search has just proved."""
+        return Verification(True, gradient_law=self.is_gradient_law, peaks=proved_peaks(self))
 
     def definite_corners(self) -> int:
         """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""

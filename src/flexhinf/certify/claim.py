@@ -21,6 +21,7 @@ from flexhinf.certify.terms import (
     MOST_FUNCTIONS,
     MOST_PARAMETERS,
     MOST_STATES,
+    ONLY_KNOWN,
     Double,
     Entries,
     Function,
@@ -86,6 +87,8 @@ class Claim:
     provenance : dict of str to str
         Version, command, statistics of the search: no part of the theorem.
     """
+
+    __pydantic_config__ = ONLY_KNOWN
 
     about: Name
     states: Annotated[tuple[Signal, ...], Field(max_length=MOST_STATES)]

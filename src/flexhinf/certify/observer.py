@@ -207,7 +207,8 @@ def _riccati(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray, gamma: f
     hamiltonian = np.block([[closed, pushed], [-weight, -closed.T]])
     found: Any = schur(hamiltonian, sort="lhp")
     _, basis, stable = found
-    if stable != n or np.abs(np.linalg.eigvals(hamiltonian).real).min() < 1e-9:
+    nearest = np.abs(np.linalg.eigvals(hamiltonian).real).min()
+    if stable != n or nearest <= 1e-13 * n * np.linalg.norm(hamiltonian):
         return None
     x = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T)
     x = (x + x.T) / 2

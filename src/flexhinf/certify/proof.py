@@ -24,7 +24,7 @@ from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.untrusted import HUGE
 
-__all__ = ["NotProved", "certify", "check_decay", "check_states", "method_of", "prove"]
+__all__ = ["NotProved", "certify", "check_decay", "check_states", "method_of", "prove", "wide_statement"]
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
@@ -135,7 +135,7 @@ def check_states(count: int) -> None:
         raise InvalidInput(
             "A proof in so many states would not end.",
             f"expected at most {MOST_STATES} states, got {count}: cells grow 10 to 23 times with each",
-            "sampled_region, which looks at points and proves nothing",
+            "solution.sampled_region(), which looks at points and proves nothing",
         )
 
 
@@ -178,7 +178,7 @@ def prove(
     """
     if progress is not None:
         progress(0, 0.0)  # what limits the time may end it here
-    if (wide := _wide(statement)) is not None and wide.definite_corners():
+    if (wide := wide_statement(statement)) is not None and wide.definite_corners():
         return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
     if not most_cells:
         return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
@@ -195,7 +195,7 @@ def prove(
     return replace(statement, reach=reach), outcome
 
 
-def _wide(statement: Certificate) -> Certificate | None:
+def wide_statement(statement: Certificate) -> Certificate | None:
     """The statement with a cube that holds all of {V ≤ level}, for a V of degree two; None for others."""
     t = np.array(statement.coordinates)
     quadratic = t.T @ quadratic_part(statement.value, len(t)) @ t  # V = ½ zᵀ(…)z

@@ -25,12 +25,17 @@ __all__ = ["NARROW", "QuotientTable", "quotient_table"]
 
 Series = Callable[[arb_series], arb_series]
 
+
+def _undefined(s: arb_series) -> arb_series:
+    return arb_series([arb("nan")] * s.prec, prec=s.prec)
+
+
 #: The functions of certificates on power series over intervals, which bound their own derivatives.
 SERIES: dict[str, Series] = {
     "sin": lambda s: s.sin(),
     "cos": lambda s: s.cos(),
     "exp": lambda s: s.exp(),
-    "tanh": lambda s: 1 - 2 / ((2 * s).exp() + 1),
+    "tanh": lambda s: 1 - 2 / below if (below := (2 * s).exp() + 1)[0] > 0 else _undefined(s),
     "arctan": lambda s: s.atan(),
     "log": lambda s: s.log(),
 }

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PlainSerializer, Strict
+from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value_text
 
 __all__ = [
-    "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "Double",
-    "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term", "Terms",
-    "check_line", "check_names", "check_parameters", "check_powers", "check_slopes", "require",
+    "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "ONLY_KNOWN",
+    "Double", "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term",
+    "Terms", "check_line", "check_names", "check_parameters", "check_powers", "check_slopes", "require",
 ]  # fmt: skip
 
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
@@ -25,6 +25,9 @@ MOST_STATES, MOST_CHANNELS, MOST_PARAMETERS, MOST_FUNCTIONS, MOST_TERMS = 5, 5, 
 
 #: Highest degree of V, and of any other polynomial, that a certificate may have.
 HIGHEST_DEGREE = 10
+
+#: A key that no entry has is refused: what it says would stand in the file, and not in the theorem.
+ONLY_KNOWN = ConfigDict(extra="forbid")
 
 _LONGEST_LINE = 1000
 
@@ -64,6 +67,8 @@ Matrix = Annotated[
 class Signal:
     """The name and the unit of a state, an input or a disturbance."""
 
+    __pydantic_config__ = ONLY_KNOWN
+
     name: Name
     unit: Name = ""
 
@@ -75,6 +80,8 @@ class Signal:
 @dataclass(frozen=True)
 class Parameter:
     """A parameter of the plant, anywhere in [low, high], in `unit`; constant in time."""
+
+    __pydantic_config__ = ONLY_KNOWN
 
     name: Name
     low: Double
@@ -101,6 +108,8 @@ class Function:
     Multiples of π/2 stand apart because π is no double, and about 180° a sine is odd only in exact numbers.
     """
 
+    __pydantic_config__ = ONLY_KNOWN
+
     name: Name
     slope: Annotated[tuple[Double, ...], Field(max_length=MOST_STATES)]
     offset: Double = 0.0
@@ -113,6 +122,8 @@ class Function:
 @dataclass(frozen=True)
 class Term:
     """coefficient · Π p_j^e_j · Π x_k^a_k · (function of this index, if any); parameters are (name, exponent) pairs."""
+
+    __pydantic_config__ = ONLY_KNOWN
 
     coefficient: Double
     powers: Powers
@@ -151,6 +162,8 @@ class Start:
     table : tuple of tuple of float
         Per state the values there; empty for states without one.
     """
+
+    __pydantic_config__ = ONLY_KNOWN
 
     rule: Name
     amplitude: Double
@@ -202,6 +215,8 @@ class Observer:
     energy : float
         ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε.
     """
+
+    __pydantic_config__ = ONLY_KNOWN
 
     measured: Matrix
     known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]

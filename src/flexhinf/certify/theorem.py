@@ -9,10 +9,14 @@ from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function, Observer, Polynomial, Signal, Start, Term, Terms
 
-__all__ = ["common_unit", "persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
+__all__ = ["AUTHOR", "common_unit", "persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
 
+
+#: Heading of what a file says and nothing checks.
+AUTHOR = "In the author's words, not checked"
 
 _MOST_SHOWN = 12  # terms of a sum
+_MOST_MONOMIALS = 40  # of V and the law on a terminal
 _DIGITS = 6
 
 
@@ -21,13 +25,11 @@ def persistent_bound(claim: Claim) -> float:
     return sqrt(2.0 * claim.decay * claim.level) / claim.gamma
 
 
-def theorem_text(claim: Claim, found: Verification) -> str:
-    """What the claim says, to be believed where `found.proved`."""
+def theorem_text(claim: Claim, found: Verification, whole: bool = False) -> str:
+    """What the claim says, to be believed where `found.proved`; `whole` with V and the law in full, however long."""
     statements = _statements(claim, found)
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     lines = [
-        f"About: {claim.about}",
-        "",
         "Hypotheses",
         f"  Plant: {len(claim.states)} states ({', '.join(map(_named, claim.states))}), deviations "
         f"from {_origin(claim)}, with "
@@ -38,11 +40,12 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         f"  Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"  Feedback: the law, a polynomial of degree {max(map(_degree, claim.law))} for "
         f"{', '.join(map(_named, claim.inputs))}, is fed the true state{fed}, in continuous time.",
+        *_formulas(claim, whole),
         *_observer(claim),
         *(
-            f"  Start: {start.rule}; steps from rest to rest of up to {_down(start.amplitude)}: x = "
+            f"  Starts on path {i}, steps of up to {_down(start.amplitude)}: x = "
             f"({', '.join(_path(claim, start))}) for 0 <= a <= {_down(start.amplitude)}."
-            for start in claim.starts
+            for i, start in enumerate(claim.starts, 1)
         ),
         "",
         f"Region S: the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}.",
@@ -52,6 +55,11 @@ def theorem_text(claim: Claim, found: Verification) -> str:
         "",
         "Not proved",
         *(f"  - {text}" for text in _not_proved(claim, found)),
+        "",
+        AUTHOR,
+        f"  - What it is about: {claim.about}",
+        *(f"  - Path {i} of starts: {start.rule}" for i, start in enumerate(claim.starts, 1)),
+        "  - All names and units.",
     ]
     return "\n".join(lines)
 
@@ -72,8 +80,9 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
     ]  # fmt: skip
     if found.gradient_law:
         text = (
-            "anything that makes the input differ by v from -R2^-1 g2'V_x' (the law, but for its rounding) is "
-            f"covered by 2. while V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= {level}."
+            "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) with any v, from x(0) in S, as long "
+            f"as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= {level}, the state stays in S and "
+            "(energy of z) <= gamma^2 (energy of d) + (integral of v'R2 v) + 2 V(x(0)), z with the u that is applied."
         )
         statements.append(("Budget", text))
     if claim.decay:
@@ -84,6 +93,12 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
     if claim.starts:
         kept = f", with V <= {_up(claim.start_level)}" if claim.observer else ""
         statements.append(("Starts", f"all starts named above lie in S{kept}."))
+    if found.peaks:
+        bounds = ", ".join(
+            f"|{s.name} - its value at the goal| <= {_up(peak)} {s.unit}".rstrip()
+            for s, peak in zip(claim.inputs, found.peaks, strict=True)
+        )
+        statements.append(("Largest input", f"without disturbances, from all starts named above, {bounds}."))
     if claim.observer:
         statements.append(("Output feedback", _with_estimates(claim, claim.observer)))
     return statements
@@ -92,11 +107,11 @@ def _statements(claim: Claim, found: Verification) -> list[tuple[str, str]]:
 def theorem_parts(claim: Claim, found: Verification) -> list[tuple[str, list[str]]]:
     """The same in parts, each with its heading and its sentences, without indents."""
     parts: list[tuple[str, list[str]]] = []
-    for line in theorem_text(claim, found).splitlines():
+    for line in theorem_text(claim, found, whole=True).splitlines():
         text = line.strip()
         if line.startswith(" "):
             parts[-1][1].append(text.removeprefix("- "))
-        elif text.startswith(("About:", "Region S:")):
+        elif text.startswith("Region S:"):
             heading, _, rest = text.partition(":")
             parts.append((heading, [rest.strip()]))
         elif text:
@@ -170,6 +185,19 @@ def _with_estimates(claim: Claim, observer: Observer) -> str:
         "covered together with every e0 in the ellipsoid "
         f"1/2 e0'X e0 <= {_down(observer.energy)}: an error in one state alone of up to {axes}."
     )
+
+
+def _formulas(claim: Claim, whole: bool) -> list[str]:
+    """R2, the law and V with every digit, so that what is stated can be refuted without the file."""
+    rows = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
+    lines = [f"    R2 = [{rows}]"]
+    named = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
+    for name, polynomial in named:
+        if whole or len(polynomial) <= _MOST_MONOMIALS:
+            lines.append(f"    {name} = {_row(polynomial, claim.states, len(polynomial))}")
+        else:
+            lines.append(f"    {name}: {len(polynomial)} monomials, in the file and on the page")
+    return lines
 
 
 def _parameters(claim: Claim) -> list[str]:
@@ -312,12 +340,12 @@ def _degree(polynomial: Polynomial) -> int:
     return max((sum(powers) for powers, _ in polynomial), default=0)
 
 
-def _row(polynomial: Polynomial, states: tuple[Signal, ...]) -> str:
-    """A row of h as text; beyond three terms, how many there are."""
+def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MOST_SHOWN) -> str:
+    """A polynomial as text, with every digit; beyond so many terms, how many there are."""
     text = ""
-    for powers, value in polynomial[:3]:
+    for powers, value in polynomial[:most]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]
         sign = (" - " if value < 0 else " + ") if text else "-" if value < 0 else ""
-        text += sign + " ".join([f"{abs(value):.6g}"] * (abs(value) != 1.0 or not factors) + factors)
-    more = len(polynomial) - 3
+        text += sign + " ".join([f"{abs(value)!r}"] * (abs(value) != 1.0 or not factors) + factors)
+    more = len(polynomial) - most
     return text + (f" + {more} more {'terms' if more > 1 else 'term'}" if more > 0 else "") if text else "0"

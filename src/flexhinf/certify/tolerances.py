@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.proof import NotProved, method_of, prove
+from flexhinf.certify.proof import NotProved, method_of, prove, wide_statement
 from flexhinf.certify.reading import flat_names, plant_terms
 from flexhinf.certify.robot_starts import largest_values, robot_start, start_inside, tabled_start
+from flexhinf.certify.sampled_gain import quadratic_part
 from flexhinf.certify.search import Progress
 from flexhinf.certify.statement import few_bits, law_polynomials, signals, with_units
 from flexhinf.certify.terms import Polynomial
@@ -40,6 +41,9 @@ Ranges = Mapping[str, tuple[float, float]]
 _POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
 _ROOM = 1.002  # level over the largest V on a path that is to be inside
 _INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
+_FINE = 1.05  # ratio of levels at which the search for the largest one ends
+_MOST_LEVELS = 1e6  # the largest level over the one that a step needs
+_FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
@@ -140,9 +144,35 @@ def certify_tolerances(
     if not outcome.proved:
         point = None if outcome.point is None else np.array(found.coordinates) @ outcome.point
         raise NotProved.at(level, outcome, point)
+    if step is not None and not outcome.cells:
+        found = _largest(found)
     provenance = {"cells": str(outcome.cells), "method": f"{method_of(outcome)}, vertices of the box"}
     starts = () if start is None else start_inside(found, start, step)
     return replace(found, starts=starts, provenance=provenance)
+
+
+def _largest(found: Certificate) -> Certificate:
+    """The same at the largest level at which definite matrices still prove it, within 5 %.
+
+    The quotients' ranges grow with the level, so what fails at one level fails at each larger one.
+    """
+    t = np.array(found.coordinates)
+    inverse = np.linalg.inv(t.T @ quadratic_part(found.value, len(t)) @ t)
+    slopes = np.array([f.slope for f in found.functions]).reshape(-1, len(t)) @ t
+    square = 2.0 * found.level * np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0)
+    most = _MOST_LEVELS if square == 0.0 else min(_MOST_LEVELS, _FARTHEST**2 / square)
+    low, high = found, max(most, 1.0)
+    factor, proved = high, 1.0
+    while high > _FINE * proved:
+        tried = wide_statement(replace(found, level=factor * found.level))
+        if tried is not None and tried.definite_corners():
+            low, proved = tried, factor
+        else:
+            high = factor
+        if proved == high:
+            break
+        factor = math.sqrt(proved * high)
+    return low
 
 
 def tolerance_statement(

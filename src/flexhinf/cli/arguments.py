@@ -76,9 +76,10 @@ Tool = Annotated[
 ]
 
 #: Options for the largest input, and the drive that each is for.
-PEAKS = {"peak_effort": "", "peak_voltage": "voltage", "peak_torque": "torque"}
+PEAKS = {"peak_effort": "", "peak_voltage": "voltage", "peak_current": "current", "peak_torque": "torque"}
 PEAK_HELP = {
     "peak_voltage": "--peak-effort of voltage-driven motors, V.",
+    "peak_current": "--peak-effort of current-driven motors, A.",
     "peak_torque": "--peak-effort of torque-driven motors, N·m or N.",
 }
 
@@ -229,7 +230,7 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 
 def _check_drive(context: typer.Context, robot: Any) -> None:
-    """Refuse volts for a robot that is driven by torques, and torques for one that is driven by volts."""
+    """Refuse volts for a robot that is driven by torques, and so on."""
     fitting = next(name for name, drive in PEAKS.items() if drive == robot.drive)
     for name, drive in PEAKS.items():
         if drive and drive != robot.drive and name in _stated(context):

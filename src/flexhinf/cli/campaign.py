@@ -183,9 +183,9 @@ def run(
         note(f"{done} of {journal.samples} samples are in {out}; the same command goes on from there.")
         raise
     if table is None:
-        missing = journal.missing(journal.shards()[0])
+        left = journal.batches - len(journal.shards()[0])
         typer.echo(
-            f"shard {shard} is done; {len(missing)} of {journal.batches} batches are still to be run elsewhere."
+            f"shard {shard} is done; {left} of {journal.batches} batches are still to be run elsewhere."
         )
         typer.echo(f"then:  flexhinf campaign merge {out}")
         if wanted is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import join
 from typing import Annotated, Any
 
 import typer
@@ -10,6 +11,7 @@ import typer
 from flexhinf.cli.arguments import (
     Elastic,
     GoalXyz,
+    Out,
     Payload,
     Tool,
     reproduce_command,
@@ -18,7 +20,6 @@ from flexhinf.cli.arguments import (
 )
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.errors import InvalidInput
-from flexhinf.files import write_file
 
 __all__ = ["certify"]
 
@@ -36,7 +37,7 @@ Source = Annotated[
 def certify(
     context: typer.Context,
     robot: Source = "",
-    out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("certificate.json"),
+    out: Out = Path("flexhinf-certificate"),
     check: Annotated[
         Path | None,
         typer.Option(help="Prove this certificate again, by the independent checker.", show_default=False),
@@ -49,9 +50,6 @@ def certify(
             "degree 6: hours.",
         ),
     ] = False,
-    page: Annotated[
-        Path, typer.Option(help="The page that is written, with the theorem and its pictures.")
-    ] = Path("certificate.html"),
     degree: Annotated[
         int | None,
         typer.Option(
@@ -83,13 +81,14 @@ def certify(
     tool: Tool = "",
     **options: Any,
 ) -> None:
-    """Prove how far the law of a design can be trusted: certificate.json, and a page.
+    """Prove how far the law of a design can be trusted: a folder with a page and certificate.json.
 
     The largest level of V that can be proved about the goal, by arithmetic that
     cannot round the wrong way: the gain from disturbances, and the largest steps
     from rest inside. What is proved is stated by --checked-gamma-ratio and
-    --checked-penalty. For robots of one link; the true state is fed back, and
-    with --observer also the estimates of an output-injection observer.
+    --checked-penalty. The true state is fed back, and with --observer also the
+    estimates of an output-injection observer. For robots of one joint; of others
+    `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50` samples a region.
 
     With --tolerances, the smallest gain that is found to hold for the step of the
     design on every robot within its tolerances, for the robot's own penalty.
@@ -127,14 +126,14 @@ def certify(
         )
     from rich.console import Console
 
-    from flexhinf.certify import Verification
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design import report
     from flexhinf.design.certification import certify_design, evidence, proved
+    from flexhinf.report import check as check_folder
+    from flexhinf.report import write
 
     request = request_of(context, robot, elastic, payload, goal_xyz, tool).request
-    for place, what in ((out, "certificate"), (page, "page")):
-        _refuse_place(place, what)
+    folder = check_folder(out)
     with ProofProgress() as bar:
         found = certify_design(
             request.robot,
@@ -156,23 +155,11 @@ def certify(
         Console().print(table)
     for text in report.certification_notes(found):
         note(text)
-    shown.certificate.save(out)
-    write_file(page, "page", lambda name: Path(name).write_text(html, encoding="utf-8"))
-    typer.echo(
-        theorem_text(shown.certificate, Verification(True, gradient_law=shown.certificate.is_gradient_law))
-    )
-    typer.echo(f"certificate: {out}\npage:        {page}\ncheck:       flexhinf certify --check {out}")
-
-
-def _refuse_place(path: Path, what: str) -> None:
-    """Refuse a place that cannot be written before the proof, which may take minutes; and write both files or none."""
-    folder = path.is_dir()
-    if folder or not path.parent.is_dir():
-        raise InvalidInput(
-            f"The {what} cannot be written.",
-            f"{path}: {'there is a folder of this name' if folder else 'No such file or directory'}",
-            "a writable folder that exists",
-        )
+    write(folder, {"index.html": html, "certificate.json": shown.certificate.text()})
+    typer.echo(theorem_text(shown.certificate, shown.certificate.stated))
+    file = folder / "certificate.json"
+    again = join(["flexhinf", "certify", "--check", str(file)])
+    typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
 
 
 def _refuse_ignored(context: typer.Context, path: Path) -> None:

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import PurePath
+from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
+from typer.main import get_command
 
 from flexhinf import __version__
 from flexhinf.cli.campaign import app as campaign
@@ -26,7 +29,7 @@ from flexhinf.cli.paper import paper
 from flexhinf.cli.run import run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
-from flexhinf.untrusted import value_text
+from flexhinf.untrusted import checked_path, value_text
 
 __all__ = ["COMMANDS", "app", "robots", "run", "schema"]
 
@@ -67,10 +70,10 @@ COMMANDS = {
         "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
     ),
     certify: (
-        "flexhinf certify design.toml --out certificate.json",
+        "flexhinf certify design.toml --out proof",
         "flexhinf certify paper --goal 180deg --preset robust --degree 6",
         "flexhinf certify paper --goal 180deg --from-pose 0 --preset damped --degrees 2 --tolerances",
-        "flexhinf certify --check certificate.json",
+        "flexhinf certify --check flexhinf-certificate/certificate.json",
     ),
     compile_design: ("flexhinf compile flexhinf-design --out arm.so",),
     run_design: (
@@ -84,7 +87,37 @@ COMMANDS = {
 #: Commands that are called otherwise than their functions.
 NAMES = {compile_design: "compile", run_design: "run"}
 
-app = typer.Typer(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
+
+class App(typer.Typer):
+    """All commands; no file and no folder of theirs has an empty name, which Python takes for the folder "."."""
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        command = get_command(self)
+        _refuse_empty_paths(command)
+        return command(*arguments, **options)
+
+
+def _refuse_empty_paths(command: Any) -> None:
+    """Let every option and argument that is a path raise `InvalidInput` for an empty text."""
+    for inner in getattr(command, "commands", {}).values():
+        _refuse_empty_paths(inner)
+    for parameter in command.params:
+        option = parameter.param_type_name == "option"
+        name = parameter.opts[0] if option else parameter.metavar or parameter.name.upper()
+        parameter.process_value = partial(_path_value, parameter.process_value, name)
+
+
+def _path_value(made: Callable[[Any, Any], Any], name: str, context: Any, given: Any) -> Any:
+    """What the parser makes of the texts of an option or an argument."""
+    value = made(context, given)
+    several = isinstance(given, (list, tuple))
+    for text, path in zip(given, value, strict=False) if several else [(given, value)]:
+        if isinstance(path, PurePath) and isinstance(text, str):
+            checked_path(name, text)
+    return value
+
+
+app = App(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
 
 
 def _version(value: bool) -> None:

@@ -83,7 +83,7 @@ Tune = Annotated[
     str,
     typer.Option(
         rich_help_panel=COMPARISON,
-        help="What the laws share when they are tuned: peak (largest input of the step commanded at once: at most the "
+        help="What the laws share when they are tuned: peak (largest input of the step as deployed: at most the "
         "limit asked for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: "
         "at most the one asked for, or that of the design), or none. Every law keeps the limits of the margins as "
         "well, and lets no more measurement noise through to the motor than the design.",
@@ -142,6 +142,7 @@ def compare(
         files = report.comparison_files(result, reproduce_command(context), read.warnings)
     write(folder, files)
     console = Console()
+    typer.echo(f"Criterion: {result.criterion.text}")
     for table in report.comparison_tables(result, console.width):
         console.print(table)
     for text in report.comparison_notes(result):

@@ -9,6 +9,7 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 from flexhinf.errors import InvalidInput
+from flexhinf.untrusted import checked_path
 
 if TYPE_CHECKING:
     from flexhinf.loop import Controller
@@ -111,15 +112,22 @@ def export_fmu(
 def compile_design(
     source: Source,
     out: Annotated[Path, typer.Option(help="The file that is written.")] = Path("flexhinf-controller.so"),
+    processor: Annotated[
+        str,
+        typer.Option(
+            help="On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native "
+            "(those that have all that this one has). Others refuse it."
+        ),
+    ] = "portable",
 ) -> None:
     """The controller as a shared library that starts in milliseconds.
 
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
-    output is the simulation's. For this machine; needs a C compiler.
+    output is the simulation's. For this platform; needs a C compiler.
     """
     from flexhinf import export
 
-    written = export.compile_controller(controller_of(source)[0], out)
+    written = export.compile_controller(controller_of(source)[0], out, processor)
     typer.echo(f"library: {written}")
 
 
@@ -165,7 +173,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
 def file_of(source: str) -> Path:
     """The file that is meant: of a report's folder its design file."""
-    path = Path(source)
+    path = checked_path("The design", source)
     return path / "design.toml" if path.is_dir() else path
 
 

@@ -23,7 +23,7 @@ __all__ = [
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 
 #: Names of ``--peak-effort`` for a drive.
-PEAKS = ("--peak-voltage", "--peak-torque")
+PEAKS = ("--peak-voltage", "--peak-current", "--peak-torque")
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
@@ -31,7 +31,7 @@ _OTHERS = {"laws": "--laws", "tune": "--tune"}
 _NAMES = "|".join((*FIELDS, *_OTHERS))
 _KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
 _NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
-_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|n·?m|n", re.IGNORECASE)
+_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|a|n·?m|n", re.IGNORECASE)
 _FIELD = re.compile(rf"`({_NAMES})`")
 
 

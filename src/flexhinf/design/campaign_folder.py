@@ -78,7 +78,7 @@ def open_campaign(
                 return _begun(asked, place, command, designed or designed_controller(asked, progress))
     journal.refuse_other(asked.stated, partly=True)
     campaign = reopened(asked, journal)
-    journal.refuse_other(campaign.settings)
+    journal.refuse_campaign(campaign)
     return campaign, journal
 
 
@@ -170,9 +170,19 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
 def stored_request(journal: Journal) -> DesignCampaign:
     """The design and the campaign of a folder."""
     known = CampaignOptions.__dataclass_fields__
-    stored = {name: value for name, value in journal.about["options"].items() if name in known}
-    stored["tolerances"] = tuple((name, spread) for name, spread in stored["tolerances"])
-    return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), CampaignOptions(**stored))
+    try:
+        stored = {name: value for name, value in journal.about["options"].items() if name in known}
+        stored["tolerances"] = tuple((str(name), str(spread)) for name, spread in stored["tolerances"])
+        options = CampaignOptions(**stored)
+    except InvalidInput:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            "The options of the campaign cannot be read.",
+            f"{journal.folder}: {error}",
+            "a copy of its manifest",
+        ) from error
+    return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), options)
 
 
 # Two campaigns on the same samples --------------------------------------------------------------------------

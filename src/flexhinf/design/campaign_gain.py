@@ -8,7 +8,6 @@ estimator is made for the nominal robot, and no proof covers it.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -22,6 +21,7 @@ from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.disturbance_runs import DisturbanceRuns
 from flexhinf.analysis.worst_gain import MovedLaw, worst_gain
 from flexhinf.campaign import Journal
+from flexhinf.campaign.manifest import UNREADABLE, read_sealed, sealed
 from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.certify import Certificate
 from flexhinf.certify.sampled_gain import linear_part
@@ -32,7 +32,6 @@ from flexhinf.design.synthesis import Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
-from flexhinf.untrusted import read_bytes
 
 __all__ = ["FoundGains", "GainRow", "GainSearch", "search_gain", "searches_gain", "stored_gains"]
 
@@ -356,23 +355,23 @@ def search_gain(
     content = {"campaign": journal.manifest["digest"], **asdict(found)}
     with journal.driven(), disk_refusals(journal.folder):
         (journal.folder / FILE).parent.mkdir(exist_ok=True)
-        write_whole(journal.folder / FILE, json.dumps(content).encode())
+        write_whole(journal.folder / FILE, sealed(content))
     return found
 
 
 def stored_gains(journal: Journal) -> FoundGains:
     """What a campaign's folder has; no rows where nothing was searched, or the file is damaged."""
     try:
-        content = json.loads(read_bytes(journal.folder / FILE, _MOST_FILE))
+        content = read_sealed(journal.folder / FILE, _MOST_FILE)
         if content["campaign"] != journal.manifest["digest"]:
             return FoundGains()
         return FoundGains(tuple(_row(one) for one in content["rows"]), str(content["unproved"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except UNREADABLE:
         return FoundGains()
 
 
 def _row(one: Mapping[str, Any]) -> GainRow:
-    """A row of the file; KeyError, TypeError or ValueError where it is none."""
+    """A row of the file; one of `UNREADABLE` where it is none."""
     return GainRow(**dict(one) | {
         "gain": float(one["gain"]), "gamma": float(one["gamma"]), "energy": float(one["energy"]),
         "numbers": {str(name): float(value) for name, value in one["numbers"].items()},

@@ -15,7 +15,7 @@ from flexhinf.design.joint_limits import JointLimits
 from flexhinf.design.monte_carlo import move_reductions, position_columns, step_reductions
 from flexhinf.design.responses import Plan, Response, plan_ends
 from flexhinf.loop import EnsembleResult, Reduction, Trajectory
-from flexhinf.loop.simulation.metrics import tail_of
+from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.robot.signals import signal_names
 
 __all__ = ["MoveMetrics", "RunMetrics", "StepMetrics"]
@@ -202,8 +202,8 @@ class MoveMetrics(RunMetrics):
         response = Response(run, end, begin, self.limits.joints)
         rows = []
         for k, name in enumerate(signal_names("link_position", self.limits.joints)):
-            error = np.abs(response.positions[:, k] - run.signal("reference", name))
-            largest, final = float(error.max()), float(tail_of(error).max())
+            position, command = response.positions[:, k], run.signal("reference", name)
+            largest, final = float(np.abs(position - command).max()), steady_state_error(position, command)
             shares = {
                 "tracking_error_use": largest / self.tracking[k],
                 "final_error_use": final / self.final[k],

@@ -114,8 +114,8 @@ class RobotDraw:
         known = self.robot.nominal
         values = self.robot.plant_parameters(known | {k: v for k, v in numbers.items() if k in known})
         errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, self.robot.joint_names)]
-        x, u = self.robot.operating_point(self.start + errors, self.extras, values)
-        options: dict[str, Any] = {"initial_state": x, "initial_input": u}
+        x, _ = self.robot.operating_point(self.start + errors, self.extras, values)
+        options: dict[str, Any] = {"initial_state": x}
         torques = signal_names(TORQUE, self.robot.joint_names)
         loads = {name: numbers[name] for name in torques if name in numbers}
         plant = self.robot.plant(extras=self.extras)

@@ -20,8 +20,9 @@ from flexhinf.certify.pictures import (
     start_surface,
     worst_step,
 )
-from flexhinf.certify.proof import certify, check_decay, check_states
+from flexhinf.certify.proof import certify, check_decay
 from flexhinf.certify.steps import ProvedStep, longest_run, proved_steps
+from flexhinf.certify.terms import MOST_STATES
 from flexhinf.certify.tolerances import parameter_ranges
 from flexhinf.design.box_proof import (
     BoxProof,
@@ -124,7 +125,14 @@ def certify_design(
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable
         As the design does; and InvalidInput for a plant that the method cannot take, by name.
     """
-    check_states(5 * len(robot.joint_names))
+    if len(robot.joint_names) > 1:
+        raise InvalidInput(
+            "A proof in so many states would not end.",
+            f"expected a robot of one joint, with at most {MOST_STATES} states, got {len(robot.joint_names)} joints: "
+            "cells grow 10 to 23 times with each state",
+            f"flexhinf design {robot.name} --degrees 2 --damping 0.3 --rays 50, which samples a region of the linear "
+            "law, looks at the corners of the tolerances and at sampled robots, and proves nothing",
+        )
     check_decay(decay)
     if tolerances and not robot.uncertain:
         raise InvalidInput(

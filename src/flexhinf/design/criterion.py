@@ -1,11 +1,13 @@
 """The one criterion that the laws of a comparison are tuned for and judged by, and the limits that all of them keep.
 
-Criterion: the mean of three ratios to the design as it is, each of the same run for all laws: the largest deviation
-of a link under the load, the settling time of the whole step commanded at once with all integrals at zero, and the
-largest error in following the jerk-limited reference. The design has 1; less is better. These runs are those of the
-nominal robot without measurement noise, so that no seed has a part in the criterion: noise counts as a limit. A
-deviation or an error that no sensor shows counts as one that it just shows: behind an exact feedforward a robot that is
-the model leaves errors of microradians, of sampling and rounding, and a ratio of two of them would outweigh all else.
+Criterion: the geometric mean of four ratios to the design as it is, each of the same run for all laws: the largest
+deviation of a link under the load, the settling time of the step as the controller is deployed, the largest error in
+following the jerk-limited reference, and the largest error that remains at the end of any of the three. The design has
+1; less is better. Of ratios a geometric mean is taken: a law that keeps 47 mrad for ever, where the design keeps 0.1,
+loses by it, and what it does otherwise still counts. These runs are those of the nominal robot without measurement
+noise, so that no seed has a part in the criterion: noise counts as a limit. A deviation or an error that no sensor
+shows counts as one that it just shows: behind an exact feedforward a robot that is the model leaves errors of
+microradians, of sampling and rounding, and a ratio of two of them would outweigh all else.
 
 Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
 that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
@@ -26,7 +28,22 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import InvalidInput
 
-__all__ = ["MODES", "Criterion", "Figures", "Limit", "criterion_for", "pareto_front", "stated_limits"]
+__all__ = [
+    "MODES",
+    "RATIOS",
+    "Criterion",
+    "Figures",
+    "Limit",
+    "criterion_for",
+    "pareto_front",
+    "stated_limits",
+]
+
+#: Of what the criterion takes ratios: attributes of `Figures`, and what they are called.
+RATIOS = {
+    "load_deviation": "load deviation", "settling": "settling time", "move_error": "move error",
+    "remaining_error": "remaining error",
+}  # fmt: skip
 
 #: What all laws share with the design, as `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
@@ -58,11 +75,13 @@ class Figures:
     bandwidth : float
         Of the slowest joint, rad/s.
     peak_input, settling : float
-        Of the step commanded at once with integrals at zero; V or N·m, s. NaN where it was not run.
+        Of the step as deployed; V or N·m (see `JointLimits.equivalent_peak`), s. NaN where it was not run.
     load_deviation : float
         rad or m.
     move_error : float
         Largest error behind the jerk-limited reference, rad or m.
+    remaining_error : float
+        Largest error in the last tenth of step, load response or move, rad or m.
     """
 
     peak_sensitivity: float
@@ -74,6 +93,7 @@ class Figures:
     settling: float = math.nan
     load_deviation: float = math.nan
     move_error: float = math.nan
+    remaining_error: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -125,7 +145,7 @@ class Criterion:
     ----------
     mode : {"peak", "bandwidth", "none"}
     own : Figures
-        Of the design's own law, by which deviation, settling time and error are divided.
+        Of the design's own law, by which deviation, settling time and errors are divided.
     linear, shared : tuple of Limit
         Of the linearised loop; and the one that the user chose, of the runs or of the loop.
     length : float
@@ -163,16 +183,17 @@ class Criterion:
             )
         )
         return (
-            "Every law, nl-hinf among them, is tuned over all its parameters for the smallest mean of three ratios to "
-            "the design as it is: largest deviation under the load, settling time of the step commanded at once, "
-            "largest error behind the jerk-limited reference, in runs of the nominal robot without measurement noise."
+            "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
+            "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
+            "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
+            "at the end of these three runs, which are those of the nominal robot without measurement noise."
             f"{least}"
         )
 
     def ratios(self, figures: Figures) -> dict[str, float]:
-        """Load deviation, settling time and error over those of the design, by name."""
+        """Load deviation, settling time, and the two errors over those of the design, by name."""
         own, found = self.own, {}
-        for name in ("load_deviation", "settling", "move_error"):
+        for name in RATIOS:
             mine, theirs = getattr(own, name), getattr(figures, name)
             if name == "settling" and math.isinf(theirs):
                 theirs = UNSETTLED * self.length
@@ -184,8 +205,8 @@ class Criterion:
         return found
 
     def cost(self, figures: Figures) -> float:
-        """Mean of the ratios; infinite where a run diverged."""
-        cost = sum(self.ratios(figures).values()) / 3.0
+        """Geometric mean of the ratios; infinite where a run diverged."""
+        cost = math.prod(self.ratios(figures).values()) ** (1.0 / len(RATIOS))
         return cost if math.isfinite(cost) else math.inf
 
     def is_far(self, figures: Figures) -> bool:
@@ -196,9 +217,12 @@ class Criterion:
     def judge(self, figures: Figures) -> Judgement:
         """Cost, and by how much which limits are exceeded."""
         known = (limit for limit in self.limits if not math.isnan(getattr(figures, limit.figure)))
-        beyond = {limit.text: limit.excess(figures) for limit in known}
+        beyond = {
+            f"{limit.text}, found {getattr(figures, limit.figure):.3g}": limit.excess(figures)
+            for limit in known
+        }
         if math.isinf(figures.settling):
-            beyond["the step settles"] = 1.0
+            beyond[f"the step settles within {self.length:g} s"] = 1.0
         if math.isinf(figures.peak_input) or math.isinf(figures.load_deviation):
             beyond["no run diverges"] = math.inf
         reason = "; ".join(f"not kept: {text}" for text, value in beyond.items() if value > 0.0)
@@ -259,7 +283,7 @@ def criterion_for(
         wider("input_noise", "noise at the motor, rms,", unit),
     )
     shared = {
-        "peak": lambda: wider("peak_input", "peak input of that step", unit),
+        "peak": lambda: wider("peak_input", "peak input of the step", unit),
         "bandwidth": lambda: wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
         "none": lambda: None,
     }[mode]()
@@ -284,10 +308,10 @@ def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | 
         ),
         "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
     }
-    if joints.limits_peak:
-        limits["peak_input"] = (float(joints.peak.max()), peak_option(unit, joints.peak_source))
-    elif joints.limits_effort:
-        limits["peak_input"] = (float(joints.saturation.max()), joints.saturation_source)
+    if joints.limits_effort:
+        required = joints.limits_peak
+        source = peak_option(unit, joints.peak_source) if required else joints.saturation_source
+        limits["peak_input"] = (joints.strongest, source)
     if s.damping:
         limits["damping"] = (s.damping, "--damping")
     if s.bandwidth is not None:

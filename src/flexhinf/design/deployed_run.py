@@ -177,14 +177,17 @@ def prepare_run(
         reference = move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
-    x, u = robot.operating_point(start, s.extras)
+    x, _ = robot.operating_point(start, s.extras)
     arguments = {
-        "reference": reference, "duration": duration, "initial_state": x[: len(box.states)], "initial_input": u,
+        "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
         "noise": plants.noise if conditions.noise else None, "seed": s.seed,
         "disturbance": _loads(robot, conditions, duration),
     }  # fmt: skip
-    if controller.estimator is not None and not np.allclose(begun, start, rtol=0.0, atol=1e-12):
-        arguments["initial_estimate"] = model.operating_point(start)[0]
+    if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
+        told = model.operating_point(start)
+        arguments |= {"initial_input": told[1]} if not controller.first_input.is_zero else {}
+        if controller.estimator is not None:
+            arguments["initial_estimate"] = told[0]
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
     return DeployedRun(robot, s, plants, controller, box, loop, start, goal, plan, arguments, conditions)
 
@@ -209,7 +212,7 @@ def _in_error_coordinates(controller: Controller) -> Controller:
     """The same law, estimator and limits about a moving reference, as a design runs its moves."""
     return Controller(
         controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
-        integral_dead_zone=controller.integral_dead_zone,
+        integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
     )  # fmt: skip
 
 

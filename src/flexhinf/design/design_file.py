@@ -196,7 +196,7 @@ def is_design_file(source: str | Path) -> bool:
 
 def meant_file(source: str) -> str:
     """The file that a command's argument means: of a report's folder its design file, else what was given."""
-    folder = Path(source)
+    folder = checked_path("The robot or design file", source)
     named = source in catalogue() or not (folder / DESIGN_FILE).is_file()
     return source if named else str(folder / DESIGN_FILE)
 
@@ -244,7 +244,8 @@ def _no_design(file: str, keys: list[str]) -> InvalidInput:
 
 #: What options are called that a design file calls otherwise.
 OPTIONS = {
-    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_torque": "peak_effort",
+    "goal": "pose", "from_pose": "start", "peak_voltage": "peak_effort", "peak_current": "peak_effort",
+    "peak_torque": "peak_effort",
 }  # fmt: skip
 
 

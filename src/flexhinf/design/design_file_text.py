@@ -225,6 +225,7 @@ def _line(line: Requirement) -> dict[str, Any]:
         "found": line.found,
         "unit": line.unit,
         "holds": line.met,
+        "within_tolerance": line.within_tolerance,
         "where": line.where,
         "by_default": line.stated_by == "default",
     }

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,13 +19,14 @@ from flexhinf.certify.terms import MOST_STATES
 from flexhinf.certify.tolerances import parameter_ranges
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.box_proof import BoxProof, common_box, goal_text, prove_box, reason_of
+from flexhinf.design.degrees import DegreeChoice
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import Synthesis, checked_penalty
 from flexhinf.design.weights.choose import measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.robot import Robot
 
-__all__ = ["DesignProof", "prove_design", "with_tolerances"]
+__all__ = ["DesignProof", "StepProof", "prove_design", "step_proof", "with_tolerances"]
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
 #: wanted step alone has this room above V where it starts.
@@ -70,6 +72,68 @@ class DesignProof:
     def lasts(self) -> bool:
         """Whether the proved level covers the step with hold, delay, estimator and limits."""
         return bool(self.budget) and self.inside and self.budget[-1].budget.kept
+
+
+class StepProof(NamedTuple):
+    """What is proved of the step that is asked for, as the controller starts it: terminal, page, status and
+    design.json take it from here.
+
+    Attributes
+    ----------
+    proved : bool
+        With the true state fed back, in continuous time; for which robots, `text` says.
+    text : str
+        A sentence.
+    missing : tuple of str
+        What fails of a proof or of the sampled check, for the status; empty where neither was made of it.
+    """
+
+    proved: bool
+    text: str
+    missing: tuple[str, ...]
+
+
+def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
+    """What is proved of the step that is asked for.
+
+    Parameters
+    ----------
+    proof : DesignProof
+    chosen : DegreeChoice
+        Whose sampled region speaks where nothing is proved.
+    inside : bool or None
+        Whether the step starts inside that; None without one.
+    """
+    given, loop = proof.certificate, "the step with sampling, estimator and limits"
+    if proof.box is not None or proof.inside:
+        box = proof.box is not None or any(p.low < p.high for p in given.parameters) if given else True
+        whom = "every robot within the tolerances" if box else "the nominal robot"
+        text = f"The step that is asked for is proved, for {whom}"
+        if given is not None and not proof.inside:
+            return StepProof(
+                True, f"{text}, but starts outside the region that is proved for the nominal robot's own V.",
+                (f"{loop}, to which the proof for all tolerances does not extend",),
+            )  # fmt: skip
+        if proof.lasts:
+            return StepProof(True, f"{text}.", ())
+        if proof.budget:
+            return StepProof(True, f"{text}.", (f"{loop}, which spends more than the proved level",))
+        which = "the proof for all tolerances" if proof.box is not None else "this proof"
+        return StepProof(True, f"{text}.", (f"{loop}, to which {which} does not extend",))
+    if given is not None:
+        text = "Nothing is proved of the step that is asked for: it starts outside the proved region"
+        text += ", inside the sampled one." if inside else "."
+        return StepProof(False, text, ("the step starts outside the proved region",))
+    text = "Nothing is proved of the step that is asked for"
+    if not chosen.looked:
+        return StepProof(False, f"{text}, and no region was sampled.", ())
+    if np.isnan(chosen.level):
+        return StepProof(False, f"{text}, and the law has no sampled region.", ())
+    if inside is False:
+        text = f"{text}: it starts outside the sampled region."
+        return StepProof(False, text, ("the step starts outside the sampled region",))
+    text = f"{text}: it starts inside a region that is sampled."
+    return StepProof(False, text, ())
 
 
 def prove_design(

@@ -291,7 +291,7 @@ def _check_detectable(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) 
     size = float(np.abs(eigenvalues).max())
     c = c / np.maximum(np.abs(c).max(axis=1, keepdims=True), 1e-300)
     for value in eigenvalues:
-        if value.real < -1e-9 * size:
+        if value.real < -4.0 * np.finfo(float).eps * len(a) * np.linalg.norm(a):  # beyond rounding
             continue
         _, singular, right = np.linalg.svd(np.vstack([a - value * np.eye(len(a)), size * c]))
         if singular[-1] <= RANK * singular[0]:

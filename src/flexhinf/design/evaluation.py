@@ -30,7 +30,6 @@ from flexhinf.design.impulse import ImpulseRuns, impulse_runs, impulse_sizes
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.modes import Mode, estimator_modes, modes_of, running_modes, stiffness_and_inertia
 from flexhinf.design.monte_carlo import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import LoadResponse, Move, Response, Worst, worst_of
 from flexhinf.design.scenario import Scenario
 from flexhinf.errors import FlexhinfError
@@ -88,24 +87,32 @@ class LawEvaluation:
         assert self.scenario is not None, "an evaluation without a scenario has no runs"
         return self.scenario
 
+    @cached_property
+    def quiet(self) -> LawEvaluation:
+        """The same with runs of the nominal robot without measurement noise: no seed has a part in them."""
+        return self if self.setup.quiet else replace(self, setup=self.setup.without_noise)
+
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
     def step(self) -> Response:
-        """The step as the controller is deployed: without a jump of the input."""
+        """The step as the controller is deployed: a law with integrals begins without a jump of the input."""
         return self.setup.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property
     def unlimited_step(self) -> Response:
-        """The same without limits of the inputs: what the law demands."""
-        if self.setup.limits.saturated is None:
+        """The same without limits of the inputs: what the law demands. The same run where no limit was met."""
+        limits = self.setup.limits.saturated
+        if limits is None or (
+            self.step.diverged_at is None and np.all(np.abs(self.step.inputs).max(axis=0) < limits)
+        ):
             return self.step
         free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
-    @cached_property
-    def jump(self) -> Response:
-        """The whole command at once, integrals at zero: the same command for every law."""
-        return self.setup.jump(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+    @property
+    def demanded_step(self) -> Response:
+        """The step whose inputs are held against the limits: without a saturation that would hide a required peak."""
+        return self.unlimited_step if self.setup.limits.limits_peak else self.step
 
     @cached_property
     def move(self) -> Move:
@@ -129,12 +136,10 @@ class LawEvaluation:
     @cached_property
     def step_samples(self) -> MonteCarlo | None:
         """The step as deployed, on the sampled robots; None without any."""
-        return self._sampled(jump=False)
-
-    @cached_property
-    def jump_samples(self) -> MonteCarlo | None:
-        """The jump, on the same robots."""
-        return self._sampled(jump=True)
+        runs = self._runs
+        if not runs.robots:
+            return None
+        return sampled_runs(self.setup, runs.robots, runs.step_duration, runs.sub_steps)
 
     @cached_property
     def move_sample_errors(self) -> np.ndarray | None:
@@ -145,12 +150,6 @@ class LawEvaluation:
             if runs.robots
             else None
         )
-
-    def _sampled(self, jump: bool) -> MonteCarlo | None:
-        runs = self._runs
-        if not runs.robots:
-            return None
-        return sampled_runs(self.setup, runs.robots, runs.step_duration, runs.sub_steps, jump)
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
@@ -262,16 +261,18 @@ class LawEvaluation:
     @cached_property
     def worst(self) -> Mapping[str, Worst]:
         """Figures that are the worst of all joints, with the joint, by the keys of `metrics`."""
-        load, move = self.load_response, self.move
-        found = {}
-        for kind, response in (("step", self.step), ("jump", self.jump)):
-            found[f"{kind}_overshoot_percent"] = response.overshoot
-            found[f"{kind}_settling_s"] = response.settling
-            found[f"{kind}_peak_input"] = worst_of(response.metrics, "peak_input")
+        step, load, move = self.step, self.load_response, self.move
+        found = {
+            "step_overshoot_percent": step.overshoot,
+            "step_settling_s": step.settling,
+            "step_peak_input": step.peak,
+            "step_remaining": step.remaining,
+        }
         found["load_deviation"] = worst_of(load.metrics, "peak_deviation")
         found["load_recovery_s"] = worst_of(load.metrics, "recovery_time_s")
         found["load_remaining"] = worst_of(load.metrics, "remaining_error")
         found["move_error"] = worst_of(move.metrics, "largest_error")
+        found["move_remaining"] = worst_of(move.metrics, "final_error")
         found["move_peak_input"] = worst_of(move.metrics, "peak_input")
         return found
 
@@ -280,27 +281,24 @@ class LawEvaluation:
         """All figures by key, SI units (see `figures.FIGURES` in the report for labels and units).
 
         None where there is none; infinite where a run diverged, a step did not settle, or a loop is unstable.
-        Keys: {step, jump}_{peak_input, overshoot_percent, settling_s}, load_{deviation, recovery_s, remaining},
-        move_{error, peak_input}, drawn_* (the jump and the move on sampled robots), and those of `linear_metrics`.
+        Keys: step_{peak_input, overshoot_percent, settling_s, remaining}, load_{deviation, recovery_s, remaining},
+        move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """
         found: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
-        if not has_integrals(self.setup.law):
-            for key in ("peak_input", "overshoot_percent", "settling_s"):
-                found[f"step_{key}"] = None  # nothing to begin without a jump with
         found |= self._sample_metrics()
         return found | self.linear_metrics | {"operations": float(self.operations)}
 
     def _sample_metrics(self) -> dict[str, float | None]:
-        jump, errors = self.jump_samples, self.move_sample_errors
-        if jump is None or errors is None:
+        step, errors = self.step_samples, self.move_sample_errors
+        if step is None or errors is None:
             return {}
         return {
-            "drawn_unsettled": float(jump.unsettled),
-            "drawn_overshoot_percent": _median(jump.overshoot),
-            "drawn_worst_overshoot_percent": float(jump.overshoot.max()),
-            "drawn_settling_s": _median(jump.settling),
-            "drawn_worst_settling_s": float(jump.settling.max()),
-            "drawn_worst_peak_input": float(jump.peak.max()),
+            "drawn_unsettled": float(step.unsettled),
+            "drawn_overshoot_percent": _median(step.overshoot),
+            "drawn_worst_overshoot_percent": float(step.overshoot.max()),
+            "drawn_settling_s": _median(step.settling),
+            "drawn_worst_settling_s": float(step.settling.max()),
+            "drawn_worst_peak_input": float(step.peak.max()),
             "drawn_move_error": _median(errors),
             "drawn_worst_move_error": float(errors.max()),
         }

@@ -144,7 +144,7 @@ def rest_run(setup: LoopSetup) -> RestRun | None:
         LEAST_PARTS, sub_steps(s.period, plant.fastest_mode(*setup.equilibrium(setup.goal)), RK4_STEP)
     )
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
-    quiet = replace(setup, quiet=True)  # noise is a dither that may hide what sticks
+    quiet = setup.without_noise  # noise is a dither that may hide what sticks
     response = quiet.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone = setup.dead_zone if has_integrals(setup.law) else None
     return RestRun(response, extras, setup.position_resolution(DEVIATIONS), plant.arrest is not None, zone)

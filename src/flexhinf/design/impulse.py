@@ -6,7 +6,7 @@ velocity; neither law nor estimator knows of it. Without measurement noise, whic
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -149,7 +149,7 @@ def impulse_runs(
     period = setup.specification.period
     lowest = JointScales.of(setup.model, setup.goal_equilibrium).held
     duration = round(min(most, PERIODS * 2.0 * np.pi / lowest) / period) * period
-    quiet = replace(setup, quiet=True)
+    quiet = setup.without_noise
     state, held = setup.equilibrium(setup.goal)
     delay = round(setup.specification.delay / period)
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))

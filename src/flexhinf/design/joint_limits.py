@@ -104,7 +104,24 @@ class JointLimits:
         """Whether the speed of any joint has a limit."""
         return bool(np.isfinite(self.speed).any())
 
+    @property
+    def strongest(self) -> float:
+        """The largest limit of an input, by the required peak, or by saturation without one; infinite without any."""
+        limits = self._inputs[np.isfinite(self._inputs)]
+        return float(limits.max()) if len(limits) else np.inf
+
+    @property
+    def _inputs(self) -> np.ndarray:
+        return self.peak if self.limits_peak else self.saturation
+
     # What a run uses of them --------------------------------------------------------------------------
+    def equivalent_peak(self, response: Response) -> float:
+        """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
+        if not np.isfinite(self.strongest) or response.diverged_at is not None:
+            return response.peak_input
+        use = self.input_use(response, self._inputs)
+        return use.value if use.limit == self.strongest else use.share * self.strongest
+
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
         """Of the peak, or other limits (n,) of the inputs."""
         limits = self.peak if limits is None else limits

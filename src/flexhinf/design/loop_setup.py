@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +80,13 @@ class LoopSetup(LoopPlants):
         return stated if self.estimator_noise is None else self.estimator_noise
 
     @cached_property
+    def without_noise(self) -> LoopSetup:
+        """The same loop, `quiet`; what is derived is shared, since none of it depends on the simulated noise."""
+        found = replace(self, quiet=True)
+        vars(found).update({name: value for name, value in vars(self).items() if name not in vars(found)})
+        return found
+
+    @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
         """State and input with which the model is held at the goal."""
         return self.robot.operating_point(self.goal)
@@ -115,14 +122,15 @@ class LoopSetup(LoopPlants):
         moving : bool
             In error coordinates about a moving reference.
         start : {"zero", "bumpless"}, optional
-            Integrals at zero, or such that the input continues from what held the robot; by default the first for a
-            moving reference.
+            Integrals at zero, or such that the input continues from what holds the model there; by default the first
+            for a moving reference.
         """
         s = self.specification
         start = ("zero" if moving else "bumpless") if start is None else start
         return Controller(
             self.law, self.estimator(at, running=True), s.period, self.limits.saturated, moving=moving, start=start,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
+            before_first=self.robot.operating_point(at)[1],
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
@@ -205,7 +213,7 @@ class LoopSetup(LoopPlants):
 
     @cached_property
     def tracking_controller(self) -> Controller:
-        """In error coordinates, its integrals at zero: for a jump of the command, and for a move."""
+        """In error coordinates, its integrals at zero: for a move."""
         return self.controller(self.start, moving=True)
 
     @cached_property
@@ -248,22 +256,6 @@ class LoopSetup(LoopPlants):
             self.bumpless_controller, self.start, duration, values, seed, plant, sub_steps, **options
         )
 
-    def jump(
-        self,
-        duration: float,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        begin: np.ndarray | None = None,
-        sub_steps: int | None = None,
-    ) -> Response:
-        """The whole command at once in error coordinates, integrals at zero: the same command for every law.
-
-        Parameters as for `step`; `begin` (n,) is another start.
-        """
-        at = self.start if begin is None else begin
-        controller = self.tracking_controller if begin is None else self.controller(at, moving=True)
-        return self._run(controller, at, duration, values, seed, None, sub_steps)
-
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """In equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of the run on."""
         period = self.specification.period
@@ -283,7 +275,7 @@ class LoopSetup(LoopPlants):
         x, u = self.equilibrium(self.goal)
         enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
-        runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration, initial_input=u)
+        runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration)
         starts, own = x + (enter * impulses).T, [{}] * len(self.goal)
         for run in runs.trajectories(own, self.specification.seed, starts):
             yield Response(run, self.goal, self.goal, self.joints)
@@ -303,9 +295,9 @@ class LoopSetup(LoopPlants):
 
     # The same on many robots ----------------------------------------------------------------------------
     def steps(
-        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, jump: bool = False, **options: Any
-    ) -> EnsembleResult:  # fmt: skip
-        """The step, or the jump, of each robot, with noise of its own.
+        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, **options: Any
+    ) -> EnsembleResult:
+        """The step of each robot as the controller is deployed, with noise of its own.
 
         Parameters
         ----------
@@ -315,13 +307,11 @@ class LoopSetup(LoopPlants):
             s.
         sub_steps : int
             Of the true plants: the nominal one's, so that all runs share one kernel.
-        jump : bool
         **options
             Of `Loop.ensemble`: what is said of the runs.
         """
-        controller = self.tracking_controller if jump else self.bumpless_controller
-        options |= {} if jump or self.command is None else {"reference": self.command}
-        return self._run_many(controller, self.start, robots, duration, sub_steps, **options)
+        options |= {} if self.command is None else {"reference": self.command}
+        return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)
 
     def moves(
         self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None, **options: Any
@@ -374,13 +364,11 @@ class LoopSetup(LoopPlants):
         **options: Any,
     ) -> EnsembleResult:
         """From a pose (n,), in equilibrium there, each with a seed of its own."""
-        begun = [self.equilibrium(at, values) for values in robots]
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],
             range(seed, seed + len(robots)),
-            np.array([x for x, _ in begun]),
-            initial_inputs=np.array([u for _, u in begun]),
+            np.array([self.equilibrium(at, values)[0] for values in robots]),
         )
 
     def _plant_with(self, values: Mapping[str, Any]) -> Plant:
@@ -389,7 +377,8 @@ class LoopSetup(LoopPlants):
     def _begun(
         self, at: np.ndarray, duration: float, values: Mapping[str, Any] | None, seed: int
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Link positions (n,) at which a run begins in equilibrium, and its arguments."""
-        x, u = self.equilibrium(at, values)
-        given = {"noise": self.noise, "duration": duration, "initial_state": x, "initial_input": u}
+        """Link positions (n,) at which a run begins in equilibrium, and its arguments; the controller begins as it
+        boots, with the input that holds the model there."""
+        x, _ = self.equilibrium(at, values)
+        given = {"noise": self.noise, "duration": duration, "initial_state": x}
         return x[: len(self.goal)], {**given, "seed": seed + self.specification.seed}

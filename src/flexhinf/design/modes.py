@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.estimation import stationary_gain
+from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.robot.elastic import Layout
 
 __all__ = [
@@ -55,13 +56,14 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """−Re λ / |λ|; 1 for a mode that decays without oscillating, 0 at rest, negative for one that grows."""
-        return -self.eigenvalue.real / abs(self.eigenvalue) if self.eigenvalue else 0.0
+        """−Re λ / |λ|: 1 for a mode that decays without oscillating, 0 at rest and for one that swings on, negative
+        for one that grows; see `damping_ratio`."""
+        return float(damping_ratio(np.array(self.eigenvalue)))
 
     @property
     def stable(self) -> bool:
         """Whether it decays."""
-        return self.eigenvalue.real < 0.0
+        return self.damping > 0.0
 
     @property
     def name(self) -> str:
@@ -74,8 +76,8 @@ class Mode:
 
     @property
     def time_constant(self) -> float | None:
-        """1 / |Re λ|, s: to decay, or to grow, by the factor e."""
-        return 1.0 / abs(self.eigenvalue.real) if self.eigenvalue.real else None
+        """1 / |Re λ|, s: to decay, or to grow, by the factor e; None for a mode that does neither."""
+        return 1.0 / abs(self.eigenvalue.real) if self.damping else None
 
 
 def modes_of(

@@ -100,9 +100,8 @@ def sampled_runs(
     robots: Sequence[Mapping[str, Any]],
     duration: float,
     sub_steps: int,
-    jump: bool = False,
 ) -> MonteCarlo:
-    """The step, or the jump, of each robot, with noise of its own.
+    """The step of each robot as the controller is deployed, with noise of its own.
 
     Parameters
     ----------
@@ -113,12 +112,10 @@ def sampled_runs(
         s.
     sub_steps : int
         Of the true plants: the nominal one's, so that all runs share one kernel.
-    jump : bool
-        The whole command at once with integrals at zero; otherwise the step as deployed.
     """
     n, instants = len(setup.goal), _kept(round(duration / setup.specification.period))
     found = setup.steps(
-        robots, duration, sub_steps, jump, reductions=step_reductions(setup.start, setup.goal),
+        robots, duration, sub_steps, reductions=step_reductions(setup.start, setup.goal),
         kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in found.common.items()}

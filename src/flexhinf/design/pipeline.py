@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.scenario import (
     COMPARED_SAMPLES,
-    LONGEST,
     Scenario,
     default_load,
     run_length,
@@ -59,9 +58,6 @@ from flexhinf.robot.mujoco_plant import check_expressed
 __all__ = ["compare", "comparison_stages", "design", "stages", "step_duration"]
 
 Progress = Callable[[str], None]
-
-#: A comparison runs steps so many times as long as the design's own: a law that is slower than it may settle.
-LONGER = 3.0
 
 #: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
 RIGID_STATES = 15
@@ -116,7 +112,7 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, carried=loads, law_modes=modes, requirements=lines,
-        status=status_of(lines, evaluation, synthesis, worth, inside, proof), writer=write_design,
+        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof), writer=write_design,
     )  # fmt: skip
 
 
@@ -153,12 +149,14 @@ def _scenario(
     duration: float,
     count: Callable[[Robot, int, Specification], int],
 ) -> tuple[Scenario, Response]:
-    """What every law is run with, and the design's own step, whose peak sets the load."""
+    """What every law is run with, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
     step = setup.step(duration)
+    taken = step.run.settings["sub_steps"]
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     if s.load is None:
-        load = default_load(scales.per_input, np.abs(step.inputs).max(axis=0))
+        quiet = setup.without_noise.step(duration, sub_steps=taken)
+        load = default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
     else:
         load = np.full(len(setup.goal), s.load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
@@ -167,7 +165,6 @@ def _scenario(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
     robots = sample_robots(robot, count(robot, len(synthesis.problem.state_names), s), s.seed)
-    taken = step.run.settings["sub_steps"]
     rest = duration if stated else None
     return Scenario(duration, load, 2.0 * duration, plan, robots, taken, rest), step
 
@@ -215,7 +212,8 @@ def _requirements(
 ) -> list[Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
     s, target = evaluation.setup.specification, synthesis.design_problem.target
-    lines = margin_requirements(s, evaluation.margins, evaluation.setup.joints)
+    judged = _law_requirements(evaluation)
+    lines = judged.margins
     damping = None if target is None else required_damping(s, target)
     if target is not None and damping is not None:
         joints = evaluation.setup.joints
@@ -223,8 +221,7 @@ def _requirements(
         lines += behaviour_requirements(s, target.bandwidth, damping, evaluation.margins, joints, damped)
         lines.append(ring_down_requirement(s, damping, evaluation.ring_down))
     limits = evaluation.setup.limits
-    unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    lines += step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    lines += judged.step
     if mujoco is not None:
         lines += step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
     lines += move_requirements(s, limits, evaluation.move, synthesis.along)
@@ -232,11 +229,32 @@ def _requirements(
         lines.append(hunting_requirement(rest, limits.position_units))
     for load in loads:
         lines += carrying_requirements(s, limits, load, damping)
-    if evaluation.corners is not None:
-        lines.append(corner_requirement(evaluation.corners))
+    return lines + judged.robots
+
+
+class _Judged(NamedTuple):
+    """Requirements of one law in its loop: margins, the step of the nominal robot, corners and sampled robots."""
+
+    margins: list[Requirement]
+    step: list[Requirement]
+    robots: list[Requirement]
+
+
+def _law_requirements(evaluation: LawEvaluation) -> _Judged:
+    """What `design` and `compare` both require of a law."""
+    setup = evaluation.setup
+    s, limits, linear = setup.specification, setup.limits, not evaluation.linear_failure
+    unlimited = evaluation.unlimited_step if limits.limits_peak else None
+    robots = []
+    if linear and evaluation.corners is not None:
+        robots.append(corner_requirement(evaluation.corners))
     if evaluation.step_samples is not None:
-        lines += sample_requirements(s, limits, evaluation.step_samples)
-    return lines
+        robots += sample_requirements(s, limits, evaluation.step_samples)
+    return _Judged(
+        margin_requirements(s, evaluation.margins, setup.joints) if linear else [],
+        step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited),
+        robots,
+    )
 
 
 def _unit(synthesis: Synthesis) -> str:
@@ -301,11 +319,11 @@ def compare(
         )
     progress("equilibrium, and weights")
     synthesis = synthesise(robot, s, progress)
-    setup = replace(brought_to_rest(synthesis.setup(robot, s))[0], quiet=True)
+    setup, _ = brought_to_rest(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    scenario = _comparison_scenario(linear, synthesis)
-    own = linear.in_scenario(scenario)
+    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis), _compared_samples)
+    own = linear.in_scenario(scenario, step)
     unit = _unit(synthesis)
     criterion = criterion_for(
         tune,
@@ -321,15 +339,6 @@ def compare(
     return Comparison(robot, s, synthesis, criterion, rows, scenario, write_comparison)
 
 
-def _comparison_scenario(linear: LawEvaluation, synthesis: Synthesis) -> Scenario:
-    """As a design's, its steps longer, for laws that are slower; the load's run has the design's own length."""
-    s, modes = linear.setup.specification, _law_modes(linear, synthesis)
-    duration = _duration(linear.setup, modes)
-    scenario, _ = _scenario(linear, synthesis, duration, _compared_samples)
-    longer = duration if s.duration is not None else min(LONGER * duration, LONGEST)
-    return replace(scenario, step_duration=longer)
-
-
 def _compared_samples(robot: Robot, states: int, s: Specification) -> int:
     return sample_count(robot, states, s, COMPARED_SAMPLES)
 
@@ -340,10 +349,11 @@ def _mean(linear: LawEvaluation, synthesis: Synthesis) -> float:
 
 
 def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
-    """One law, from its runs to its requirements; or why it could not be made."""
-    if isinstance(tuned, str):
-        progress(f"{kind.name}: not made")
-        return ComparedLaw(kind, failure=tuned)
+    """One law, from its runs to its requirements; or why there is none that could be compared."""
+    failure = tuned if isinstance(tuned, str) else tuned.failure
+    if isinstance(tuned, str) or failure:
+        progress(f"{kind.name}: not compared")
+        return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation = tuned.evaluation
     evaluation.worst  # noqa: B018
@@ -351,20 +361,8 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
     if evaluation.scenario.robots:
         progress(f"{kind.name}: {len(evaluation.scenario.robots)} robots within their tolerances")
     evaluation.metrics  # noqa: B018
-    return ComparedLaw(kind, tuned, _compared_requirements(tuned))
-
-
-def _compared_requirements(tuned: TunedLaw) -> tuple[Requirement, ...]:
-    """The same lines for every law: margins, the jump, the sampled robots, the corners."""
-    found = tuned.evaluation
-    s, limits = found.setup.specification, found.setup.limits
-    lines = [] if found.linear_failure else margin_requirements(s, found.margins, found.setup.joints)
-    lines += step_requirements(s, limits, found.jump, "the jump, nominal robot")
-    if not found.linear_failure and found.corners is not None:
-        lines.append(corner_requirement(found.corners))
-    if found.jump_samples is not None:
-        lines += sample_requirements(s, limits, found.jump_samples)
-    return tuple(lines)
+    judged = _law_requirements(evaluation)
+    return ComparedLaw(kind, tuned, (*judged.margins, *judged.step, *judged.robots))
 
 
 def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:

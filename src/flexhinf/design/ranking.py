@@ -19,8 +19,8 @@ def is_ours(name: str) -> bool:
 
 
 def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
-    """Laws that keep every limit and have no more unstable corners of the tolerances than the design, by the criterion;
-    the design itself is no side of the comparison."""
+    """Laws with no more unstable corners of the tolerances than the design, by the criterion; the design itself is no
+    side of the comparison."""
     design = next((law for law in laws if law.name == DESIGN), None)
     allowed = 0 if design is None else unstable_corners(design.evaluation)
     found = (law for law in laws if law.name != DESIGN and law.feasible)
@@ -44,18 +44,15 @@ class TradeOff:
     curve : tuple of Figures
         Load deviation against peak input, by rising peak input: the best of all candidates that were tried and keep the
         limits of the linear loop. Of the design's own law only its point.
-    feasible : bool
     """
 
     name: str
     point: Figures
     curve: tuple[Figures, ...]
-    feasible: bool
 
 
 def trade_offs(laws: Sequence[TunedLaw], criterion: Criterion) -> tuple[TradeOff, ...]:
     """Peak input against load deviation of every law, as a point and as a curve."""
     return tuple(
-        TradeOff(law.name, law.figures, pareto_front((*law.tried, law.figures), criterion), law.feasible)
-        for law in laws
+        TradeOff(law.name, law.figures, pareto_front((*law.tried, law.figures), criterion)) for law in laws
     )

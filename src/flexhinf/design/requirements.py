@@ -20,6 +20,7 @@ from flexhinf.design.joint_limits import ROBOT, JointLimits, LimitUse
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
+from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
 __all__ = [
     "RINGS",
@@ -40,9 +41,6 @@ __all__ = [
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
-
-#: A link that remains within this fraction of its step has come back.
-SETTLED = 0.02
 
 #: Where linear requirements are judged.
 RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
@@ -86,9 +84,22 @@ class Requirement:
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        if self.at_most:
-            return bool(self.found <= self.limit * (1.0 + TOLERANCE))
-        return bool(self.found >= self.limit * (1.0 - TOLERANCE))
+        return self._keeps(self.limit * (1.0 + TOLERANCE if self.at_most else 1.0 - TOLERANCE))
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether the limit itself is missed, by so little that it counts as met."""
+        return self.met and not self._keeps(self.limit)
+
+    @property
+    def judgement(self) -> str:
+        """``met``, ``NOT MET``, or what counts as met though the limit itself is missed: ``met within 2 %``."""
+        if not self.met:
+            return "NOT MET"
+        return f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
+
+    def _keeps(self, limit: float) -> bool:
+        return bool(self.found <= limit if self.at_most else self.found >= limit)
 
     @property
     def unit_text(self) -> str:
@@ -118,7 +129,8 @@ def stating_option(s: Specification, name: str) -> str:
 
 def peak_option(unit: str, source: str = "") -> str:
     """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
-    return ROBOT if source == ROBOT else "--peak-voltage" if unit == "V" else "--peak-torque"
+    named = {"V": "--peak-voltage", "A": "--peak-current"}
+    return ROBOT if source == ROBOT else named.get(unit, "--peak-torque")
 
 
 def margin_requirements(
@@ -325,7 +337,7 @@ def carrying_requirements(
     joint = limits.joints.index(remaining.joint) if remaining.joint else 0
     lines.append(
         Requirement(
-            "remaining sag", SETTLED * float(carried.gripped.reference_step[joint]), remaining.value,
+            "remaining sag", SETTLING_BAND * float(carried.gripped.reference_step[joint]), remaining.value,
             limits.position_units[joint], True, where,
             "largest deviation of a link in the last tenth; the limit is 2 % of its step",
             joint=_named(limits, remaining.joint),

@@ -135,6 +135,11 @@ class Response:
         """Slowest settling to ±2 % of the joint's own step, s."""
         return worst_of(self.metrics, "settling_time_s")
 
+    @property
+    def remaining(self) -> Worst:
+        """Largest error in the last tenth of the run, rad or m."""
+        return worst_of(self.metrics, "steady_state_error")
+
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
@@ -239,17 +244,18 @@ class Move:
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
-        u = self.response.inputs
         return [
             {
-                "joint": self.response.joints[k],
-                "largest_error": float(np.abs(error).max()),
-                "rms_error": float(np.sqrt(np.mean(error**2))),
-                "peak_input": float(np.abs(u[:, k]).max()),
-                "peak_speed": float(np.abs(self.response.velocities[:, k]).max()),
-                "final_error": float(np.abs(tail_of(error)).max()),
+                "joint": row["joint"],
+                "largest_error": float(np.abs(position - planned).max()),
+                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))),
+                "peak_input": row["peak_input"],
+                "peak_speed": row["peak_speed"],
+                "final_error": steady_state_error(position, planned),
             }
-            for k, error in enumerate(self.error.T)
+            for row, position, planned in zip(
+                self.response.metrics, self.response.positions.T, self.planned.T
+            )
         ]
 
 

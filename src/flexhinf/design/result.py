@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.design.attenuation import Attenuation
 from flexhinf.design.carrying import Carried
 from flexhinf.design.degrees import DegreeChoice, shrinking
-from flexhinf.design.design_proof import DesignProof
+from flexhinf.design.design_proof import DesignProof, StepProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.hunting import RestRun
 from flexhinf.design.loop_setup import LoopSetup
@@ -90,18 +90,28 @@ class Design(Summarised):
     status: Status
     writer: Callable[[Design, Path], Path]
 
+    @property
+    def step_proof(self) -> StepProof:
+        """What is proved of the step that is asked for."""
+        return step_proof(self.proof, self.chosen, self.inside)
+
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
         step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
         unit = self.setup.model.unit(self.setup.model.inputs[0])
+        several = len(self.setup.joints) > 1
+
+        def of(joint: str) -> str:
+            return f" ({joint})" if several and joint else ""
+
         settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
         return {
             "robot": self.robot.name,
             "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
             "degree of V": str(self.chosen.degree),
             "γ": f"{self.gamma:.4g}",
-            "settling": settling,
-            "peak input": f"{step.peak_input:.3g} {unit}",
+            "settling": f"{settling}{of(step.settling.joint)}",
+            "peak input": f"{step.peak_input:.3g} {unit}{of(step.peak.joint)}",
         }
 
     @property
@@ -204,9 +214,9 @@ class ComparedLaw:
     ----------
     kind : LawKind
     tuned : TunedLaw or None
-        The law, its parameters and its evaluation; None for a law that could not be made.
+        The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits.
     requirements : tuple of Requirement
-        What the specification requires of the jump, nominal and on the sampled robots, and of the margins.
+        What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it.
     failure : str
         Why there is no evaluation.
     """
@@ -223,7 +233,7 @@ class ComparedLaw:
 
     @property
     def evaluation(self) -> LawEvaluation | None:
-        """None for a law that could not be made."""
+        """None for a law that is not compared."""
         return None if self.tuned is None else self.tuned.evaluation
 
     @property
@@ -234,7 +244,7 @@ class ComparedLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Summarised):
-    """Several laws, each tuned for the same criterion and evaluated in the same scenario.
+    """Several laws, each tuned for the same criterion and evaluated in the same scenario as `flexhinf.design`'s.
 
     Attributes
     ----------
@@ -261,8 +271,10 @@ class Comparison(Summarised):
     def summary(self) -> dict[str, str]:
         """Robot, and the laws by the criterion (less is better)."""
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
-        costs = (f"{law.name} {law.cost:.3g}{'' if law.feasible else ' (a limit not kept)'}" for law in tuned)
-        return {"robot": self.robot.name, "laws by the criterion": ", ".join(costs)}
+        costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
+        lost = ", ".join(row.name for row in self.rows if row.failure)
+        others = {"not compared": lost} if lost else {}
+        return {"robot": self.robot.name, "laws by the criterion": costs, **others}
 
     @property
     def own(self) -> ComparedLaw:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.design.attenuation import Attenuation
-from flexhinf.design.design_proof import DesignProof
+from flexhinf.design.degrees import DegreeChoice
+from flexhinf.design.design_proof import DesignProof, step_proof
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
-from flexhinf.design.synthesis import Synthesis
+from flexhinf.design.specification import TOLERANCE
 
 __all__ = ["FEW_PERIODS", "NOISE_FRACTION", "Status", "status_of"]
 
@@ -38,7 +39,8 @@ class Status:
     risky : tuple of str
         What no requirement covers, and what nevertheless endangers the loop.
     scope : str
-        What the requirements were judged for, where that is less than the robot and its tolerances; else empty.
+        What limits are met within the tolerance only, and what the requirements were judged for, where that is less
+        than the robot and its tolerances; else empty.
     """
 
     not_met: tuple[str, ...] = ()
@@ -66,7 +68,7 @@ class Status:
 def status_of(
     lines: Sequence[Requirement],
     evaluation: LawEvaluation,
-    synthesis: Synthesis,
+    chosen: DegreeChoice,
     worth: Attenuation,
     inside: bool | None,
     proof: DesignProof,
@@ -77,9 +79,14 @@ def status_of(
     missing = [line.shown(degrees) for line in lines if not line.met]
     names = [line.what for line in lines]
     missed = tuple(dict.fromkeys(_missed(line, names.count(line.what) > 1) for line in missing))
-    scope = "" if evaluation.corners is not None else "no tolerance stated: only the nominal robot was judged"
+    narrow = dict.fromkeys(line.what for line in lines if line.within_tolerance)
+    scope = [
+        f"{what}: {100.0 * TOLERANCE:g} % past its limit at most, which counts as met" for what in narrow
+    ]
+    if evaluation.corners is None:
+        scope.append("no tolerance stated: only the nominal robot was judged")
     risks = tuple(_risks(lines, evaluation))
-    return Status(missed, tuple(_not_proved(synthesis, worth, inside, proof)), risks, scope)
+    return Status(missed, tuple(_not_proved(chosen, worth, inside, proof)), risks, "; ".join(scope))
 
 
 def _missed(line: Requirement, places: bool) -> str:
@@ -93,32 +100,11 @@ def _missed(line: Requirement, places: bool) -> str:
 
 
 def _not_proved(
-    synthesis: Synthesis, worth: Attenuation, inside: bool | None, proof: DesignProof
+    chosen: DegreeChoice, worth: Attenuation, inside: bool | None, proof: DesignProof
 ) -> list[str]:
-    found = []
-    if proof.box is not None and not proof.lasts:
-        return [
-            "the step with sampling, estimator and limits, to which the proof for all tolerances does not extend"
-        ]
-    if proof.certificate is not None:
-        if not proof.inside:
-            found.append("the step starts outside the proved region")
-        elif not proof.budget:
-            found.append("the step with sampling, estimator and limits, to which this proof does not extend")
-        elif not proof.lasts:
-            found.append(
-                "the step with sampling, estimator and limits, which spends more than the proved level"
-            )
-        return found
-    if not synthesis.chosen.looked:
-        found.append("no region was sampled")
-    elif np.isnan(synthesis.chosen.level):
-        found.append("the law has no sampled region")
-    elif inside is False:
-        found.append("the step starts outside the sampled region")
-    else:
-        found.append("the region is sampled, for the law fed the true state")
-    if not worth.lasts:
+    """What fails of a proof, or of the sampled check; what is proved at all the verdict says beside it."""
+    found = list(step_proof(proof, chosen, inside).missing)
+    if proof.certificate is None and proof.box is None and not worth.lasts:
         found.append("the dissipation budget of the step does not last")
     return found
 
@@ -164,7 +150,4 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
         found.append(
             f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
         )
-    corners = evaluation.corners
-    if corners is not None and not corners.unstable and (most := corners.most_unstable):
-        found.append(f"another Rᵛ makes up to {most} of {corners.count} corners unstable")
     return found

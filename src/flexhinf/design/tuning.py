@@ -81,6 +81,16 @@ class TunedLaw:
         return 0 if self.search is None else len(self.search.candidates)
 
     @property
+    def failure(self) -> str:
+        """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
+        if self.feasible:
+            return ""
+        return (
+            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary; "
+            f"the nearest: {self.reason}"
+        )
+
+    @property
     def name(self) -> str:
         """Of the law."""
         return self.kind.name

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -18,6 +17,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidatorFunctionWrapHandler, WithJsonSchema, WrapValidator
 
 from flexhinf.plant import Penalty
+from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, split
 from flexhinf.untrusted import real_number, value_text
 
 __all__ = [
@@ -30,9 +30,6 @@ __all__ = [
 ]  # fmt: skip
 
 #: Units of each kind of number, in lower case, and what one is in the SI unit that stands first.
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
-TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
-SLIDING = {"m": 1.0, "mm": 1e-3}
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 _SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
 _FREQUENCIES = {"rad/s": 1.0, "hz": 2.0 * math.pi}
@@ -45,31 +42,6 @@ _READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
 _WRITTEN = {"n·m": "N·m", "n": "N"}
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
-
-#: Nothing is looked at twice: a text of any length is read or refused at once.
-_QUANTITY = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+(\S*+)\s*+\Z")
-
-
-class Stated(float):
-    """A number in SI units that was stated in a unit; everything computed with it is a plain float.
-
-    Attributes
-    ----------
-    number, unit : str
-        As they were written: "30" and "mm".
-    si : str
-        The SI unit that it has: rad, m, rad/s, m/s, N·m, N or s.
-    """
-
-    number: str
-    unit: str
-    si: str
-
-    def __new__(cls, value: float, number: str = "", unit: str = "", si: str = "") -> Stated:
-        """The number, and how it was written."""
-        found = super().__new__(cls, value)
-        found.number, found.unit, found.si = number, unit, si
-        return found
 
 
 def number(value: Any) -> float:
@@ -239,18 +211,18 @@ def _quantity(value: Any, *units: Mapping[str, float]) -> float:
     if isinstance(value, Stated):
         return value
     if isinstance(value, str):
-        match = _QUANTITY.match(value)
-        unit = match[2].lower() if match else ""
+        parts = split(value)
+        unit = parts[1].lower() if parts else ""
         known = next((one for one in units if unit in one), None)
-        if match is None or (unit and known is None):
+        if parts is None or (unit and known is None):
             raise ValueError(value_text(value))
-        found = float(match[1])
-        if math.isinf(found) and "inf" not in match[1]:
+        found = float(parts[0])
+        if math.isinf(found) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
         if known is None:
             return found
         si = next(iter(known))
-        return Stated(found * known[unit], match[1], match[2], _WRITTEN.get(si, si))
+        return Stated(found * known[unit], *parts, _WRITTEN.get(si, si))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
         raise ValueError(value_text(value))
     found = real_number(value)

@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from flexhinf.design.criterion import Criterion, Figures
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.responses import worst_of
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
 __all__ = ["RUNS", "figures_of", "own_figures", "unstable_corners", "yardstick"]
 
 #: Runs of the criterion, by the figure that is infinite where one diverged.
 RUNS = {
-    "peak_input": "the step commanded at once",
+    "peak_input": "the step",
     "load_deviation": "the run under the load",
     "move_error": "the planned move",
 }
@@ -34,7 +31,7 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
     ----------
     evaluation : LawEvaluation
     criterion : Criterion, optional
-        A loop that is far beyond its limits is not run, nor run further after the jump.
+        A loop that is far beyond its limits is not run, nor run further after the step.
 
     Raises
     ------
@@ -91,22 +88,16 @@ def yardstick(evaluation: LawEvaluation) -> Figures:
 
 
 def _run(linear: Figures, evaluation: LawEvaluation, criterion: Criterion | None = None) -> Figures:
-    jump = evaluation.jump
-    found = replace(linear, peak_input=_equivalent_peak(evaluation), settling=jump.settling.value)
+    quiet = evaluation.quiet
+    peak = evaluation.setup.limits.equivalent_peak(quiet.demanded_step)
+    found = replace(linear, peak_input=peak, settling=quiet.step.settling.value)
     if criterion is not None and criterion.is_far(found):
         return found
+    worst = {key: one.value for key, one in quiet.worst.items()}
+    remaining = max(worst[key] for key in ("step_remaining", "load_remaining", "move_remaining"))
     return replace(
         found,
-        load_deviation=worst_of(evaluation.load_response.metrics, "peak_deviation").value,
-        move_error=worst_of(evaluation.move.metrics, "largest_error").value,
+        load_deviation=worst["load_deviation"],
+        move_error=worst["move_error"],
+        remaining_error=remaining,
     )
-
-
-def _equivalent_peak(evaluation: LawEvaluation) -> float:
-    """Largest input of the jump; where motors have different limits, in terms of the strongest one: the largest share
-    of a limit times the largest limit."""
-    limits, jump = evaluation.setup.limits, evaluation.jump
-    effort = limits.effort
-    if np.all(effort == effort[0]) or not np.isfinite(effort).all():
-        return jump.peak_input
-    return limits.input_use(jump, effort).share * float(effort.max())

@@ -11,10 +11,10 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation.dependence import elementary
 from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
+from flexhinf.scalars.dependence import elementary
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
 __all__ = ["MODEL_STEP", "RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
@@ -53,8 +53,10 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
         )
     # As correlations, so that signals of different scales are judged alike.
     weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
-    smallest = float(np.linalg.eigvalsh((matrix + matrix.T) / 2.0 * np.outer(weight, weight))[0])
-    if smallest < -SEMIDEFINITE or (definite and smallest <= SEMIDEFINITE):
+    matrix = (matrix + matrix.T) / 2.0
+    smallest = float(np.linalg.eigvalsh(matrix * np.outer(weight, weight))[0])
+    semidefinite = smallest >= -SEMIDEFINITE and bool(np.all(np.isfinite(cholesky(matrix))))
+    if not semidefinite or (definite and smallest <= SEMIDEFINITE):
         kind = "positive definite" if definite else "positive semidefinite"
         raise InvalidInput(
             f"The {what} is not {kind}.",
@@ -62,7 +64,7 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
             f"of the correlations in {matrix.tolist()}",
             "variances (squares of standard deviations), each positive",
         )
-    return (matrix + matrix.T) / 2.0
+    return matrix
 
 
 def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any) -> tuple[Any, ...]:

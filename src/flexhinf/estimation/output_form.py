@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.dependence import nonzero, switches, varying
 from flexhinf.plant import Plant
+from flexhinf.scalars.dependence import nonzero, sizes_of_rows, switches, varying
 
 __all__ = ["OutputForm", "output_form"]
 
@@ -83,7 +83,7 @@ class _Slopes:
     def check_output(self) -> None:
         """Refuse a measurement that is not H x + η(u)."""
         slope = ca.jacobian(self.output, self.x)
-        bad: Any = varying(slope, self.z, _row_sizes(slope))
+        bad: Any = varying(slope, self.z, sizes_of_rows(slope))
         for row in range(len(self.plant.outputs)):
             decides = ca.jacobian(switches(self.output[row], self.z), self.x)
             bad[row] |= np.asarray(ca.DM(decides.sparsity(), 1.0)).astype(bool).any(axis=0)
@@ -103,7 +103,7 @@ class _Slopes:
         """Refuse a flow that is not A x + φ(H x, u)."""
         if self._holds(measured):
             return
-        varies = varying(self.by_state, self.z, _row_sizes(self.by_state))
+        varies = varying(self.by_state, self.z, sizes_of_rows(self.by_state))
         jumps: Any = np.asarray(ca.DM(self.deciding.sparsity(), 1.0)).astype(bool).any(axis=0)
         states, unit = self.plant.states, np.eye(self.plant.n)
         hidden = [j for j in range(self.plant.n) if not _spans(measured, unit[j])]
@@ -139,10 +139,10 @@ class _Slopes:
         if not hidden.numel():
             return True
         along, decides = self.by_state @ hidden, self.deciding @ hidden
-        scale = _row_sizes(self.by_state, hidden.shape[1])
+        scale = sizes_of_rows(self.by_state, hidden.shape[1])
         if varying(along, self.z, scale).any():
             return False
-        return not nonzero(decides, self.z, _row_sizes(self.deciding, hidden.shape[1])).any()
+        return not nonzero(decides, self.z, sizes_of_rows(self.deciding, hidden.shape[1])).any()
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
@@ -167,9 +167,3 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
 def _spans(matrix: np.ndarray, row: np.ndarray) -> bool:
     """Is a row a combination of those of a matrix?"""
     return bool(np.abs(row @ null_space(matrix)).max(initial=0.0) <= RANK)
-
-
-def _row_sizes(matrix: ca.SX, columns: int | None = None) -> ca.SX:
-    """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as asked for."""
-    sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
-    return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)

@@ -143,7 +143,7 @@ class OutputInjectionObserver(RecursiveFilter):
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def _kalman_gain(self) -> np.ndarray:
-        check_detectable(self._drift, self._sensors, self.period, self.plant.states)
+        check_detectable(self._drift, self._sensors, self.plant.states)
         model = (self._held.transition, self._sensors)
         return stationary_gain(model, self.process_noise, self.measurement_noise)
 

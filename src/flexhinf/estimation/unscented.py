@@ -13,11 +13,11 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.dependence import linear
 from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.sigma_points import SigmaPoints
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import cholesky, clip, trace
+from flexhinf.scalars.dependence import linear
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
 __all__ = ["UnscentedKalmanFilter"]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import ControllerInUse, InvalidInput
-from flexhinf.untrusted import checked_path, real_array, value_text
+from flexhinf.export.processor import MARK, check_instructions
+from flexhinf.untrusted import checked_path, read_bytes, real_array, value_text
 
 __all__ = ["CompiledController", "load_compiled"]
 
@@ -34,6 +35,8 @@ class CompiledController:
     measured, commanded, inputs, states : tuple of str
         Names of the elements of y, r, u and the estimate.
     units : dict of str to str
+    digest : str
+        Of the C of which it was compiled.
     code : str
         How the last step ended: "OK", "PREDICTED", "BAD_MEASUREMENT", …
     estimate : (n,) array
@@ -42,7 +45,7 @@ class CompiledController:
     Raises
     ------
     InvalidInput
-        If this is no such library, or is one of another machine.
+        If this is no such library, is one of another machine, or needs instructions that this processor lacks.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -52,6 +55,7 @@ class CompiledController:
         self.measured, self.commanded, self.inputs, self.states = (
             tuple(about[kind]) for kind in ("measured", "commanded", "inputs", "states")
         )
+        self.digest = str(about["digest"])
         self.units: dict[str, str] = dict(about["units"])
         self._codes = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -69,18 +73,29 @@ class CompiledController:
         return dict(self._codes)
 
     def _load(self) -> dict[str, Any]:
+        """What the file says of itself; none of its code is run before the processor is known to have what it needs."""
+        try:
+            _, mark, rest = read_bytes(self.path, -1).partition(MARK)
+            needed, _, text = rest.partition(b"\0")[0].decode().partition("\n")
+            if not mark:
+                raise ValueError("no library of this version")
+            about = json.loads(text)
+        except (OSError, ValueError) as error:
+            raise self._unusable(error) from error
+        check_instructions(needed.split(), self.path.name)
         try:
             self._library = ctypes.CDLL(str(self.path))
-            self._library.flexhinf_description.restype = ctypes.c_char_p
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
-            about = json.loads(self._library.flexhinf_description())
-        except (OSError, AttributeError, ValueError) as error:
-            raise InvalidInput(
-                "The library cannot be loaded.",
-                f"expected one of `flexhinf compile` for {platform.machine()}, got {self.path}: {str(error)[:200]}",
-                "flexhinf compile DESIGN on this machine",
-            ) from error
+        except (OSError, AttributeError) as error:
+            raise self._unusable(error) from error
         return about
+
+    def _unusable(self, error: Exception) -> InvalidInput:
+        return InvalidInput(
+            "The library cannot be loaded.",
+            f"expected one of `flexhinf compile` for {platform.machine()}, got {self.path}: {str(error)[:200]}",
+            "flexhinf compile DESIGN on this machine",
+        )
 
     def _bind(self) -> None:
         arrays = (self._state, self._y, self._r, self._u, self.estimate)
@@ -145,7 +160,13 @@ class CompiledController:
             if given is not None:
                 self._fill(values, given, what, names)
             pointers.append((values, None if given is None else ctypes.c_void_p(values.ctypes.data)))
-        self._begin(pointers[0][1], pointers[1][1])
+        if self._begin(pointers[0][1], pointers[1][1]):
+            raise InvalidInput(
+                "This process does not compute as the library must.",
+                "expected rounding to nearest and numbers below the normal ones, got another setting of the processor, "
+                "or a library that was compiled with flags that change results",
+                "a process without libraries that are linked with -ffast-math, or flexhinf compile with gcc or clang",
+            )
         self._r[: len(self.commanded)] = self._rest
         self.estimate[:] = 0.0
         self.code = "OK"
@@ -155,12 +176,19 @@ class CompiledController:
         remembered = (self._state, self._r, self._u, self.estimate)
         return {
             "path": str(self.path),
+            "digest": self.digest,
             "remembered": [array.copy() for array in remembered],
             "code": self.code,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["path"])  # type: ignore[misc]
+        if self.digest != state["digest"]:
+            raise InvalidInput(
+                "The library of this controller was replaced by one of another controller.",
+                f"expected {state['digest'][:12]}, got {self.digest[:12]} in {self.path}",
+                "load_compiled, to begin anew",
+            )
         places = (self._state, self._r, self._u, self.estimate)
         for place, values in zip(places, state["remembered"], strict=True):
             place[:] = values

@@ -6,6 +6,7 @@ The step is the very program that `Controller.step` compiles, with the same rule
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,9 +23,10 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.names import checked_identifier, comment, constants
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.remembered import SPACING, step_program
+from flexhinf.loop.controller.start import holding_function
 from flexhinf.untrusted import value_text
 
-__all__ = ["ControllerCode", "code_of", "fill", "template"]
+__all__ = ["ControllerCode", "arithmetic", "code_of", "fill", "template"]
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
@@ -102,8 +104,8 @@ class ControllerCode:
 
     @property
     def constant_bytes(self) -> int:
-        """Default parameters, initial memory and safe input, without the code."""
-        return (self.sizes["data"] + self.sizes["memory"] + self.sizes["u"]) * self.real.bytes
+        """Default parameters and initial memory, without the code."""
+        return (self.sizes["data"] + self.sizes["memory"]) * self.real.bytes
 
     @property
     def operations(self) -> int:
@@ -117,19 +119,13 @@ class ControllerCode:
 
     @cached_property
     def initial_memory(self) -> np.ndarray:
-        """Memory at the start; the first output is within the limits."""
-        memory = self.controller.initial_memory()
-        u = self.controller.memory.named(memory).u
-        u[:] = self.safe_input
-        return memory
+        """Memory at the start."""
+        return self.controller.initial_memory()
 
-    @cached_property
+    @property
     def safe_input(self) -> np.ndarray:
-        """The operating input within the limits, (m,)."""
-        limits = self.controller.limits
-        return np.clip(
-            np.asarray(self.controller.law.operating_input, dtype=float), limits.lower, limits.upper
-        )
+        """The input before the first sample, (m,)."""
+        return self.initial_memory[self.controller.memory.places["u"]]
 
     @property
     def codes(self) -> dict[str, tuple[int, str]]:
@@ -144,6 +140,9 @@ class ControllerCode:
         if self.predicts:
             codes["PREDICTED"] = (5, "no measurement in time: the estimate is predicted, the law acts on it")
         codes["STOPPED"] = (6, "too many samples without a measurement: the last output is held")
+        codes["WAITING"] = (7, "no measurement yet: nothing changed, the output is that before the first")
+        codes["NOT_INITIALISED"] = (8, "the state was not initialised: the output is that before the first")
+        codes["BAD_ARITHMETIC"] = (9, "the compiler's flags change results: nothing is computed")
         return codes
 
     @property
@@ -221,6 +220,7 @@ class ControllerCode:
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]), BEGINS=begins, SETS=sets,
+            FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
 
     def _elements(self, kind: str, names: Sequence[str]) -> list[tuple[str, int, str]]:
@@ -234,6 +234,7 @@ class ControllerCode:
     def source(self) -> str:
         """The text of ``NAME.c``."""
         memory = self.controller.memory.places
+        start = self._start  # which may need one more function
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         predicted = self.upper("STOPPED")
         if self.predicts:
@@ -241,17 +242,23 @@ class ControllerCode:
             predicted = f"{self.name}_predict(state, param, input)"
         return fill(
             template("controller.c"), self.name, self.real,
-            VERSION=__version__, DEFAULTS=self.numbers(self.data, "        "),
+            START=start, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
+            DEFAULTS=self.numbers(self.data, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
-            INITIAL=self.numbers(self.initial_memory), SAFE=self.numbers(self.safe_input),
+            INITIAL=self.numbers(self.initial_memory),
             FUNCTIONS=functions, MEASURED=self._call("measured"), PREDICTED=predicted,
             PREDICTED_CALL=self._call("predicted") if self.predicts else "",
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            START=START if self.starts_anywhere else "    (void)estimate;", ZERO=constant(0.0, self.real),
+            ZERO=constant(0.0, self.real),
             F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of both texts: what gives the same inputs has the same, whatever else is equal."""
+        return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
     def _call(self, which: str) -> str:
         """The call of a program on the state's arrays."""
@@ -259,6 +266,18 @@ class ControllerCode:
         names = [buffer.name for buffer in self.programs[which].buffers]
         arguments = ", ".join(places.get(name, f"state->{name}") for name in names)
         return f"{self.name}_{which}({arguments})"
+
+    @property
+    def _start(self) -> str:
+        """What ``NAME_start`` does with the estimate: another one than the design's has an input of its own."""
+        if not self.starts_anywhere or self.controller.first_input.is_zero:
+            return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
+        assert self.controller.estimator is not None
+        plant = self.controller.estimator.plant
+        arguments = ["state->start", f"param->value + {self.upper('P_PARAMETERS')}", "held"]
+        arguments = arguments if plant.parameters.size else arguments[::2]
+        call = f"{self.translator.function(holding_function(plant))}({', '.join(arguments)})"
+        return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
 
     @property
     def oldest(self) -> float:
@@ -286,8 +305,18 @@ BEGINS = """the estimate begins at the state that is stated with the constants
 #: The estimate at the start, where it can be set.
 START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
         @NAME@_copy(estimate, state->start, @BIG@_STATES);
-        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);
+        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
     }"""
+
+#: The input that holds it there.
+HOLD = """
+        if (!same(estimate, initial_memory, @BIG@_STATES)) {
+            real held[@BIG@_INPUTS];
+            @HOLDING@;
+            if (@NAME@_finite(held, @BIG@_INPUTS)) {
+                limit(param, held, state->start + @U@);
+            }
+        }"""
 
 #: The step without a measurement, where a finite result has a code of its own.
 PREDICTION = """
@@ -338,6 +367,15 @@ def _operations(step: Step) -> int:
 def template(name: str) -> str:
     """A text with marks ``@MARK@``."""
     return (files("flexhinf.export") / "templates" / name).read_text(encoding="utf-8")
+
+
+def arithmetic(name: str, real: Real) -> str:
+    """C against flags that change results: guards, and ``int NAME_exact(void)`` for those without a macro."""
+    about = np.finfo(np.float64 if real.name == "double" else np.float32)
+    sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
+    marks = {name: constant(float(value), real) for name, value in sizes.items()}
+    others = {"BYTES": real.bytes, "F": real.suffix, "SUFFIX": real.suffix.upper()}
+    return fill(template("arithmetic.c"), name, real, **marks, **others)
 
 
 def fill(text: str, name: str, real: Real, **marks: Any) -> str:

@@ -24,7 +24,7 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, fill, template
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, arithmetic, code_of, fill, template
 from flexhinf.export.library import shared_library
 from flexhinf.export.names import checked_identifier
 from flexhinf.files import write_file
@@ -207,8 +207,8 @@ def _plant_model(plant: Plant, name: str, period: float, start: np.ndarray, acti
     given = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
     model = fill(
         template("fmu_plant.h"), name, DOUBLE,
-        PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps, N=plant.n, M=sizes[0], D=sizes[1],
-        P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
+        ARITHMETIC=arithmetic(name, DOUBLE), PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps,
+        N=plant.n, M=sizes[0], D=sizes[1], P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
         FLOW=_called(flow, plant.traced_flow, ["x", *given], "slope"),
         OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", given[0], given[2]], "r + FIRST_Y"),
         START=",\n".join(f"        {v!r}" for v in settable),

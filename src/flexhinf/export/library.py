@@ -13,6 +13,7 @@ from typing import Any
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode, code_of, fill, template
+from flexhinf.export.processor import MARK, compiler_flags, named_instructions
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path
@@ -20,26 +21,32 @@ from flexhinf.untrusted import checked_path
 __all__ = ["build", "compile_controller", "cortex_m4_bytes", "shared_library"]
 
 
-def compile_controller(controller: Controller, path: str | os.PathLike[str]) -> Path:
-    """Compile a controller into one shared library for this machine, see `flexhinf.load_compiled`.
+def compile_controller(
+    controller: Controller, path: str | os.PathLike[str], processor: str = "portable"
+) -> Path:
+    """Compile a controller into one shared library for this platform, see `flexhinf.load_compiled`.
 
     Parameters
     ----------
     controller : Controller
     path : path
         Of the file; replaced if it is there. It is machine code: load only what you trust.
+    processor : {"portable", "any", "native"}
+        On which it runs: PCs since about 2015, also older ones (ten times slower), or those that have all that this one
+        has. The bits are the same. The file says what it needs, and is refused where that is missing.
 
     Raises
     ------
     InvalidInput
-        As `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
+        As `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc, clang), or it
+        fails.
     """
-    target = checked_path("The library", path)
+    target, flags = checked_path("The library", path), compiler_flags(processor)
     code = code_of(controller, "controller", "double")
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": _entry(code)}
     try:
-        image = shared_library(sources, ("-O3", "-march=native"))
-    except InvalidInput:  # some compilers do not know this machine by that name
+        image = shared_library(sources, ("-O3", *flags))
+    except InvalidInput:  # some compilers have no such names
         image = shared_library(sources, ("-O3",))
     write_file(target, "library", lambda part: Path(part).write_bytes(image))
     return target
@@ -51,10 +58,13 @@ def _entry(code: ControllerCode) -> str:
         "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
         "commanded": c.commanded, "inputs": c.law.input_names, "states": c.states, "units": code.units,
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
-        "starts_anywhere": code.starts_anywhere,
+        "starts_anywhere": code.starts_anywhere, "digest": code.digest,
     }  # fmt: skip
     text = json.dumps(json.dumps(about))  # twice: a string of C is one of JSON in ASCII
-    return fill(template("library.c"), code.name, code.real, DESCRIPTION=text.replace("??", '?""?'))
+    return fill(
+        template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n",
+        INSTRUCTIONS=named_instructions(), DESCRIPTION=text.replace("??", '?""?'),
+    )  # fmt: skip
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:

@@ -267,6 +267,8 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
             said = subprocess.run([program], capture_output=True, text=True, check=False).stdout
     except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
         return None
+    if "flags of the compiler" in said:  # it has flags of its own, and the controller refuses them
+        return None
     found = re.search(r"largest relative error (\S+)", said)
     error = float(found.group(1)) if found else math.inf
     return error if math.isfinite(error) else math.inf
@@ -370,6 +372,9 @@ PARTS = {
     "command_upper": "largest command",
     "command_rate": "largest change of the command, per s",
     "integral_dead_zone": "errors up to this size are not integrated",
+    "windup_line": "what integrals push at rest, by command from the operating point: of inputs without limits",
+    "windup_spread": "how much more they push, likewise",
+    "windup_limit": "how much more they push at the operating point; infinite for an input with limits",
 }
 
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.timing import Timing
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing
@@ -131,6 +132,7 @@ def run_realtime(
         core that there is not.
     """
     _check_scheduling(priority, core)
+    initial_input = loop.controller.input_before(initial_input, initial_estimate)
     given: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
         "seed": seed, "initial_input": initial_input, "multi_turn": multi_turn,
@@ -202,7 +204,7 @@ class _Steps:
 
 
 def _check_library(library: CompiledController, controller: Any) -> None:
-    """Refuse a library of another controller by its signals and its period."""
+    """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
         "inputs": tuple(controller.law.input_names), "states": controller.states,
@@ -215,6 +217,14 @@ def _check_library(library: CompiledController, controller: Any) -> None:
                 f"expected {value_text(value)}, got {value_text(found)} in {library.path.name}",
                 "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
             )
+    expected = code_of(controller, "controller", "double").digest
+    if library.digest != expected:
+        raise InvalidInput(
+            "The library is one of another controller: its numbers or its program are others.",
+            f"expected the controller {expected[:12]}, got {library.digest[:12]} in {library.path.name}; signals and "
+            "period are the same",
+            "flexhinf compile with the same design, by this version",
+        )
 
 
 class _Clock:

@@ -90,14 +90,14 @@ def check_log(path: str | os.PathLike[str]) -> Path:
         raise InvalidInput(
             "The format of the log is not known.",
             f"expected a name that ends with {', '.join(ENDINGS)}, got {str(path)!r}",
-            f"--log {path.with_suffix('.csv').name}",
+            f"--log {path.stem or 'run'}.csv",
         )
     for package in ENDINGS[path.suffix]:
         if importlib.util.find_spec(package) is None:
             raise InvalidInput(
                 f"A log in {path.suffix[1:].upper() if path.suffix == '.mcap' else 'Parquet'} needs another package.",
                 f"expected the package {package!r}, which is not installed, for {path.name}",
-                f"pip install 'flexhinf[log]', or --log {path.with_suffix('.csv').name}",
+                f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
             )
     return check_place(path, "log")
 

@@ -142,7 +142,7 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     """
     gamma, degree = _checked_gamma(gamma), _checked_degree(degree)
     plant = _expansion(problem, degree)
-    memory = check_memory(plant.size, degree)
+    memory = check_memory(plant.size, degree, expanded=not isinstance(problem, PolynomialPlant))
     linear = LinearPart.of(plant)
     linear.check()
     with degree_progress(len(plant.state_names), degree) as advance:
@@ -282,9 +282,9 @@ def _checked_degree(degree: int) -> int:
 
 def _expansion(problem: Problem, degree: int) -> PolynomialPlant:
     check_problem(problem)
-    n, m = len(problem.state_names), len(problem.r2)
     if not isinstance(problem, PolynomialPlant):
-        check_memory((n, 0, m, 0), degree)  # the expansion itself would already not fit
+        size = len(problem.state_names), len(getattr(problem, "disturbance_names", ())), len(problem.r2), 0
+        check_memory(size, degree, expanded=True)  # the expansion itself may already not fit
     return problem.expand(degree - 1)
 
 

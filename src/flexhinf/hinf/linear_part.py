@@ -19,7 +19,7 @@ from flexhinf.plant.problem import Problem
 
 __all__ = ["LinearPart", "check_problem", "disturbance_reaches_output"]
 
-_DECAYS = 1e-9  # modes with Re λ above −_DECAYS·‖A‖ count as not decaying
+_DECAYS = 4.0 * float(np.finfo(float).eps)  # times n: what rounding may add to Re λ, relative to ‖A‖
 _RANK = 1e-10  # smallest singular value of the pencil, relative to its norm, that counts as rank deficiency
 _LARGEST = 1e70  # of a coefficient: products of its squares are finite
 _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
@@ -126,7 +126,7 @@ def check_standing_assumptions(
         With the mode and the state it lives in.
     """
     modes = np.linalg.eigvals(a)
-    lasting = modes[(modes.real >= -_DECAYS * np.linalg.norm(a)) & (modes.imag >= 0)]
+    lasting = modes[(modes.real >= -_DECAYS * len(a) * np.linalg.norm(a)) & (modes.imag >= 0)]
     for mode in lasting:
         state = _missed_direction(a.T, b.T, mode)
         if state is not None:

@@ -78,15 +78,7 @@ def read_solution(path: str | os.PathLike[str], problem: Problem | None) -> dict
         return _assembled(arrays, whole, problem)
     except FlexhinfError as error:
         raise _unreadable(path, error.found or error.what) from error
-    except (
-        KeyError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        MemoryError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
 
 
@@ -126,6 +118,8 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
         or not _is_integer(memory, 0, 1 << 62)
     ):
         raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
+    if arrays["P"].shape != (len(states), len(states)):
+        raise InvalidInput("Wrong shapes.", f"P does not fit {len(states)} states")
     parts = {name: _gather(arrays, name, 0, _HIGHEST) for name in _FIELDS}
     exact = PolynomialPlant.from_parts(
         len(states),
@@ -158,7 +152,7 @@ def _is_integer(value: object, lowest: int, highest: int) -> bool:
 
 
 def _check_value(p: np.ndarray, value: dict[int, np.ndarray], n: int) -> None:
-    if any(part.shape != (count(n, k),) for k, part in value.items()) or p.shape != (n, n):
+    if any(part.shape != (count(n, k),) for k, part in value.items()):
         raise InvalidInput("Wrong shapes.", f"coefficients of V do not fit {n} states")
     rows, columns = np.triu_indices(n)
     quadratic = np.where(rows == columns, 0.5, 1.0) * p[rows, columns]

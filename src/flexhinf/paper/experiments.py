@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.loop import Sine, Step, Trajectory, load_metrics
-from flexhinf.paper.loop_setup import SAMPLED_PLANTS, PaperSetup
+from flexhinf.paper.loop_setup import GOALS, SAMPLED_PLANTS, PaperSetup
 from flexhinf.plant import Law
 
 __all__ = ["Experiments", "ToleranceRun", "load_numbers", "step_numbers", "tracking_numbers"]
@@ -87,6 +87,17 @@ class Experiments:
     def step_90(self) -> dict[str, Trajectory]:
         """Figs. 5 and 6."""
         return self._both(Step(math.pi / 2), STEP_DURATION)
+
+    @cached_property
+    def about_goal(self) -> dict[tuple[float, str, str], Trajectory]:
+        """Steps by laws about the hanging rest and about the goal, by goal (rad), pose and name of the law."""
+        setup, found = self.setup, {}
+        for goal in GOALS:
+            for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
+                for name, degree in (("nonlinear", setup.settings.degree), ("linear", 2)):
+                    law = setup.law_about(pose, degree)
+                    found[goal, about, name] = setup.deployed_step(law, goal, STEP_DURATION)
+        return found
 
     @cached_property
     def tracking(self) -> dict[str, Trajectory]:

@@ -15,7 +15,7 @@ from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Ensemble, Loop, Trajectory
+from flexhinf.loop import Controller, Ensemble, Loop, Step, Trajectory
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
@@ -96,6 +96,16 @@ class PaperSetup:
             self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
         return self._laws[key]
 
+    def law_about(self, pose: float, degree: int) -> HJISolution:
+        """The paper's penalty, but expanded about another pose (rad), at the same ratio of its own γ*; solved once
+        each."""
+        key = (pose, degree)
+        if key not in self._laws:
+            problem = self.arm.problem(pose=pose)
+            gamma = self.settings.gamma_ratio * smallest_gamma(problem)
+            self._laws[key] = solve_hji(problem, gamma=gamma, degree=degree)
+        return self._laws[key]
+
     # Estimators -------------------------------------------------------------------------------------------------
     @cached_property
     def model(self) -> Plant:
@@ -154,6 +164,14 @@ class PaperSetup:
             loop = Loop(self._true_plants[inductance].with_parameters(**true_values), loop.controller)
         seed = self.settings.seed if seed is None else seed
         return loop.run(reference, disturbance, deviation, duration, None, seed)
+
+    def deployed_step(self, law: Law, goal: float, duration: float) -> Trajectory:
+        """The step from the hanging rest as `flexhinf design` runs it, without a jump of the input; coil included."""
+        loop, deviation = self._loop(law, "settings", inductance=True, noise=True)
+        controller = Controller(law, loop.controller.estimator, self.settings.period, start="bumpless")
+        rest, held = self.arm.operating_point(0.0, ("inductance",))
+        deployed = Loop(loop.true_plant, controller)
+        return deployed.run(Step(goal), None, deviation, duration, rest, self.settings.seed, held)
 
     def ensemble(
         self,

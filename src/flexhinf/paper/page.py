@@ -50,7 +50,7 @@ def paper_page(
             Section("Verdict per claim", (Paragraph(_reading()), Claims(claims)), "claims"),
             Section("Figures 3–12", own, "figures"),
             Section("Evidence, claim by claim", _evidence(paper), "evidence"),
-            Section("Our own question", (Paragraph(_OURS), *_evidence(ours)), "ours"),
+            Section("Our own questions", (Paragraph(_OURS), *_evidence(ours)), "ours"),
             Section("What was taken instead", (misprint_table(), open_table()), "instead"),
             Section("The law", (Paragraph(_law_text(experiments)), Listing(setup.nonlinear.report())), "law"),
         ),
@@ -73,7 +73,7 @@ def _reading() -> str:
     )
 
 
-_OURS = "The paper does not ask this. It is not counted among its claims."
+_OURS = "The paper does not ask these. They are not counted among its claims."
 
 
 def _evidence(judged: Sequence[Judged]) -> tuple[ClaimEvidence, ...]:

@@ -16,6 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.basis import indices
 from flexhinf.polynomial.truncated import degree_slice, size
+from flexhinf.scalars.dependence import linear, nonzero, sizes_of_rows, switches
 from flexhinf.scalars.jet import jets, terms
 from flexhinf.untrusted import value_text
 
@@ -105,6 +106,7 @@ def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
         input_names=problem.input_names,
         disturbance_names=problem.disturbance_names,
     )
+    _check_everywhere(problem.plant)
     h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
 
     def parts(coefficients: np.ndarray, highest: int) -> dict[int, np.ndarray]:
@@ -122,6 +124,32 @@ def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
         input_names=problem.input_names,
         operating_input=problem.operating_input,
     )
+
+
+def _check_everywhere(plant: Any) -> None:
+    """Refuse a flow that is affine in its inputs near a point only: its slope jumps, or bends beyond the expansion."""
+    import casadi as ca
+
+    x, names = ca.SX.sym("x", plant.n), (*plant.inputs, *plant.disturbances)
+    inputs = ca.SX.sym("w", len(names))
+    u, d = inputs[: len(plant.inputs)], inputs[len(plant.inputs) :]
+    flow = plant.traced_flow(x, u, d, plant.parameters.vector())
+    if linear(ca.Function("flow", [inputs, x], [flow])):
+        return
+    z, slope = ca.vertcat(inputs, x), ca.jacobian(flow, inputs)
+    decides = switches(flow, z)
+    terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
+    bad = []
+    for j in range(len(names)):
+        change = ca.jacobian(ca.vertcat(ca.vec(ca.densify(slope)), decides), inputs[j])
+        bad.append(bool(nonzero(change, z, terms_of).any()))
+    if any(bad):
+        raise InvalidInput(
+            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+            f"expected slopes that no input changes anywhere, got a function of "
+            f"{', '.join(name for name, wrong in zip(names, bad) if wrong)} that bends or jumps away from the point",
+            "the nonlinear actuator as states of its own, with the new command as input",
+        )
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:

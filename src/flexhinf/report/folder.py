@@ -19,9 +19,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from flexhinf.errors import InvalidInput
+from flexhinf.file_bytes import file_digest, read_bytes
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.text import to_json
-from flexhinf.untrusted import checked_path, read_bytes
+from flexhinf.untrusted import checked_path
 
 __all__ = ["MARKER", "check", "is_report", "unchanged", "write"]
 
@@ -54,7 +55,7 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     if not isinstance(listed, dict):
         return False
     try:
-        found = {name: hashlib.sha256((Path(path) / name).read_bytes()).hexdigest() for name in names}
+        found = {name: file_digest(Path(path) / name) for name in names}
     except OSError:
         return False
     return all(listed.get(name) == digest for name, digest in found.items())
@@ -277,7 +278,7 @@ def _digest(content: bytes) -> str:
 def _content_digest(path: Path) -> str:
     """Of a file itself; of a link, a FIFO and what cannot be read it is no file's."""
     try:
-        return "" if path.is_symlink() else _digest(read_bytes(path, -1))
+        return "" if path.is_symlink() else file_digest(path)
     except OSError:
         return ""
 

@@ -50,7 +50,7 @@ def assembled(
     Raises
     ------
     InvalidInput
-        If the numbers of parts differ, some joints are driven by voltage and others by torque, or the parts do
+        If the numbers of parts differ, some joints are driven by voltage, others by current or torque, or the parts do
         not make a robot.
     """
     if not len(joints) == len(links) == len(elastic):
@@ -122,10 +122,12 @@ def single_link_robot(
 def _common_drive(robot: str, joints: Sequence[str], elastic: Sequence[ElasticJoint]) -> str:
     drives = {joint: spring.drive for joint, spring in zip(joints, elastic)}
     if len(set(drives.values())) > 1:
+        found = " and by ".join(f"{drive}s" for drive in sorted(set(drives.values())))
         raise InvalidInput(
-            f"The robot {robot!r} is driven by voltages and by torques.",
-            f"expected motor constants for all joints or for none, got {drives}",
-            "resistance, torque_constant and back_emf_constant of every motor, or torques for all",
+            f"The robot {robot!r} is driven by {found}.",
+            f"expected the same motor constants for all joints, got {drives}",
+            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
+            "(currents), or none (torques)",
         )
     return next(iter(drives.values()))
 

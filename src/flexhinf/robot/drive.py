@@ -9,12 +9,17 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.extras import DEFAULTS
 from flexhinf.robot.quantities import per_joint
 
-__all__ = ["DRIVES", "MOTOR", "OPTIONAL", "SPRING", "reflected", "required_of_drive"]
+__all__ = ["CONSTANTS", "DRIVES", "OPTIONAL", "SPRING", "reflected", "required_of_drive", "torque_per_input"]
 
-#: What the input is: the motor's voltage (V), or its torque on the link side (N·m).
-DRIVES = {"voltage": "motor_voltage", "torque": "drive_torque"}
+#: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
+DRIVES = {"voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque"}
 
-MOTOR = ("resistance", "torque_constant", "back_emf_constant")
+#: The motor's constants, which say what drives it: all three, the torque constant alone, or none.
+CONSTANTS = {
+    "voltage": ("resistance", "torque_constant", "back_emf_constant"),
+    "current": ("torque_constant",),
+    "torque": (),
+}
 
 #: What belongs to the spring, of which a rigid joint has none.
 SPRING = ("stiffness", "damping", "spring_hardening", "backlash")
@@ -46,9 +51,8 @@ def required_of_drive(
             return per_joint(quantity, joint, len(joints))
 
         inertia = ("rotor_inertia", "gear_ratio") if own("rotor_inertia") in names else ("motor_inertia",)
-        motor = MOTOR if drive == "voltage" else ()
         spring = () if joint in rigid else ("stiffness",)
-        required += [own(quantity) for quantity in (*spring, *inertia, "friction", *motor)]
+        required += [own(quantity) for quantity in (*spring, *inertia, "friction", *CONSTANTS[drive])]
     return required
 
 
@@ -64,7 +68,7 @@ def reflected(
     ----------
     values : mapping of str to float
         The robot's parameters by name.
-    drive : {"voltage", "torque"}
+    drive : {"voltage", "current", "torque"}
     joints : sequence of str
     rigid : sequence of str
         Joints without a spring: the numbers of springs are those of the others.
@@ -76,7 +80,7 @@ def reflected(
 
     dry = _dry(values)
     packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
-    packed |= {quantity: [] for quantity in (MOTOR if drive == "voltage" else ())}
+    packed |= {quantity: [] for quantity in CONSTANTS[drive]}
     packed |= {
         quantity: []
         for quantity in OPTIONAL
@@ -99,6 +103,20 @@ def reflected(
             else:
                 column.append(factor.get(quantity, 1.0) * of(quantity, joint))
     return packed
+
+
+def torque_per_input(drive: str, p: Any) -> Any:
+    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one.
+
+    Parameters
+    ----------
+    drive : {"voltage", "current", "torque"}
+    p : object
+        With the plant's parameters as attributes, see `reflected`.
+    """
+    if drive == "torque":
+        return 1.0
+    return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
 
 
 def _dry(values: Mapping[str, float]) -> bool:

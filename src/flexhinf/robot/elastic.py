@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from flexhinf.robot.drive import torque_per_input
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import friction_torque, spring_torque
 
@@ -124,7 +125,8 @@ class Layout:
 class ElasticFlow:
     """ẋ of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
 
-    τ is the input itself, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i − k_b q̇2.
+    τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where
+    L di/dt = V − R i − k_b q̇2.
     x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
@@ -132,7 +134,7 @@ class ElasticFlow:
     Parameters
     ----------
     links : Links
-    drive : {"voltage", "torque"}
+    drive : {"voltage", "current", "torque"}
     extras : sequence of str
         See `flexhinf.robot.extras`.
     rigid : tuple of int
@@ -176,5 +178,5 @@ class ElasticFlow:
             return u, p.friction
         if "inductance" in self.extras:
             return p.torque_constant * current, p.friction
-        gain = p.torque_constant / p.resistance
-        return gain * u, p.friction + gain * p.back_emf_constant
+        gain = torque_per_input(self.drive, p)
+        return gain * u, p.friction + (gain * p.back_emf_constant if self.drive == "voltage" else 0.0)

@@ -48,7 +48,7 @@ class InverseFlow:
     Parameters
     ----------
     links : Links
-    drive : {"voltage", "torque"}
+    drive : {"voltage", "current", "torque"}
     extras : sequence of str
         Out of `MODELLED`.
     rigid : tuple of int
@@ -89,7 +89,9 @@ class InverseFlow:
         drive = p.motor_inertia * acceleration + p.friction * speed + load
         if self.extras:
             drive = drive + friction_torque(speed, p, self.extras)
-        if self.drive == "voltage":
+        if self.drive == "current":
+            drive = (1.0 / p.torque_constant) * drive
+        elif self.drive == "voltage":
             drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * speed
         return np.concatenate([q, dq, own[0], own[1]]), drive
 

@@ -8,12 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.quantities import QUANTITIES
-from flexhinf.robot.schema import TABLES, NumberTable
+from flexhinf.robot.schema import TABLES, JointTable, NumberTable, RobotTable
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-__all__ = ["RobotFileWarning", "check_tolerance", "file_error"]
+__all__ = [
+    "RobotFileWarning",
+    "check_nesting",
+    "check_tolerance",
+    "file_error",
+    "nesting_advice",
+    "place_text",
+]
 
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
@@ -38,7 +45,7 @@ def file_error(error: ValidationError, file: str, data: dict[str, Any]) -> Inval
     first = mistakes[0]
     location = tuple(part for part in first["loc"] if part != "value" or first["type"] == "extra_forbidden")
     *before, key = location
-    where, table = _where(tuple(before), data), _table(tuple(before))
+    where, table = place_text(tuple(before), data), _table(tuple(before))
     others = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
     if first["type"] == "extra_forbidden":
         allowed = list(table.model_fields)
@@ -73,6 +80,74 @@ def file_error(error: ValidationError, file: str, data: dict[str, Any]) -> Inval
     )
 
 
+#: Tables of one joint, which stand below its [[joint]].
+OF_JOINT = ("link", "spring", "motor", "tolerances")
+
+
+def nesting_advice(name: str = "") -> str:
+    """How the tables of a joint are written."""
+    stated = f" with name = {name!r}" if name else ""
+    return f"[[joint]]{stated}, two brackets, and below it [joint.link], [joint.spring] and [joint.motor] of that joint"
+
+
+def check_nesting(data: dict[str, Any], file: str) -> None:
+    """Refuse tables that are not where a joint has them: [joint.yaw.spring], [yaw.spring], [spring], [[joint.spring]].
+
+    Raises
+    ------
+    InvalidInput
+        With the table as it is written, and how it is written for that joint.
+    """
+    rows = data.get("joint")
+    each = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    names = {str(row.get("name")) for row in each}
+    for word in ("joint", "joints"):
+        table = data.get(word)
+        if isinstance(table, dict):
+            named = [
+                key
+                for key, value in table.items()
+                if key not in JointTable.model_fields and isinstance(value, dict)
+            ]
+            written = [f"{word}.{key}" for key in named] or [word]
+            raise _misplaced(file, written, named[0] if named else str(table.get("name", "")))
+        if word == "joints" and isinstance(table, list) and any(isinstance(row, dict) for row in table):
+            raise _misplaced(file, ["[joints]"], "")
+    for row in each:
+        for key, value in row.items():
+            if key in OF_JOINT and isinstance(value, list):
+                raise _misplaced(file, [f"[joint.{key}]"], str(row.get("name", "")))
+            if _of_joint(key, value, names) and key not in JointTable.model_fields:
+                raise _misplaced(file, _below(f"joint.{key}", value), key)
+    for key, value in data.items():
+        if key in RobotTable.model_fields:
+            continue
+        if key in ("link", "spring", "motor") and isinstance(value, (dict, list)):
+            raise _misplaced(file, [key], "")
+        if _of_joint(key, value, names):
+            raise _misplaced(file, _below(key, value), key)
+
+
+def _of_joint(key: str, value: Any, names: set[str]) -> bool:
+    """Whether a table is that of a joint, by its name or by what is in it."""
+    inside = value[0] if isinstance(value, list) and value else value
+    return isinstance(inside, dict) and (key in names or any(part in OF_JOINT for part in inside))
+
+
+def _below(word: str, value: Any) -> list[str]:
+    inside = value[0] if isinstance(value, list) else value
+    return [f"{word}.{part}" for part in OF_JOINT if part in inside] or [word]
+
+
+def _misplaced(file: str, written: list[str], name: str) -> InvalidInput:
+    tables = ", ".join(f"[{word}]" for word in written[:3])
+    return InvalidInput(
+        f"{file}: {tables} {'is no table' if len(written) == 1 else 'are no tables'} of a robot file.",
+        f"expected [[joint]] for each joint and its tables below it, got {tables}",
+        nesting_advice(name),
+    )
+
+
 def check_tolerance(file: str, where: str, tolerance: float) -> None:
     """Warn of a tolerance that looks like a fraction."""
     if 0.0 < tolerance < SMALLEST_TOLERANCE:
@@ -85,7 +160,7 @@ def check_tolerance(file: str, where: str, tolerance: float) -> None:
         )
 
 
-def _where(location: tuple[Any, ...], data: dict[str, Any]) -> str:
+def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
     """A place in the file as text: joint 2 ('elbow'), spring."""
     words, value = [], data
     for part in location:

@@ -16,6 +16,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox, Parameters
+from flexhinf.robot.drive import torque_per_input
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import checked_extras
 from flexhinf.robot.robot import Robot
@@ -101,9 +102,7 @@ class MuJoCoPlant(BlackBox):
         sensed = None if measured is None else Sensors(tuple(model.outputs), joints, on, robot.layout.rigid)
         self._sensors = sensed
         self.outputs = self.states if sensed is None else sensed.names
-        self._gain = (
-            np.atleast_1d(p.torque_constant / p.resistance) if robot.drive == "voltage" else np.ones(self._n)
-        )
+        self._gain = np.broadcast_to(torque_per_input(robot.drive, p), self._n)
         self.model = self._mujoco.MjModel.from_xml_string(mujoco_xml(robot, packed, on))
         self.data = self._mujoco.MjData(self.model)
         self.reset(None)

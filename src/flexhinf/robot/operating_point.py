@@ -25,7 +25,7 @@ def operating_point(
     Parameters
     ----------
     links : Links
-    drive : {"voltage", "torque"}
+    drive : {"voltage", "current", "torque"}
     q : (n,)
         Link positions.
     p : Parameters
@@ -48,7 +48,9 @@ def operating_point(
     states = [q, still, q[layout.elastic] + twist, still[layout.elastic]]
     if drive == "torque":
         return np.concatenate(states), np.array(held, dtype=float)
-    current = held / p.torque_constant
+    current = np.asarray(held / p.torque_constant, dtype=float)
+    if drive == "current":
+        return np.concatenate(states), current
     if "inductance" in extras:
         states.append(current)
     return np.concatenate(states), np.asarray(p.resistance * current, dtype=float)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive import MOTOR, SPRING
+from flexhinf.robot.drive import CONSTANTS, SPRING
 from flexhinf.robot.parameter import Parameter
 
 __all__ = ["ElasticJoint", "Link", "Number", "SingleLink"]
@@ -108,8 +108,8 @@ class ElasticJoint:
     friction : number
         Viscous, on the motor side of the spring, N·m·s/rad.
     resistance, torque_constant, back_emf_constant : number, optional
-        Of the motor, Ω, N·m/A, V·s/rad; before the gear where there is a gear ratio. Without them the input is
-        a torque.
+        Of the motor, Ω, N·m/A, V·s/rad; before the gear where there is a gear ratio. With all of them the input is
+        a voltage, with the torque constant alone a current, without them a torque.
     gear_efficiency, motor_efficiency : number, optional
         η_g, η_m.
     inductance : number, optional
@@ -170,12 +170,20 @@ class ElasticJoint:
                 "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
                 "add it to motor_inertia",
             )
-        stated = [name for name in MOTOR if getattr(self, name) is not None]
-        if stated and len(stated) != len(MOTOR):
+        voltage = CONSTANTS["voltage"]
+        stated = tuple(name for name in voltage if getattr(self, name) is not None)
+        if stated not in CONSTANTS.values():
             raise InvalidInput(
                 "A motor is stated in part.",
-                f"expected all of {list(MOTOR)} (voltage driven) or none (torque driven), got {stated}",
+                f"expected all of {list(voltage)} (voltage driven), torque_constant alone (current driven) or none "
+                f"(torque driven), got {list(stated)}",
                 "the missing numbers from its data sheet",
+            )
+        if self.inductance is not None and self.drive == "current":
+            raise InvalidInput(
+                "A motor whose input is its current has no use for an inductance.",
+                f"expected no inductance beside torque_constant alone, got {_value(self.inductance):g} H",
+                "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
             )
 
     @property
@@ -192,7 +200,9 @@ class ElasticJoint:
     @property
     def drive(self) -> str:
         """What its input is."""
-        return "torque" if self.resistance is None else "voltage"
+        if self.resistance is not None:
+            return "voltage"
+        return "torque" if self.torque_constant is None else "current"
 
 
 def _value(number: Number) -> float:

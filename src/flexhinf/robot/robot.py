@@ -49,8 +49,8 @@ class Robot(Summarised):
         The robot's own penalty, used by `problem`.
     links : Links
         A single link in closed form, or an `Arm`.
-    drive : {"voltage", "torque"}
-        What the inputs are: motor voltages (V), or torques on the link side (N·m, N).
+    drive : {"voltage", "current", "torque"}
+        What the inputs are: motor voltages (V), motor currents (A), or torques on the link side (N·m, N).
     home : (n,), optional
         Link positions that are meant when no pose is given, rad or m; zero by default.
     description : str

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot.assembly import assembled, single_link_robot
 from flexhinf.robot.dynamics import Joint, Placement
-from flexhinf.robot.file_errors import file_error
+from flexhinf.robot.file_errors import check_nesting, file_error, nesting_advice
 from flexhinf.robot.file_parts import PartsReader, own_frames
+from flexhinf.robot.file_units import check_units, read_units
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parts import SingleLink
 from flexhinf.robot.payload import Frame, Payload
@@ -67,21 +69,21 @@ def load_robot(
                 f"expected elastic=... beside a URDF, got it beside {path.name!r}",
                 "load_robot('arm.toml'), or urdf = '…' in that file",
             )
-        table, file = _read(path)
+        table, file, check = _read(path)
         if table.urdf is not None and table.mjcf is not None:
             raise InvalidInput(f"{file}: two files state the links.", "got urdf and mjcf", "one of them")
         rigid = table.urdf or table.mjcf
         if rigid is None:
-            return _own(table, file, joints, locked, payload)
-        return _with_urdf(table, file, _found(path.parent / rigid), joints, locked, payload)
+            return check(_own(table, file, joints, locked, payload))
+        return check(_with_urdf(table, file, _found(path.parent / rigid), joints, locked, payload))
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    table, file = _read(_found(elastic), path.suffix.lower() in MJCF)
-    return _with_urdf(table, file, path, joints, locked, payload)
+    table, file, check = _read(_found(elastic), path.suffix.lower() in MJCF)
+    return check(_with_urdf(table, file, path, joints, locked, payload))
 
 
 def _found(source: str | Path) -> Path:
@@ -101,11 +103,18 @@ def _found(source: str | Path) -> Path:
     )
 
 
-def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str]:
-    """The tables of a file; beside an MJCF file, which states motors itself, [joint.motor] may be left out."""
+def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str, Callable[[Robot], Robot]]:
+    """The tables of a file, its name, and a check of stated units; with MJCF motors, [joint.motor] may be left out."""
     from pydantic import ValidationError
 
-    data = read_toml(path)
+    try:
+        data = read_toml(path)
+    except InvalidInput as error:
+        if "joint" not in error.found and "overwrite" not in error.found:
+            raise
+        advice = f"correct that line; each joint begins with {nesting_advice()}"
+        raise InvalidInput(error.what, error.found, advice) from error
+    check_nesting(data, path.name)
     rows = data.get("joint")
     for row in rows if isinstance(rows, list) and (with_motors or "mjcf" in data) else ():
         if isinstance(row, dict):
@@ -116,13 +125,14 @@ def _read(path: Path, with_motors: bool = False) -> tuple[RobotTable, str]:
             f"expected at most {MOST_JOINTS}, got {len(rows)}",
             "one robot",
         )
+    stated = read_units(data, path.name)
     try:
         table = RobotTable.model_validate(data)
     except ValidationError as error:
         raise file_error(error, path.name, data) from error
     if not table.name:
         table.name = path.stem
-    return table, path.name
+    return table, path.name, partial(check_units, stated, data, path.name)
 
 
 # A robot file on its own --------------------------------------------------------------------------
@@ -215,7 +225,7 @@ def _with_urdf(
     links = [parts.tolerated(link, name, urdf.name) for link, name in zip(arm.links, names)]
     direction = arm.down if table.down is None else table.down
     down: dict[str, Any] = {} if direction is None else {"down": direction}
-    # <limit effort> is a torque: it says nothing about a motor whose input is a voltage.
+    # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
     torque_driven = springs[0].drive == "torque"
     stated = _limits(kept, arm.efforts if torque_driven else None, arm.speeds)
     robot = assembled(

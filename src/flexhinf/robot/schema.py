@@ -94,7 +94,7 @@ class SpringTable(_Table):
 
 
 class MotorTable(_Table):
-    """The motor, its gear and its friction; voltage driven if it has a resistance."""
+    """The motor, its gear and its friction; its constants say what its input is."""
 
     motor_inertia: Number | None = None
     rotor_inertia: Number | None = None

@@ -43,6 +43,7 @@ UNITS = {
     "motor_velocity": ("rad/s", "m/s"),
     "coil_current": ("A", "A"),
     "motor_voltage": ("V", "V"),
+    "motor_current": ("A", "A"),
     "drive_torque": ("N·m", "N"),
     "link_torque": ("N·m", "N"),
     "motor_torque": ("N·m", "N"),

@@ -10,12 +10,13 @@ friction holds a part of the weight that the motors do not show, and bounds what
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.drive import DRIVES
+from flexhinf.robot.drive import DRIVES, torque_per_input
 from flexhinf.robot.robot import Robot
 from flexhinf.untrusted import real_array, value_text
 
@@ -54,7 +55,7 @@ def weigh_payload(robot: Robot, pose: Any, effort: Any, unloaded: Any = None) ->
     pose : (n,)
         Link positions at rest, rad or m.
     effort : (n,)
-        What each motor gives there, V, or N·m (N): a mean over the noise.
+        What each motor gives there, V, A, or N·m (N): a mean over the noise.
     unloaded : (n,), optional
         The same at this pose with the masses that the robot states (its nominal ones); by default what the model says.
 
@@ -108,10 +109,8 @@ def _efforts(robot: Robot, values: Any, name: str) -> np.ndarray:
 
 def _per_input(robot: Robot) -> np.ndarray:
     """Torque (n,) at rest per unit of input."""
-    p = robot.plant_parameters()
-    if robot.drive == "torque":
-        return np.ones(len(robot.joint_names))
-    return np.atleast_1d(p["torque_constant"] / p["resistance"]).astype(float)
+    each = torque_per_input(robot.drive, SimpleNamespace(**robot.plant_parameters()))
+    return np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
 
 
 def _dry_friction(robot: Robot) -> np.ndarray:

@@ -15,7 +15,7 @@ from flexhinf.scalars.piecewise import where
 
 __all__ = ["cholesky", "gram", "solve_lower", "solve_lower_transposed"]
 
-#: A pivot this small relative to its diagonal entry is zero: the matrix is singular to rounding.
+#: A pivot this small, times n, relative to what it is made of is zero: the matrix is singular to rounding.
 PIVOT_TOLERANCE = 1e-14
 
 
@@ -49,18 +49,27 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
 
     A pivot that is zero to rounding gives a zero column, so exactly known states (P = 0) are allowed; a
     negative one gives NaN.
+
+    A pivot is what elimination leaves of a_jj: vᵀ A v with v = (−w, 1), w = A_j⁻¹ a_j. Rounding moves it by some units
+    of the last place of Σᵢ vᵢ² aᵢᵢ, which may be many times a_jj where the entries before it are nearly singular. That
+    sum is carried along: it grows by (l_ij / l_jj)² of its value at j with each column j. A pivot below zero is
+    compared with it, one above zero with a_jj.
     """
     n = len(matrix)
     factor = _empty_like(matrix)
+    moved = [abs(matrix[j, j]) for j in range(n)]
     for j in range(n):
         pivot = matrix[j, j] - factor[j, :j] @ factor[j, :j]
-        singular = abs(pivot) <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
+        small = pivot <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
+        singular = small & (pivot >= moved[j] * (-PIVOT_TOLERANCE * n))
         with np.errstate(divide="ignore", invalid="ignore"):
             root = np.sqrt(pivot)
             inverse = where(singular, 0.0, 1.0 / root)
         factor[j, j] = where(singular, 0.0, root)
         for i in range(j + 1, n):
             factor[i, j] = (matrix[i, j] - factor[i, :j] @ factor[j, :j]) * inverse
+            ratio = factor[i, j] * inverse
+            moved[i] = moved[i] + ratio * ratio * moved[j]
     return factor
 
 

@@ -23,11 +23,11 @@ def with_costs(comparison: Comparison, **costs: float) -> Comparison:
     """The same comparison with other values of the criterion, every limit kept."""
 
     def changed(row: ComparedLaw) -> ComparedLaw:
-        assert row.tuned is not None
+        made = row.tuned or comparison.own.tuned
+        assert made is not None
         cost = costs.get(row.name, 10.0)
-        return dataclasses.replace(
-            row, tuned=dataclasses.replace(row.tuned, cost=cost, feasible=True, reason="")
-        )
+        tuned = dataclasses.replace(made, kind=row.kind, cost=cost, feasible=True, reason="")
+        return ComparedLaw(row.kind, tuned, comparison.own.requirements)
 
     return dataclasses.replace(comparison, rows=tuple(changed(row) for row in comparison.rows))
 
@@ -68,15 +68,20 @@ def test_the_first_sentence_names_the_best_rival_and_who_wins(
     assert comparison_verdict(found).startswith(first)
 
 
-def test_laws_that_do_not_keep_a_limit_are_no_rivals(report_comparison: Comparison) -> None:
+def test_a_law_without_a_tuning_within_the_limits_is_named_and_has_no_numbers(
+    report_comparison: Comparison,
+) -> None:
+    """Old code tabled the best of the tunings that keep no limit: numbers of an arbitrary point."""
     rows = tuple(
-        row if row is report_comparison.own or row.tuned is None
-        else dataclasses.replace(row, tuned=dataclasses.replace(row.tuned, feasible=False, reason="not kept: noise"))
+        row if row is report_comparison.own else ComparedLaw(row.kind, failure="no tuning; not kept: noise")
         for row in report_comparison.rows
-    )  # fmt: skip
+    )
     found = dataclasses.replace(report_comparison, rows=rows)
     assert comparison_verdict(found).startswith("No other law keeps every limit")
-    assert any("does not keep every limit: not kept: noise." in note for note in comparison_notes(found))
+    assert "pid was not compared: no tuning; not kept: noise." in comparison_notes(found)
+    assert FigureTable(found).html().count('<th scope="col" class="number">') == 1
+    for law in comparison_numbers(found)["laws"][1:]:
+        assert (law["compared"], law["tuned"], law["figures"]) == (False, None, {})
 
 
 def test_the_file_is_finite_or_null_and_keeps_its_keys(report_comparison: Comparison) -> None:
@@ -113,7 +118,7 @@ def test_every_figure_of_the_evaluations_has_a_label(report_comparison: Comparis
 
 def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
     by_key = {figure.key: figure for figure in FIGURES}
-    deviation, settling = by_key["load_deviation"], by_key["jump_settling_s"]
+    deviation, settling = by_key["load_deviation"], by_key["step_settling_s"]
     assert cell(deviation, 0.0123, report_comparison) == "12.3"
     assert cell(settling, np.inf, report_comparison) == "> 3"
     assert cell(settling, None, report_comparison) == "–"

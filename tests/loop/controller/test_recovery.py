@@ -55,16 +55,20 @@ def test_without_a_measurement_the_estimate_is_predicted(made, monkeypatch, kind
     controller = Controller(made.law, estimator)
     belief, parameters = estimator.initial, estimator.plant.parameters
     integral, before = 0.0, None
+    named = parameters.named(parameters.vector())
     for k in range(4):
-        position = belief.mean[0]
+        if k == 0:  # without a first measurement there is nothing to predict from
+            belief = estimator.measurement_update(
+                belief, np.array([0.31]), np.zeros(1), named, estimator.measurement_noise
+            )
+        position = 0.31 if k == 0 else belief.mean[0]
         integral += 0.0 if before is None else 1e-3 * (0.5 * (before + position) - 0.3)
         u = made.law.gain @ [*belief.mean, integral]
-        np.testing.assert_allclose(controller.step(None, 0.3 if k == 0 else None), u, rtol=1e-9)
+        y, r = (0.31, 0.3) if k == 0 else (None, None)
+        np.testing.assert_allclose(controller.step(y, r), u, rtol=1e-9)
         np.testing.assert_allclose(controller.estimate, belief.mean, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(controller.integrals, [integral], rtol=1e-9, atol=1e-15)
-        belief = estimator.time_update(
-            belief, u, parameters.named(parameters.vector()), estimator.process_noise
-        )
+        belief = estimator.time_update(belief, u, named, estimator.process_noise)
         after = controller.memory.named(controller._memory).belief[1]
         np.testing.assert_allclose(after, belief.covariance, rtol=1e-8, atol=1e-16)
         before = position

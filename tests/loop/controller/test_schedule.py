@@ -1,12 +1,14 @@
 """Several laws behind one controller: which is active, and that the input does not jump."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
-from flexhinf.loop import Controller, Loop, Quintic, Schedule, Sine
+from flexhinf.loop import Controller, Loop, Quintic, Schedule, Sine, load_controller
 from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law
@@ -127,6 +129,27 @@ def test_between_two_poses_the_hysteresis_keeps_the_law(made, linear):
         counts.append(int(np.count_nonzero(np.diff(active))))
     assert counts[0] > 10
     assert counts[1] == 0
+
+
+@pytest.mark.parametrize("way", ["made", "file", "pickle"])
+@pytest.mark.parametrize("hysteresis", [None, 0.0, 0.05, 0.3, 0.6])
+def test_another_law_takes_over_where_it_is_nearer_by_the_hysteresis(made, linear, hysteresis, way, tmp_path):
+    """Between the laws about 0.2 and 1, up and down: at d_new = (1 − h) d_old and not a millionth of the way before."""
+    control = Controller(Schedule(linear) if hysteresis is None else Schedule(linear, hysteresis), None, H)
+    if way == "file":
+        control.save(tmp_path / "controller")
+        control = load_controller(tmp_path / "controller")
+    elif way == "pickle":
+        control = pickle.loads(pickle.dumps(control))
+    share = 0.9 if hysteresis is None else 1.0 - hysteresis
+    for old, new in ((0.2, 1.0), (1.0, 0.2)):
+        edge = new + (old - new) * share / (1.0 + share)
+        for offset, taken in ((1e-6, False), (-1e-6, True)):
+            control.reset()
+            control.step(np.zeros(4), old)
+            control.step(np.zeros(4), edge + offset * (old - new))
+            active = control.memory.named(control._memory).active
+            assert control.laws[int(np.argmax(active))].operating_point[0] == (new if taken else old)
 
 
 @pytest.mark.oracle

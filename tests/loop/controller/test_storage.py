@@ -124,6 +124,40 @@ def test_a_schedule_options_and_a_run_return(tmp_path: Path) -> None:
     assert (names.outputs, names.units, names.limits) == (other.outputs, other.units, other.limits)
 
 
+def test_the_input_before_the_first_measurement_returns_and_a_file_without_it_has_the_default(
+    tmp_path: Path,
+) -> None:
+    """An old file says nothing of it, nor of what integrals push: both are then those of law and model."""
+    state, u = ARM.operating_point(0.7)
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, state, 1e-4)
+    for option, first in (("hold", u), ("zero", [0.0]), (1.5, [1.5]), ([-2.0], [-2.0])):
+        controller = fh.Controller(LAWS["linear"](), ukf, 1e-3, before_first=option)
+        np.testing.assert_allclose(controller.input_before(), first, rtol=1e-12)
+        loaded = through_a_file(controller, tmp_path)
+        np.testing.assert_array_equal(loaded.input_before(), controller.input_before())
+        np.testing.assert_array_equal(loaded.fresh().step(None), controller.step(None))
+        controller.reset()
+        assert_same_steps(controller, loaded)
+    arrays, _ = read_arrays(tmp_path / "controller.npz")
+    assert {"before_first", "windup.limit", "windup.line", "windup.spread"} <= set(arrays)
+    old = {
+        name: array for name, array in arrays.items() if name.split(".")[0] not in ("before_first", "windup")
+    }
+    write_arrays(tmp_path / "controller.npz", "controller", old)
+    plain = fh.Controller(LAWS["linear"](), ukf, 1e-3)
+    assert_same_steps(plain, load_controller(tmp_path / "controller.npz"))
+    for wrong in (np.full(1, np.nan), np.zeros(2), np.full(1, -1.0)):
+        write_arrays(tmp_path / "controller.npz", "controller", arrays | {"windup.limit": wrong})
+        with pytest.raises(InvalidInput, match="bound of the integrals does not fit"):
+            load_controller(tmp_path / "controller.npz")
+
+
+@pytest.mark.parametrize("option", ["stay", 50.0, np.nan, [1.0, 2.0], None])
+def test_an_input_before_the_first_measurement_that_does_not_fit_is_refused(option: Any) -> None:
+    with pytest.raises(InvalidInput, match="before the first"):
+        fh.Controller(LAWS["linear"](), None, 1e-3, 48.0, before_first=option)
+
+
 def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Path) -> None:
     class Branching(Law):
         state_names, input_names = ARM.plant().states, ARM.plant().inputs

@@ -9,11 +9,14 @@ state feedback u = k(x) in continuous time without limits,
 2. if V(x(0)) + ½γ² ∫|d|² dt ≤ c and x(0) is in S, then x(t) is in S for ever, and ∫|z|² dt ≤ γ² ∫|d|² dt + 2V(x(0));
 3. with d = 0 the set S is invariant, and every trajectory that starts in it tends to 0, exponentially fast;
 4. where g2 is certain and k is k̂ = −R2⁻¹g2ᵀV_xᵀ up to rounding (`Verification.gradient_law`): for u = k̂(x) + v (an
-   estimate, a hold, a delay, a limit), 2. holds with V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c;
+   estimate, a hold, a delay, a limit), if V(x(0)) + ½γ²∫|d|² dt + ½∫vᵀR2v dt ≤ c and x(0) is in S, then x(t) is in S
+   for ever, and ∫|z|² dt ≤ γ²∫|d|² dt + ∫vᵀR2v dt + 2V(x(0)), z with the u that is applied;
 5. for α > 0 and |d(t)| ≤ (2αc)^½/γ at all times, S is invariant;
 6. every start of every stated path lies in S;
 7. with an observer of energy ε: the starts of 6. have V ≤ c − ε, and for u = k̂(x̂) with the stated observer, 2. holds
-   with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and 3. with e too.
+   with V(x(0)) + ½ e₀ᵀXe₀ + ½(γ² + γ_e²)∫|d|² dt ≤ c where ½ e₀ᵀXe₀ + ½γ_e²∫|d|² dt ≤ ε, and ∫|z|² dt is at most
+   (γ² + γ_e²)∫|d|² dt + 2V(x(0)) + e₀ᵀXe₀, and 3. with e too;
+8. for a linear law and V of degree two (`Verification.peaks`): with d = 0, |u_i| stays below its bound from each start.
 
 **How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
@@ -27,7 +30,7 @@ state feedback u = k(x) in continuous time without limits,
 
 `steering` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
 again in rationals and balls, without 2., 4. and 5.; or every cell: then 1., 3., 6., 7. and `second_route` are all that
-has to be read. `starts` and `observer` prove 6. and 7. of the theorem, where they are claimed.
+has to be read. `starts`, `observer` and `peak` prove 6., 7. and 8. of the theorem, where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 What checker and search share is the form of a claim (`claim`, `terms`). Nothing here imports the search, which takes no
@@ -48,7 +51,9 @@ from flint import ctx, fmpq_mat
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.march import Marched, march_face
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.quadratic import definite_corners
+from flexhinf.certify.checker.peak import proved_peaks
+from flexhinf.certify.checker.quadratic import Corner, look_at_corners
+from flexhinf.certify.checker.refute import refute_at_corners
 from flexhinf.certify.checker.residual import as_rational, positive_definite, residual
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start
@@ -61,6 +66,8 @@ _MOST_KINDS = 64
 _MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
 _LEAST_LEVEL = 1e-100
 _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
+_MOST_CELLS = 10**8  # of a face
+_MOST_AFTER_CORNERS = 200_000  # of a face, where r is a quadratic form and a corner of its quotients fails
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 
@@ -88,6 +95,8 @@ class Verification:
         Intervals of amplitudes whose starts were shown to be inside.
     gradient_law : bool
         Whether 4. of the theorem is proved too.
+    peaks : tuple of float
+        Of 8. of the theorem, in the inputs' units; empty where it is not proved.
     rounding : float
         Largest allowance for rounding in r/ρ².
     cpu_s : float
@@ -104,6 +113,7 @@ class Verification:
     corners: int = 0
     starts: int = 0
     gradient_law: bool = False
+    peaks: tuple[float, ...] = ()
     rounding: float = 0.0
     cpu_s: float = 0.0
 
@@ -123,17 +133,22 @@ def verify(
     `sample` cells of each face are proved a second time, or every cell (None); with `by_cells` cells are looked at even
     where a quadratic form decides.
     """
-    began = time.process_time()
+    began, failed = time.process_time(), list[Corner]()
     try:
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        exact = residual(claim)
+        exact, peaks = residual(claim), proved_peaks(claim)
         if claim.observer is not None:
             check_observer(claim, claim.observer, exact.gradient_law)
-        if corners := 0 if by_cells else definite_corners(claim, exact):
+        corners, failed = (0, failed) if by_cells else look_at_corners(claim, exact)
+        if failed:
+            refute_at_corners(claim, exact, failed)
+        elif corners:
             spent, law = time.process_time() - began, exact.gradient_law
-            return Verification(True, corners=corners, starts=starts, gradient_law=law, cpu_s=spent)
+            return Verification(
+                True, corners=corners, starts=starts, gradient_law=law, peaks=peaks, cpu_s=spent
+            )
         proof = Proof(claim)
         stopped = Event()
 
@@ -143,7 +158,8 @@ def verify(
             tick(cells)
 
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(_face, proof, face, sample, seed, watch) for face in proof.faces]
+            most = _MOST_AFTER_CORNERS if failed else _MOST_CELLS
+            jobs = [pool.submit(_face, proof, face, sample, seed, watch, most) for face in proof.faces]
             try:
                 marched = [job.result() for job in jobs]
             except BaseException:  # the other threads end at their next cells, not at the end of their faces
@@ -155,7 +171,10 @@ def verify(
         reason = "numbers beyond the doubles appear: another unit, or another T."
         return Verification(False, reason, cpu_s=time.process_time() - began)
     except Refusal as refusal:
-        return Verification(False, _reason(claim, refusal), cpu_s=time.process_time() - began)
+        reason = "a corner fails, and cells do not decide: " * bool(failed and refusal.limit) + _reason(
+            claim, refusal
+        )
+        return Verification(False, reason, cpu_s=time.process_time() - began)
     return Verification(
         True,
         cells=sum(m.cells for m in marched),
@@ -166,6 +185,7 @@ def verify(
         faces=len(marched),
         starts=starts,
         gradient_law=proof.exact.gradient_law,
+        peaks=peaks,
         rounding=max(m.rounding for m in marched),
         cpu_s=time.process_time() - began,
     )
@@ -207,11 +227,16 @@ def _check_matrices(claim: Claim) -> None:
 
 
 def _face(
-    proof: Proof, face: tuple[int, int], sample: int | None, seed: int, tick: Callable[[int], None]
+    proof: Proof,
+    face: tuple[int, int],
+    sample: int | None,
+    seed: int,
+    tick: Callable[[int], None],
+    most: int,
 ) -> Marched:
     with np.errstate(all="ignore"):  # what is not finite is not accepted
         chosen = EveryCell(proof, face, tick) if sample is None else Sample(face, sample, seed)
-        return march_face(Face(proof, face), chosen, tick=tick)
+        return march_face(Face(proof, face), chosen, tick=tick, most=most)
 
 
 def _again(proof: Proof, cells: list[Cell], seed: int) -> int:

@@ -19,6 +19,7 @@ __all__ = ["Marched", "march_face"]
 
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
+_NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not cut: parts would not be exact
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def march_face(
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
         if count > most:
-            raise Refusal(f"undecided after {count:,} cells")
+            raise Refusal(f"undecided after {count:,} cells of a face", limit=True)
     return Marched(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
 
 
@@ -74,8 +75,12 @@ def _further(cells: np.ndarray) -> np.ndarray:
 
 
 def _cut(cells: np.ndarray, axis: np.ndarray) -> list[np.ndarray]:
-    """What covers cells that were not accepted: the inner half of ρ, which its outer part follows, or both halves of a
-    t_i."""
+    """What covers cells that were not accepted, whichever axes are chosen: the inner half of ρ, which its outer part
+    follows, or both halves of a t_i; a `Refusal` where halves are not exact any more."""
+    short = (cells[-1] - cells[-2] < _SHORT) & (cells[-2] < 1.0)
+    if (cells[len(cells) // 2 - 1 : -2] < _NARROW).any() or short.any():
+        raise Refusal("cells are too small to be cut")
+    axis = np.clip(axis, 0, len(cells) // 2 - 1)
     inner, first, second = cells[:, axis == 0], *(cells[:, axis > 0] for _ in range(2))
     inner[-1] = (inner[-2] + inner[-1]) / 2
     i, j = axis[axis > 0] - 1, np.arange(first.shape[1])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from math import ceil, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 from flint import arb, arb_series, fmpq, fmpq_mat
 
@@ -19,46 +19,64 @@ from flexhinf.certify.checker.residual import Residual, as_rational, parameter_c
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function
 
-__all__ = ["definite_corners", "quotient_range"]
+__all__ = ["Corner", "definite_corners", "form_of", "look_at_corners", "quotient_range", "row_of"]
 
 _MOST_CORNERS = 2**15
+_MOST_FAILED = 64  # corners that are kept
 _GRID = 512  # pieces of an interval of length one
 _FARTHEST = 64  # |ℓᵀx| of a function
+
+
+class Corner(NamedTuple):
+    """Products of parameters and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
+
+    weights: list[fmpq]
+    quotients: tuple[fmpq, ...]
+    form: fmpq_mat
 
 
 def definite_corners(claim: Claim, exact: Residual) -> int:
     """The number of corners of quotients and parameters, where r is negative definite at all of them and {V ≤ c} lies
     within the reach; 0 where that is not so, or where r is no quadratic form: then nothing is said."""
+    count, failed = look_at_corners(claim, exact)
+    return 0 if failed else count
+
+
+def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
+    """The number of corners, 0 where r is no quadratic form on a region within the reach; and of those that fail the
+    first few."""
     parts: list[tuple[Any, ...]] = list(
         zip(exact.plain, *exact.factors, strict=True)
     )  # by product of parameters
     if any(sum(map(int, e)) != 2 for one in (exact.value, *itertools.chain(*parts)) for e in one.to_dict()):
-        return 0
-    value = _form(exact.value)
+        return 0, []
+    value = form_of(exact.value)
     if not positive_definite(value):
-        return 0
+        return 0, []
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
     if any(widest[i, i] > as_rational(claim.reach) ** 2 for i in range(widest.nrows())):
-        return 0
+        return 0, []
     ranges: list[tuple[fmpq, fmpq]] = []
-    for function, row in zip(claim.functions, map(_row, exact.arguments), strict=True):
+    for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True):
         found = quotient_range(function, (row * widest * row.transpose())[0, 0])
         if found is None:
-            return 0
+            return 0, []
         ranges.append(found)
-    weights, count = parameter_corners(claim, exact.products), 0
+    weights, count, failed = parameter_corners(claim, exact.products), 0, list[Corner]()
     if len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
-        return 0
-    forms = [list(map(_form, row)) for row in parts]
+        return 0, []
+    forms = [list(map(form_of, row)) for row in parts]
     for products, ends in itertools.product(weights, itertools.product(*ranges)):
         total = value * 0
         for weight, row in zip(products, forms, strict=True):
             for quotient, form in zip((fmpq(1), *ends), row, strict=True):
                 total -= form * (weight * quotient)
-        if not positive_definite(total):
-            return 0
         count += 1
-    return count
+        if not positive_definite(total):
+            failed.append(Corner(products, ends, total))
+            if len(failed) == _MOST_FAILED:
+                break
+    return count, failed
 
 
 def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None:
@@ -85,7 +103,7 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
     return min(ends), max(ends)
 
 
-def _form(polynomial: Any) -> fmpq_mat:
+def form_of(polynomial: Any) -> fmpq_mat:
     """The symmetric matrix of a quadratic form."""
     n = polynomial.context().nvars()
     rows = [[fmpq(0)] * n for _ in range(n)]
@@ -96,7 +114,7 @@ def _form(polynomial: Any) -> fmpq_mat:
     return fmpq_mat(rows)
 
 
-def _row(linear: Any) -> fmpq_mat:
+def row_of(linear: Any) -> fmpq_mat:
     """The coefficients of a linear form."""
     n = linear.context().nvars()
     row = [fmpq(0)] * n

@@ -22,9 +22,11 @@ _UP = 1.0 + 1e-12  # more than a few roundings
 
 
 def series_of(name: str, argument: arb_series) -> arb_series:
-    """φ of a power series."""
+    """φ of a power series; nan where the enclosure of what is divided by holds 0."""
     if name == "tanh":
-        return 1 - 2 / ((2 * argument).exp() + 1)
+        below = (2 * argument).exp() + 1
+        undefined = arb_series([arb("nan")] * argument.prec, prec=argument.prec)
+        return 1 - 2 / below if below[0] > 0 else undefined
     if name == "arctan":
         return argument.atan()
     return {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}[name]()

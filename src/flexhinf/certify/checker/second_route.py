@@ -73,7 +73,8 @@ def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
     if cell.multiplier:
         level = context.constant(as_rational(proof.claim.level))
         total += as_rational(cell.multiplier) * (level - _on_face(exact.value, cell, places, 2))
-    return bool(_upper(total, n) + remainder < 0)
+    bound = _upper(total, n) + remainder
+    return bool(bound.is_finite() and bound < 0)
 
 
 def cell_ended(proof: Proof, cell: Cell) -> bool:
@@ -103,7 +104,8 @@ def _on_face(polynomial: Any, cell: Cell, places: list[Any], lift: int, growth: 
 
 
 def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], arb]:
-    """Rational coefficients about a centre, and a bound of what they leave within the radius."""
+    """Rational coefficients about a centre, and a bound of what they leave within the radius: nan where φ is not
+    analytic between o and there, for a pole has no bound."""
     offset, about = offset_of(function), arb(center)
     series = series_of(function.name, arb_series([offset + about, 1], prec=_ORDER + 2))
     if abs(about) > 2.0**-20:
@@ -113,16 +115,18 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     else:  # S^(m)/m! = ∫ u^m φ^(m+1)(o + u s)/m! du, enclosed over all u at once
         series = series_of(function.name, arb_series([offset + about.union(arb(0)), 1], prec=_ORDER + 2))
         local = [series[m + 1] for m in range(_ORDER + 1)]
+    if not all(value.is_finite() for value in local):
+        return [fmpq(0)], arb("nan")
     values = [as_rational(float(value.mid())) for value in local]
     rest = sum(
         (abs(v - arb(q)) * radius**m for m, (v, q) in enumerate(zip(local, values, strict=True))), arb(0)
     )
     low, high = (about - radius).union(arb(0)).lower(), (about + radius).union(arb(0)).upper()
-    worst = 0.0
+    worst = arb(0)
     for i in range(_PIECES):
         piece = (low + (high - low) * i / _PIECES).union(low + (high - low) * (i + 1) / _PIECES)
         term = series_of(function.name, arb_series([offset + piece, 1], prec=_ORDER + 3))[_ORDER + 2]
-        worst = max(worst, float(abs(term).upper()) * (1 + 1e-12))
+        worst = worst.max(abs(term))  # of a ball with nan, nan
     return values, rest + worst * radius ** (_ORDER + 1)
 
 

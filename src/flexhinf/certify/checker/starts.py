@@ -20,16 +20,16 @@ from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Start
 
-__all__ = ["check_start"]
+__all__ = ["BITS", "check_start", "enclosed_value", "parameter_values"]
 
-_BITS = 128
+BITS = 128
 _HALVINGS = 40  # of the amplitude, before an interval is refused
 _FIRST = 16  # pieces
 
 
 def check_start(claim: Claim, start: Start) -> int:
     """Number of intervals of a on which V ≤ c was shown; a `Refusal` where that fails."""
-    with ctx.workprec(_BITS):
+    with ctx.workprec(BITS):
         level = arb(claim.level) - (arb(claim.observer.energy) if claim.observer else 0)
         knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
         todo = [
@@ -37,10 +37,12 @@ def check_start(claim: Claim, start: Start) -> int:
             for piece, (left, right) in enumerate(pairwise(knots))
             for i in range(_FIRST)
         ]
-        return sum(_shown(claim, start, level, values, list(todo)) for values in _parameters(claim, start))
+        return sum(
+            _shown(claim, start, level, values, list(todo)) for values in parameter_values(claim, start)
+        )
 
 
-def _parameters(claim: Claim, start: Start) -> list[dict[str, arb]]:
+def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
     """Values of the parameters for which the path is looked at: corners of their box, or the box as balls."""
     pairs = {pair for row in start.path for term in row for pair in term.parameters if pair[1]}
     used = [p for p in claim.parameters if p.name in {name for name, _ in pairs}]
@@ -57,16 +59,26 @@ def _shown(claim: Claim, start: Start, level: arb, values: dict[str, arb], todo:
     while todo:
         left, right, piece, depth = todo.pop()
         middle = (left + right) / 2
-        center = _value(claim, _path(start, piece, arb(middle), values, 1))[0]
-        slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[1]
-        if center + slope * arb(0, 1) * arb(right - middle) <= level:
+        center, whole = enclosed_value(claim, start, piece, left, right, values)
+        if whole <= level:
             shown += 1
         elif center > level or depth >= _HALVINGS:
             amplitude = float(middle.p) / float(middle.q)
-            raise Refusal(f"the start of amplitude {amplitude:.6g} is not inside: {start.rule}")
+            number = claim.starts.index(start) + 1 if start in claim.starts else 1
+            raise Refusal(f"the start of amplitude {amplitude:.6g} on path {number} is not inside")
         else:
             todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
     return shown
+
+
+def enclosed_value(
+    claim: Claim, start: Start, piece: int, left: fmpq, right: fmpq, values: dict[str, arb]
+) -> tuple[arb, arb]:
+    """V in the middle of an interval of a between two knots of the table, and on all of it."""
+    middle = (left + right) / 2
+    center = _value(claim, _path(start, piece, arb(middle), values, 1))[0]
+    slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[1]
+    return center, center + slope * arb(0, 1) * arb(right - middle)
 
 
 def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[Any]:

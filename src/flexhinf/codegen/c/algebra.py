@@ -7,7 +7,7 @@ from flexhinf.polynomial import basis
 
 __all__ = ["cholesky", "column", "columns", "copy", "finite", "outer_sum", "polynomial"]
 
-#: A pivot below so many times its diagonal element, times n, counts as zero: 45 units of the last place.
+#: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
 #: As `flexhinf.scalars.cholesky` in double, which says what it means.
 PIVOT_ULPS = 45.0
 
@@ -132,19 +132,31 @@ def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int,
 
 
 def cholesky(name: str, real: Real) -> str:
-    """Lᵀ of A = L Lᵀ, row by row, zero rows for pivots that are zero; see `flexhinf.codegen.steps.Cholesky`."""
+    """Lᵀ of A = L Lᵀ, row by row, zero rows for pivots that are zero; see `flexhinf.codegen.steps.Cholesky`.
+
+    What rounding of a pivot is compared with stands first in its row, left of the diagonal, until the row is done.
+    """
     tolerance = constant(1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon, real)
     return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)
 {{
     for (int i = 0; i < n * n; ++i) {{
         target[i] = source[i];
     }}
+    for (int j = 1; j < n; ++j) {{
+        target[j * n] = {{fabs}}(source[j * n + j]);
+    }}
     for (int j = 0; j < n; ++j) {{
         {{R}} *row = target + j * n;
-        const {{R}} limit = {tolerance} * ({{R}})n * {{fabs}}(source[j * n + j]);
-        const {{R}} inverse = ({{fabs}}(row[j]) <= limit) ? {{0}} : {{1}} / {{sqrt}}(row[j]);
+        const {{R}} tolerance = {tolerance} * ({{R}})n;
+        const {{R}} moved = {{fabs}}(row[0]);
+        const int small = row[j] <= tolerance * {{fabs}}(source[j * n + j]);
+        const {{R}} inverse = (small && row[j] >= -tolerance * moved) ? {{0}} : {{1}} / {{sqrt}}(row[j]);
         for (int i = j; i < n; ++i) {{
             row[i] *= inverse;
+        }}
+        for (int i = j + 1; i < n; ++i) {{
+            const {{R}} ratio = row[i] * inverse;
+            target[i * n] = FMA(ratio * ratio, moved, target[i * n]);
         }}
         for (int k = j + 1; k < n; ++k) {{
             const {{R}} factor = row[k];

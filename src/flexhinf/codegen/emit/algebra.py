@@ -202,9 +202,12 @@ class Algebra:
         writer, together = self.writer, WIDE if self.single else 1
         pitch = -(-n // together) * together
         work = target if pitch == n else writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
+        moved = writer.allocate(f"[{pitch} x {writer.lanes.element}]")
         zero = writer.lanes.constant(0.0)
 
         def fill(i: str) -> None:
+            diagonal = self.load(source, self.at(i, n, i), 1)
+            self.store(moved, i, writer.intrinsic("fabs", diagonal), 1)
             self.loop("0", str(n), lambda j: copied(source, self.at(i, n, j), work, self.at(i, pitch, j)))
             self.loop(str(n), str(pitch), lambda j: self.store(work, self.at(i, pitch, j), zero, 1))
 
@@ -236,14 +239,19 @@ class Algebra:
             if pitch % self.side:
                 tile(str(pitch - pitch % self.side), pitch % self.side)
             end = writer.let(f"add nsw i64 {first}, {height}")
-            self.loop(first, end, lambda j: self._eliminate(source, work, (n, pitch, together), j, end))
+            self.loop(
+                first, end, lambda j: self._eliminate(source, work, moved, (n, pitch, together), j, end)
+            )
 
         self.loop("0", str(n), fill)
+        self.loop(str(n), str(pitch), lambda j: self.store(moved, j, zero, 1))
         self._blocks(n, self.side, some_rows)
         self.loop("0", str(n), finish)
 
-    def _eliminate(self, source: Operand, work: str, sizes: tuple[int, int, int], j: str, end: str) -> None:
-        """Row j by its pivot's root, and rows j + 1 … end − 1 less what it says."""
+    def _eliminate(
+        self, source: Operand, work: str, moved: str, sizes: tuple[int, int, int], j: str, end: str
+    ) -> None:
+        """Row j by its pivot's root, and rows j + 1 … end − 1 less what it says; what rounding moves grows by it."""
         (n, pitch, together), writer = sizes, self.writer
         wide = self.writer_of(together)
         pivot, diagonal = (
@@ -252,14 +260,24 @@ class Algebra:
         )
         tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
         tiny = writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
-        singular = writer.compare("ole", writer.intrinsic("fabs", pivot), tiny)
+        small = writer.compare("ole", pivot, tiny)
+        rounding = self.load(Operand(moved), j, 1)
+        low = writer.real("fneg", writer.real("fmul", rounding, tolerance))
+        singular = writer.let(f"and {writer.lanes.boolean} {small}, {writer.compare('oge', pivot, low)}")
         inverse = writer.real("fdiv", writer.lanes.constant(1.0), writer.intrinsic("sqrt", pivot))
         inverse = self.spread(writer.select(singular, writer.lanes.constant(0.0), inverse), together)
+        rounding = self.spread(rounding, together)
 
-        def scale(q: str) -> None:
-            place = self.at(j, pitch, self._times(q, together))
-            value = self.load(Operand(work), place, together)
-            self.store(work, place, wide.real("fmul", value, inverse), together)
+        def scale(q: str) -> None:  # left of the diagonal in vain
+            column = self._times(q, together)
+            place = self.at(j, pitch, column)
+            value = wide.real("fmul", self.load(Operand(work), place, together), inverse)
+            self.store(work, place, value, together)
+            ratio = wide.real("fmul", value, inverse)
+            grown = self.multiply_add(
+                wide, wide.real("fmul", ratio, ratio), rounding, self.load(Operand(moved), column, together)
+            )
+            self.store(moved, column, grown, together)
 
         def take(k: str) -> None:
             factor = self.load(Operand(work), self.at(j, pitch, k), 1)

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, MergedTable, Requirement, WorstCase, stored_worsts
-from flexhinf.campaign.batches import DIVERGED, NOT_RUN, PART, TRACE
+from flexhinf.campaign.batches import PART, TRACE
+from flexhinf.campaign.outcomes import DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
 from flexhinf.design.campaign_gain import stored_gains
 from flexhinf.design.report.campaign_disturbance import gain_section, gain_statuses
 from flexhinf.design.report.campaign_text import (
     ENDLESS,
+    SPREAD,
     WORDS,
     changes,
     limit_text,
@@ -20,6 +22,7 @@ from flexhinf.design.report.campaign_text import (
     percent_text,
     reasons_text,
     replay_command,
+    unstable_text,
     value_text,
 )
 from flexhinf.design.report.campaign_worst import Runs, campaign_statuses, worst_section, worst_verdict
@@ -52,6 +55,14 @@ __all__ = ["campaign_page", "write_campaign"]
 
 #: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
 FAILURES, RANKED, BARS = 20, 4, 8
+
+#: What `flexhinf.campaign.outcomes` calls unstable.
+UNSTABLE_MEANS = (
+    "A run is unstable if it diverges to numbers that are not finite, or if, in the last third of the time in which "
+    "command and disturbance stand still, a joint still swings by more than the settling band of ±2 % of its step, by "
+    f"at least {100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions "
+    "or further from the command than before."
+)
 
 #: Half height of the panel close to the end, relative to the way of the signal.
 CLOSE = 0.12
@@ -114,13 +125,8 @@ def campaign_page(
 
 def _asked(judged: CampaignJudgement) -> str:
     settings = judged.table.journal.settings
-    names, method = judged.table.names("parameter"), settings.get("method")
-    spread = {
-        "random": "independently",
-        "latin-hypercube": "by a Latin hypercube",
-        "sobol": "by a Sobol sequence",
-    }
-    how = f", spread {spread[method]}" if method in spread else ""
+    names = judged.table.names("parameter")
+    how = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     return (
         f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
         f"noise and with {len(names)} numbers of its own{how}."
@@ -128,9 +134,12 @@ def _asked(judged: CampaignJudgement) -> str:
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
-    interval = f"95 %: {percent_text(judged.success.low)} to {percent_text(judged.success.high)}"
-    found = [KeyNumber("success", percent_text(judged.success.rate), note=interval)]
-    found.append(KeyNumber("diverged", judged.of_status(DIVERGED), f"of {judged.count}"))
+    interval = judged.success
+    sure = f"95 %: {percent_text(interval.low)} to {percent_text(interval.high)}" if interval else (
+        f"no interval: spread {SPREAD[judged.method]}")  # fmt: skip
+    unstable = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
+    found = [KeyNumber("success", percent_text(judged.rate), note=sure)]
+    found.append(KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)))
     for name in [n for n in judged.table.names("metric") if n in WORDS or n.startswith("peak")][:4]:
         worst, unit = judged.worst(name), judged.table.unit(name)
         if worst is not None:
@@ -145,7 +154,8 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
 
 # Sections --------------------------------------------------------------------------------------------------------
 def _success(judged: CampaignJudgement) -> list[Any]:
-    rows = [("reaches the end of the run", judged.of_status(DIVERGED) + judged.of_status(NOT_RUN))]
+    ends = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
+    rows = [("reaches the end of the run", ends), ("is stable there", ends + judged.of_status(UNSTABLE))]
     rows = [(name, "", bad, percent_text(1.0 - bad / judged.count)) for name, bad in rows]
     for k, one in enumerate(judged.requirements):
         bad = int(judged.violations[:, k].sum())
@@ -157,15 +167,17 @@ def _success(judged: CampaignJudgement) -> list[Any]:
                 percent_text(1.0 - bad / judged.count),
             )
         )
-    method = judged.table.journal.settings.get("method", "random")
-    caution = "" if method == "random" else (
-        f" The samples of the method {method} are not independent; the interval is stated as if they were, and is "
-        "wider than theirs as a rule."
+    interval = (
+        "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
+        if judged.success else
+        f"The samples are spread {SPREAD[judged.method]} and not independent, so no confidence interval of the rate is "
+        "known from this campaign alone; how much rates of campaigns with other seeds differ says how sure it is, and "
+        "`--method random` has an exact interval."
     )  # fmt: skip
     text = (
-        "A sample is a success if its run reaches its end and keeps every requirement. The interval of the rate is "
-        f"that of Clopper and Pearson, exact for independent samples.{caution} It is a statement about the "
-        "distribution that was sampled, not a proof for every robot within it."
+        "A sample is a success if its run reaches its end, is stable there, and keeps every requirement. "
+        f"{interval} The rate is a statement about the distribution that was sampled, not a proof for every robot "
+        f"within it. {UNSTABLE_MEANS}"
     )
     return [
         Paragraph(text),

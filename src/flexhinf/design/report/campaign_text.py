@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, Replayed, Requirement
-from flexhinf.campaign.batches import DIVERGED, NOT_RUN
+from flexhinf.campaign.outcomes import DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.report import number
 
 __all__ = [
     "ENDLESS",
     "LISTED",
+    "SPREAD",
     "WORDS",
     "campaign_verdict",
     "change_text",
@@ -26,6 +27,7 @@ __all__ = [
     "reasons_text",
     "replay_command",
     "replay_table",
+    "unstable_text",
     "value_text",
 ]  # fmt: skip
 
@@ -39,6 +41,11 @@ WORDS = {
     "final_error": "distance after the move",
 }  # fmt: skip
 
+#: How samples are spread, in a sentence.
+SPREAD = {
+    "random": "independently", "latin-hypercube": "by a Latin hypercube", "sobol": "by a Sobol sequence",
+}  # fmt: skip
+
 #: Numbers of a sample that are listed.
 LISTED = 4
 
@@ -48,15 +55,27 @@ ENDLESS = 1e8
 
 def campaign_verdict(judged: CampaignJudgement) -> str:
     """How many fail, with what confidence, and the worst of the main metric with its parameters."""
-    found = judged.success
-    failed = f"{judged.failures} of {judged.count} failed"
-    text = f"{failed}; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
+    found, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
+    text = f"{judged.failures} of {judged.count} failed"
+    text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
+    if found is None:
+        text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
+    else:
+        text += f"; {percent_text(found.low)} to {percent_text(found.high)} succeed with 95 % confidence"
     worst = judged.worst_of_all
     if worst is not None:
         value = float(judged.column(judged.main)[worst])
         shown = value_text(value, judged.table.unit(judged.main))
         text += f"; worst {metric_text(judged.main)} {shown}, at {changes(judged, worst)}"
     return f"{text} (sample {worst})." if worst is not None else f"{text}."
+
+
+def unstable_text(judged: CampaignJudgement) -> str:
+    """How many of the unstable runs moved on to their end, and how many diverged."""
+    return (
+        f"{judged.of_status(UNSTABLE)} oscillate or run away to the end of the run, "
+        f"{judged.of_status(DIVERGED)} diverged"
+    )
 
 
 def replay_command(folder: Path | str, which: str) -> str:
@@ -135,7 +154,7 @@ def reasons_text(judged: CampaignJudgement, sample: int) -> str:
         return f"not run: {judged.column('failure')[sample]}"
     if status == DIVERGED:
         return f"diverged at {judged.column('diverged_at_s')[sample]:g} s"
-    found = []
+    found = ["unstable to the end of the run"] if status == UNSTABLE else []
     for one in judged.missed(sample):
         value = float(judged.column(one.metric)[sample])
         found.append(f"{metric_text(one.metric)} {value_text(value, judged.table.unit(one.metric))}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import CampaignJudgement, FoundPlant, Requirement, WorstCase
-from flexhinf.campaign.batches import COMPLETED
+from flexhinf.campaign.outcomes import COMPLETED
 from flexhinf.design.report.campaign_text import (
     LISTED,
     campaign_verdict,

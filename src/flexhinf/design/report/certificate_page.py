@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify import Certificate, Verification
+from flexhinf.certify import Certificate
 from flexhinf.certify.pictures import WorstStep
-from flexhinf.certify.theorem import common_unit, persistent_bound, theorem_parts
+from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.report.certificate_figures import (
     gain_figure,
@@ -56,6 +58,9 @@ SIGNS = (
     ("e0'X e0", "e₀ᵀXe₀"), ("e0", "e₀"), (" - ", " − "), ("≤ -", "≤ −"), ("(-", "(−"),
     (", -", ", −"), ("pi", "π"), ("*", "·"), ("_", " "),
 )  # fmt: skip
+
+
+_FORMULA = re.compile(r"\w+ = ")  # R2, an input's law, V
 
 
 def certificate_page(
@@ -148,7 +153,10 @@ def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
     found.append(KeyNumber("level of V", at_least(given.level), "", share))
     found += [
         KeyNumber(
-            _peak(effort), number(float(step.peak_input.max()), 3), effort, RULES.get(step.rule, step.rule)
+            f"{_peak(effort)}, simulated",
+            number(float(step.peak_input.max()), 3),
+            effort,
+            f"nominal robot, {RULES.get(step.rule, step.rule)}; not proved",
         )
         for step in one.steps
     ]
@@ -161,32 +169,34 @@ def _peak(unit: str) -> str:
 
 def _theorem(given: Certificate) -> list[Section]:
     """Its parts, but for what it is about, which stands at the top."""
-    parts = dict(theorem_parts(given, Verification(True, gradient_law=given.is_gradient_law)))
+    parts = dict(theorem_parts(given, given.stated))
     region = [f"S is {text}" for text in parts.pop("Region S")]
     parts["Proved"] = region + parts["Proved"]
     sections = []
     for title, lines in parts.items():
-        texts = tuple(map(_set, lines))
+        texts = tuple(lines if title == "Hypotheses" else map(_set, lines))
         if title == "Proved":  # with numbers of its own, by which the rest names it
             blocks: list[Any] = list(map(Paragraph, texts))
         elif title == "Hypotheses":
             blocks = _hypotheses(texts)
         else:
             blocks = [Bullets(texts)]
-        if title != "About":
-            sections.append(Section(title, blocks, title.lower().replace(" ", "-")))
+        anchor = "author" if title == AUTHOR else title.lower().replace(" ", "-")
+        sections.append(Section(title, blocks, anchor))
     return sections
 
 
 def _hypotheses(texts: tuple[str, ...]) -> list[Any]:
-    """The plant with its equations in a table, then the rest."""
+    """The plant with its equations in a table, R2, the law and V as they can be copied, then the rest."""
     rates = [text.removeprefix("d/dt ").partition(" = ") for text in texts if text.startswith("d/dt ")]
-    rows = [(name, rate if rate[0] != "-" else f"−{rate[1:]}") for name, _, rate in rates]
-    plant, *rest = (text for text in texts if not text.startswith("d/dt "))
+    rows = [(_set(name), _set(rate if rate[0] != "-" else f"−{rate[1:]}")) for name, _, rate in rates]
+    formulas = [text for text in texts if _FORMULA.match(text)]
+    plant, *rest = (text for text in texts if not text.startswith("d/dt ") and text not in formulas)
     return [
-        Paragraph(plant),
+        Paragraph(_set(plant)),
         Table(("state", "its rate"), rows, "", "table-plant", stacks=True),
-        Bullets(tuple(rest)),
+        Bullets(tuple(map(_set, rest))),
+        *(Listing("\n".join(wrap(text, 110, subsequent_indent="  "))) for text in formulas),
     ]
 
 
@@ -225,7 +235,7 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     effort = given.inputs[0].unit
     table = Table(
         ("start of the integrator", "largest proved step", Column("overshoot", "%"), Column("first input", effort),
-         Column(_peak(effort), effort)), rows, "Runs from the largest proved starts, without disturbance",
+         Column(_peak(effort), effort)), rows, "Simulated, not proved: the nominal robot, undisturbed",
         "table-steps", stacks=True,
     )  # fmt: skip
     text = (

@@ -45,7 +45,7 @@ def _steps(one: CertifiedDegree) -> Table:
     units = one.certificate.inputs[0].unit
     moved = one.certificate.states[0].unit
     table = plain_table(
-        f"{law_name(one.choice.degree)}: largest proved steps, run without disturbance; first and peak input",
+        f"{law_name(one.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts",
         "integrators start", f"step, {moved}", "overshoot, %", f"first, {units}", f"peak, {units}",
     )  # fmt: skip
     for step in one.steps:

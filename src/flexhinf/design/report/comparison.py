@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.criterion import RATIOS
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF
 from flexhinf.design.ranking import ranked, trade_offs
 from flexhinf.design.report.formatting import (
@@ -24,7 +25,6 @@ from flexhinf.design.report.sections.requirements import requirement_text
 from flexhinf.design.report.settings import comparison_settings, files_section
 from flexhinf.design.report.verdict import (
     EQUAL,
-    RATIOS,
     called,
     comparison_verdict,
     ours_of,
@@ -52,8 +52,9 @@ __all__ = ["comparison_notes", "comparison_page"]
 #: Figures at the top of the page.
 KEYS = (
     "load_deviation",
-    "jump_settling_s",
+    "step_settling_s",
     "move_error",
+    "load_remaining",
     "peak_sensitivity",
     "unstable_corners",
     "input_noise",
@@ -137,8 +138,6 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     for row in comparison.rows:
         if row.failure:
             found.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
-        elif row.tuned is not None and not row.tuned.feasible:
-            found.append(f"{row.name} does not keep every limit: {row.tuned.reason.rstrip('.')}.")
         if row.evaluation is not None and row.evaluation.linear_failure:
             found.append(
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
@@ -161,10 +160,10 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 # Sections --------------------------------------------------------------------------------------------------
 def _ranking_text(comparison: Comparison) -> str:
     return (
-        "The three columns of ratios are over those of the design as it is; the criterion is their mean, and less is "
-        "better. A law is ranked only if it keeps every limit and has no more unstable corners of the tolerances than "
-        "the design; others stand below, with the reason. The searches are short: differences of less than "
-        f"{number(100 * EQUAL)} % say nothing."
+        "The four columns of ratios are over those of the design as it is; the criterion is their geometric mean, and "
+        "less is better. Every law here keeps every limit. One with more unstable corners of the tolerances than the "
+        "design is not ranked. A law of which no tuning keeps every limit has no numbers, and is named with the reason "
+        f"below. The searches are short: differences of less than {number(100 * EQUAL)} % say nothing."
     )
 
 
@@ -178,7 +177,7 @@ def _limits(comparison: Comparison) -> Table:
 
 
 def _ranking(comparison: Comparison) -> Table:
-    """Laws that keep every limit first, by the criterion."""
+    """Ranked laws first, by the criterion."""
     laws = tuned_laws(comparison)
     first = {law.name for law in ranked(laws)} | {DESIGN}
     rows = []
@@ -193,11 +192,11 @@ def _ranking(comparison: Comparison) -> Table:
                 ),
                 "–" if corners is None else corners.unstable,
                 ", ".join(law.sensors).replace("_", " ") or "true state",
-                "yes" if law.feasible else law.reason,
+                "yes" if law.name in first else "no: more unstable corners than the design",
             )
         )
     figures = (Column(name, "", 2) for name in ("criterion", *RATIOS.values()))
-    columns = ("law", *figures, "unstable corners", "measured", "every limit kept")
+    columns = ("law", *figures, "unstable corners", "measured", "ranked")
     return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
@@ -210,9 +209,7 @@ def _frequency(comparison: Comparison) -> Section | None:
     """The design, nonlinear H∞ and the best others, in one joint."""
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
     always = (DESIGN, NL_HINF)
-    others = sorted(
-        (law for law in laws if law.name not in always), key=lambda law: (not law.feasible, law.cost)
-    )
+    others = sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)
     chosen = [*(law for law in laws if law.name in always), *others[: DRAWN - 1]]
     if not chosen:
         return None
@@ -243,8 +240,9 @@ def _laws(comparison: Comparison) -> list[Any]:
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
         "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. All "
-        "run in error coordinates about the goal or the move, "
-        "(x_d, u_d) from the elastic inverse dynamics, with integrals at zero when the command comes."
+        "make the step as they would be deployed: a law with integrals begins with those for which its input does not "
+        "jump, one without takes the whole command at once. The move is followed in error coordinates, (x_d, u_d) from "
+        "the elastic inverse dynamics."
     )
     columns = (
         "law",
@@ -271,7 +269,7 @@ def _law_cells(row: ComparedLaw) -> tuple[Any, ...]:
     return (
         _whole(row.name),
         kind.description,
-        ", ".join(parts) or "–",
+        ", ".join(parts) or (f"not compared: {row.failure}" if row.failure else "–"),
         "–" if tuned is None or not tuned.candidates else str(tuned.candidates),
         ", ".join(sensors) or "–",
         _needs(row),

@@ -63,7 +63,7 @@ def comparison_files(
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
         if row.evaluation is not None
-        for name, response in _responses(row.evaluation, bumpless=False).items()
+        for name, response in _responses(row.evaluation).items()
     }
     files: dict[str, str | bytes] = {
         "comparison.json": to_json(comparison_numbers(comparison)),
@@ -89,9 +89,8 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
     return write(folder, comparison_files(comparison, ()))
 
 
-def _responses(e: LawEvaluation, bumpless: bool = True) -> dict[str, Any]:
-    first = {"step": e.step} if bumpless else {"jump": e.jump}
-    return {**first, "load": e.load_response.response, "move": e.move.response}
+def _responses(e: LawEvaluation) -> dict[str, Any]:
+    return {"step": e.step, "load": e.load_response.response, "move": e.move.response}
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, bytes]:

@@ -38,13 +38,13 @@ def check_film(path: str | os.PathLike[str]) -> Path:
         raise InvalidInput(
             "The format of the film is not known.",
             f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
-            f"--record {path.with_suffix('.gif').name}",
+            f"--record {path.stem or 'arm'}.gif",
         )
     if path.suffix == ".mp4" and _encoder() is None:
         raise InvalidInput(
             "A film in MP4 needs an encoder.",
             f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
-            f"pip install 'flexhinf[video]', or --record {path.with_suffix('.gif').name}",
+            f"pip install 'flexhinf[video]', or --record {path.stem or 'arm'}.gif",
         )
     return check_place(path, "film")
 

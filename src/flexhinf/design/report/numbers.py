@@ -51,6 +51,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "operating_point": design.problem.operating_point,
         "operating_input": design.problem.operating_input,
         "inputs": {row.what: row.value for row in input_rows(design)},
+        "input_joints": {row.what: row.joint for row in input_rows(design)},
         "weights": _weights(design),
         "estimator_noise": _estimator_noise(design),
         "open_modes": [_mode(m) for m in e.open_modes],
@@ -86,7 +87,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     found = {
-        "version": 3,
+        "version": 4,
         "robot": comparison.robot.name,
         "joints": list(comparison.robot.joint_names),
         "unit": comparison.units()["input"],
@@ -120,7 +121,18 @@ def _picked(value: Any, *names: str, **renamed: str) -> dict[str, Any]:
 
 
 def _requirement(line: Requirement) -> dict[str, Any]:
-    names = ("what", "found", "unit", "at_most", "where", "criterion", "stated_by", "joint", "met")
+    names = (
+        "what",
+        "found",
+        "unit",
+        "at_most",
+        "where",
+        "criterion",
+        "stated_by",
+        "joint",
+        "met",
+        "within_tolerance",
+    )
     stated = line.stated_by not in ("default", ROBOT)
     return {**_picked(line, *names, asked="limit", at_s="at"), "asked_for": stated}
 
@@ -302,27 +314,24 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "failure": row.failure or ("" if e is None else e.linear_failure),
         "tuned": tuned
         and {
-            **_picked(tuned, "cost", "reason", "candidates", met="feasible"),
+            **_picked(tuned, "cost", "candidates"),
             "parameters": dict(tuned.parameters),
             "sensors": list(tuned.sensors),
         },
         "figures": dict(figures),
+        "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
         "infinite": [key for key, value in figures.items() if value is not None and np.isinf(value)],
         "needs": [] if e is None else list(e.needed_states),
         "specification": [_requirement(line) for line in row.requirements],
         "corners": None if e is None or e.corners is None else e.corners.count,
-        "joints": None if e is None else _joints(e, figures),
+        "joints": None if e is None else _joints(e),
     }
 
 
-def _joints(
-    e: LawEvaluation, figures: Mapping[str, float | None]
-) -> dict[str, Sequence[Mapping[str, Any]] | None]:
+def _joints(e: LawEvaluation) -> dict[str, Sequence[Mapping[str, Any]]]:
     """Figures of each joint."""
-    bumpless = figures.get("step_peak_input") is not None
     return {
-        "step": e.step.metrics if bumpless else None,
-        "jump": e.jump.metrics,
+        "step": e.step.metrics,
         "load": e.load_response.metrics,
         "move": e.move.metrics,
     }
@@ -330,7 +339,7 @@ def _joints(
 
 def _trade_off(one: TradeOff) -> dict[str, Any]:
     return {
-        **_picked(one, "name", "feasible"),
+        "name": one.name,
         **_picked(one.point, "peak_input", "load_deviation"),
         "curve": [[figures.peak_input, figures.load_deviation] for figures in one.curve],
     }

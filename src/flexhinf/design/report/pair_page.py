@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.campaign import Interval, PairedMetric
 from flexhinf.design.campaign_pair import SIDES, PairResult
 from flexhinf.design.report.campaign_text import (
+    SPREAD,
     changes,
     limit_text,
     metric_text,
@@ -90,9 +91,8 @@ def pair_verdict(result: PairResult) -> str:
     a, b = found.failures
     text = f"Of the same {paired.count} robots {a} fail with A, {b} with B"
     if found.only_a + found.only_b:
-        text += (
-            f" ({found.only_a} with A alone, {found.only_b} with B alone; McNemar: {_p_text(found.p_value)})"
-        )
+        test = f"; McNemar: {_p_text(found.p_value)}" if _independent(result) else ""
+        text += f" ({found.only_a} with A alone, {found.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
     one = paired.metric(paired.main)
@@ -100,7 +100,7 @@ def pair_verdict(result: PairResult) -> str:
     return (
         f"{text}; median {metric_text(one.name)} {value_text(first, one.unit)} with A, "
         f"{value_text(second, one.unit)} with B; the difference B − A is {_signed(one.median, one.unit)} at the "
-        f"median ({_interval_text(one)}); A is better in {percent_text(better_a.rate)} of the pairs, B in "
+        f"median ({_interval_text(result, one)}); A is better in {percent_text(better_a.rate)} of the pairs, B in "
         f"{percent_text(better_b.rate)}."
     )
 
@@ -118,15 +118,23 @@ def _signed(value: float, unit: str) -> str:
     return f"{sign}{text} {unit}".strip()
 
 
-def _interval_text(one: PairedMetric) -> str:
+def _independent(result: PairResult) -> bool:
+    """Whether the samples are independent, so that tests and intervals hold."""
+    return result.judged[0].method == "random"
+
+
+def _interval_text(result: PairResult, one: PairedMetric) -> str:
+    if not _independent(result):
+        return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
     low, high = one.interval
     if math.isnan(low) or math.isnan(high):
         return "too few pairs for an interval"
     return f"95 %: {_signed(low, '')} to {_signed(high, '')}"
 
 
-def _share_text(one: Interval) -> str:
-    text = f"{percent_text(one.rate)} ({percent_text(one.low)} to {percent_text(one.high)})"
+def _share_text(one: Interval, independent: bool) -> str:
+    interval = f" ({percent_text(one.low)} to {percent_text(one.high)})" if independent else ""
+    text = f"{percent_text(one.rate)}{interval}"
     return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
@@ -139,7 +147,7 @@ def _key_numbers(result: PairResult) -> list[KeyNumber]:
     ]
     for name in _varied(result)[:2]:
         one = result.paired.metric(name)
-        note = f"median of B − A; {_interval_text(one)}"
+        note = f"median of B − A; {_interval_text(result, one)}"
         numbers.append(KeyNumber(metric_text(name), _signed(one.median, ""), one.unit, note))
     return numbers
 
@@ -164,19 +172,23 @@ def _success(result: PairResult) -> list[Any]:
         f"{metric_text(one.metric)} {limit_text(one, a.table.unit(one.metric))}"
         for one in result.paired.requirements
     ]
+    test = (
+        "McNemar's test asks whether both fail equally often; only pairs in which one of them fails count, by the "
+        f"binomial distribution: {_p_text(found.p_value)}."
+        if _independent(result) else _caution(result)
+    )  # fmt: skip
     text = (
-        "A sample is a success if its run reaches its end and keeps the requirements: "
-        f"{'; '.join(limits) or 'there are none'}. McNemar's test asks whether both fail equally often; only pairs "
-        f"in which one of them fails count, by the binomial distribution: {_p_text(found.p_value)}."
+        "A sample is a success if its run reaches its end, is stable there, and keeps the requirements: "
+        f"{'; '.join(limits) or 'there are none'}. {test}"
     )
     rows = [
         ("A keeps them", found.neither, found.only_b),
         ("A fails", found.only_a, found.both_fail),
     ]
-    rates = [
-        (f"{name}: {source}", *map(percent_text, (one.success.rate, one.success.low, one.success.high)))
-        for name, source, one in zip("AB", result.names, (a, b))
-    ]
+    rates = []
+    for name, source, one in zip("AB", result.names, (a, b)):
+        ends = ("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))
+        rates.append((f"{name}: {source}", percent_text(one.rate), *ends))
     own = result.pair.b.requirements
     other = [Note(
         f"The specification of B by itself requires {', '.join(own)}; here both are judged by the same requirements."
@@ -189,25 +201,27 @@ def _success(result: PairResult) -> list[Any]:
 
 
 def _differences(result: PairResult) -> list[Any]:
-    method = result.judged[0].table.journal.settings.get("method", "random")
-    caution = "" if method == "random" else (
-        f" Samples of the method {method} are not independent; intervals are stated as if they were."
+    independent = _independent(result)
+    intervals = (
+        "The interval of the median is exact, by order statistics (the sign test inverted, which asks for no "
+        "symmetry); those of the fractions are Clopper's and Pearson's. Each holds with 95 % by itself, not "
+        "all of them together."
+        if independent else _caution(result)
     )  # fmt: skip
     text = (
-        "Chosen before any run: of each metric the median of the differences B − A, its exact interval by order "
-        "statistics (the sign test inverted, which asks for no symmetry), and in how many pairs either is better, by "
-        "Clopper and Pearson: the one with the smaller value, or the larger one where a requirement states a least "
-        "value. Each interval holds with 95 % by itself, not all of them together. A run that does not "
-        f"reach its end is worse than one that does; pairs of two such runs are left out. Values that agree to four "
-        f"digits are equal.{caution}"
+        "Chosen before any run: of each metric the median of the differences B − A, and in how many pairs either is "
+        "better: the one with the smaller value, or the larger one where a requirement states a least value. "
+        f"{intervals} A run that is unstable or does not reach its end is worse than all others; pairs of two such "
+        "runs are left out. Values that agree to four digits are equal."
     )
     rows = []
     for name in (*result.paired.metrics, *result.paired.parts):
         one = result.paired.metric(name)
         if len(one.pairs):
             a, b = one.medians
-            (low, high), shares = one.interval, [_share_text(share) for share in one.better]
+            (low, high), shares = one.interval, [_share_text(share, independent) for share in one.better]
             span = "too few" if math.isnan(low) else f"{_signed(low, '')} to {_signed(high, '')}"
+            span = span if independent else "–"
             cells = ("never" if math.isinf(x) else number(x, 3) for x in (a, b))
             rows.append(
                 (metric_text(name), one.unit, *cells, _signed(one.median, ""), span, *shares, len(one.pairs))
@@ -216,6 +230,13 @@ def _differences(result: PairResult) -> list[Any]:
     figure = _histograms(result)
     table = [Table(columns, rows, "Paired differences", "table-differences")] if rows else []
     return [Paragraph(text), *table, *([] if figure is None else [figure])]
+
+
+def _caution(result: PairResult) -> str:
+    return (
+        f"The samples are spread {SPREAD[result.judged[0].method]} and not independent: no test and no confidence "
+        "interval holds for them, and none is stated (`--method random` has them)."
+    )
 
 
 def _varied(result: PairResult) -> list[str]:
@@ -352,14 +373,17 @@ def pair_table(result: PairResult) -> Any:
     table = Terminal(
         title=f"B − A on the same {result.paired.count} robots", box=SIMPLE_HEAD, title_justify="left"
     )
-    for column in ("", "A", "B", "B − A (95 %)", "A better"):
+    independent = _independent(result)
+    for column in ("", "A", "B", "B − A (95 %)" if independent else "B − A", "A better"):
         table.add_column(column, justify="left" if not column else "right")
     for name in result.paired.metrics:
         one = result.paired.metric(name)
         if len(one.pairs):
             medians = [value_text(x, "") for x in one.medians]
             low, high = one.interval
-            span = "" if math.isnan(low) else f" ({_signed(low, '')} to {_signed(high, '')})"
+            span = (
+                "" if math.isnan(low) or not independent else f" ({_signed(low, '')} to {_signed(high, '')})"
+            )
             share = percent_text(one.better[0].rate)
             table.add_row(_axis_text(one), *medians, f"{_signed(one.median, '')}{span}", share)
     return table

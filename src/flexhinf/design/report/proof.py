@@ -21,8 +21,9 @@ RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 
 
 def proof_text(design: Design) -> str:
-    """What is proved of the law that is used, for all tolerances and for the nominal robot; why nothing is."""
-    return " ".join(filter(None, [_box_text(design), _own_text(design)]))
+    """What is proved of the step that is asked for, then of the law for all tolerances and for the nominal robot; why
+    nothing is."""
+    return " ".join(filter(None, [design.step_proof.text, _box_text(design), _own_text(design)]))
 
 
 def _box_text(design: Design) -> str:
@@ -49,32 +50,20 @@ def penalty_text(design: Design) -> str:
 
 
 def _own_text(design: Design) -> str:
-    proof, looked = design.proof, design.chosen.looked
-    given = proof.certificate
+    proof, given = design.proof, design.proof.certificate
     if given is None:
-        sampled = "the region is a sampled check" if looked else "no region was looked for"
-        if proof.box is not None:
-            return f"Of a region nothing is proved, {sampled.replace('the region', 'it')}: {proof.reason.rstrip('.')}."
-        return f"Nothing is proved, {sampled}: {proof.reason.rstrip('.')}."
+        return f"No region is proved: {proof.reason.rstrip('.')}."
     steps = step_texts(design)
-    reach = (
-        f"rest-to-rest steps of up to {' or '.join(steps)} stay in the region with"
-        if steps
-        else "in the region,"
-    )
-    own = (
-        "The step that is asked for starts inside"
-        if proof.inside
-        else "The step that is asked for starts outside"
-    )
+    reach = f"rest-to-rest steps of up to {steps[0]} stay in the region with" if steps else "in the region,"
+    text = f"γ = {at_most(given.gamma)}."
     if proof.inside and proof.budget:
         spent, left = (f"{100.0 * v / given.level:.2g}" for v in (_spent(design), given.level - proof.start))
         kept = "which covers" if proof.lasts else "which does not cover"
-        own += f", and leaves {left} % of the level, {kept} the {spent} % that {_parts(design)} spend"
+        text += f" The step leaves {left} % of the level, {kept} the {spent} % that {_parts(design)} spend."
     elif proof.inside:
-        own += "; what the estimator and the sampling spend is not covered"
+        text += " What the estimator and the sampling spend is not covered."
     whom = "every robot within the tolerances" if covers_tolerances(design) else "the nominal robot"
-    return f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(given.gamma)}. {own}."
+    return f"Proved, for {whom} with the true state fed back: {reach} {text}"
 
 
 def covers_tolerances(design: Design) -> bool:
@@ -84,11 +73,17 @@ def covers_tolerances(design: Design) -> bool:
 
 
 def step_texts(design: Design) -> list[str]:
-    """The proved steps with the rule by which the integrator starts."""
+    """The proved steps, first the one with the integrators as the controller starts them; the other one is longer, and
+    says that its start is not the controller's."""
     given = design.proof.certificate
     if given is None:
         return []
-    return [f"{_amplitude_text(design, s.amplitude)} ({RULES.get(s.rule, s.rule)})" for s in given.starts]
+    found = []
+    for start in sorted(given.starts, key=lambda start: start.rule != UNCHANGED_INPUT):
+        text = _amplitude_text(design, start.amplitude)
+        own = start.rule == UNCHANGED_INPUT
+        found.append(text if own else f"{text} (only with the integrators started where V is smallest)")
+    return found
 
 
 def _amplitude_text(design: Design, amplitude: float) -> str:
@@ -119,6 +114,7 @@ def _own_numbers(design: Design) -> dict[str, Any]:
         return {
             "strength": "SampledCheck",
             "proved": False,
+            "step_proved": design.step_proof.proved,
             "reason": proof.reason,
             "cpu_s": proof.cpu_seconds,
         }
@@ -127,6 +123,7 @@ def _own_numbers(design: Design) -> dict[str, Any]:
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": given.gamma, "level": given.level, "sampled_level": given.sampled_level,
         "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in given.starts},
+        "step_proved": design.step_proof.proved,
         "start": proof.start, "starts_inside": proof.inside, "spent": _spent(design), "lasts": proof.lasts,
         "attained_gain": given.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
     }  # fmt: skip

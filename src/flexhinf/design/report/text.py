@@ -24,9 +24,16 @@ from flexhinf.design.report.sections.region import (
     cost_text,
     degree_text,
     level_rows,
+    region_strength,
     widest_step,
 )
-from flexhinf.design.report.sections.requirements import found_text, input_rows, limit_text
+from flexhinf.design.report.sections.requirements import (
+    INPUT_TITLES,
+    found_text,
+    input_rows,
+    input_title,
+    limit_text,
+)
 from flexhinf.design.report.sections.rest import frequency_text
 from flexhinf.design.report.sections.weights import (
     candidate_rows,
@@ -46,7 +53,7 @@ __all__ = [
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
     "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit", "met", "part",
-    "largest input",
+    *INPUT_TITLES,
 )  # fmt: skip
 
 #: Of a terminal; a title is not broken before it.
@@ -115,7 +122,9 @@ def design_tables(design: Design) -> list[Table]:
 
 def requirement_table(design: Design) -> Table:
     """Required, achieved, met or NOT MET; grouped by where, groups with a requirement that is not met first."""
-    title = f"{design.robot.name}: requirements (* our default; a miss below {100.0 * TOLERANCE:g} % counts as met)"
+    title = (
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)"
+    )
     return lines_table(title, design.requirements, units_of(design.evaluation).degrees)
 
 
@@ -129,14 +138,14 @@ def lines_table(title: str, requirements: Sequence[Requirement], degrees: bool) 
         table.add_row(where)
         for line in sorted((line.shown(degrees) for line in lines), key=lambda line: line.met):
             required = f"{limit_text(line)}{'*' if line.stated_by == 'default' else ' '}"
-            met = Text("met", "green") if line.met else Text("NOT MET", "red")
-            table.add_row(f"  {line.what}", required, found_text(line), met)
+            colour = "red" if not line.met else "yellow" if line.within_tolerance else "green"
+            table.add_row(f"  {line.what}", required, found_text(line), Text(line.judgement, colour))
     return table
 
 
 def _inputs(design: Design) -> Table:
     several = len(design.robot.joint_names) > 1
-    table = plain_table("Inputs of the motors", "in", "largest input", *(["joint"] if several else []))
+    table = plain_table("Inputs of the motors", "in", input_title(design), *(["joint"] if several else []))
     for row in input_rows(design):
         table.add_row(row.what, row.text, *([row.joint] if several else []))
     return table
@@ -281,7 +290,7 @@ def _regions(design: Design) -> Table:
     unit, most = units_of(design.evaluation).position, widest_step(design)
     columns = ("degree", "law", "cost", "V ≤", f"step, {unit}", "°", "residual", "time, s")
     title = "\n".join(textwrap.wrap(degree_text(design), WIDTH))
-    regions = plain_table(f"{title}\nRegion of each solution: sampled, not proved (* used)", *columns)
+    regions = plain_table(f"{title}\nRegion of each solution: {region_strength(design)} (* used)", *columns)
     for c in design.choices:
         law = law_name(c.degree) + (" *" if c is design.chosen else "")
         sampled: tuple[str, ...] = ("–", "–", "–")
@@ -324,7 +333,9 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Table]
     left = width - names - GAP - _width(comparison, first)
     part: list[ComparedLaw] = [first]
     room = left
-    for row in (row for row in comparison.compared if row is not first):
+    for row in sorted(comparison.compared, key=lambda row: row.tuned.cost if row.tuned else math.inf):
+        if row is first:
+            continue
         needed = _width(comparison, row)
         if needed > room and len(part) > 1:
             found.append(_part(comparison, part, not found))

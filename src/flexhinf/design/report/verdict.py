@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from flexhinf.design.criterion import RATIOS
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.ranking import best_rival, is_ours, ranked
-from flexhinf.design.report.sections.law_figures import FIGURES, cell, unit_of
 from flexhinf.design.result import Comparison
 from flexhinf.design.tuning import TunedLaw
 from flexhinf.design.yardstick import unstable_corners
 from flexhinf.report import number
 
-__all__ = ["EQUAL", "RATIOS", "called", "comparison_verdict", "ours_of", "rival_of", "tuned_laws"]
-
-#: What the three ratios of the criterion are, by their name in `Criterion.ratios`.
-RATIOS = {"load_deviation": "load deviation", "settling": "settling time", "move_error": "move error"}
+__all__ = ["EQUAL", "called", "comparison_verdict", "ours_of", "rival_of", "tuned_laws"]
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
 EQUAL = 0.1
 
-#: A deviation that remains under the load is named where it is so many times that of the design's own law.
-OFFSET = 10.0
-
 
 def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
-    """Every law that could be made, the design's own first."""
+    """Every law that is compared, the design's own first."""
     return [row.tuned for row in comparison.compared if row.tuned is not None]
 
 
@@ -50,13 +42,13 @@ def ours_of(comparison: Comparison) -> TunedLaw:
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
     rival, ours = rival_of(comparison), ours_of(comparison)
-    others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
-    if not others:
+    if all(is_ours(row.name) for row in comparison.rows):
         return f"No other law could be compared with {called(ours)}."
     if rival is None:
+        others = [law for law in tuned_laws(comparison) if not is_ours(law.name)]
         return (
-            f"No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
-            f"against {called(ours)}. {_closest(comparison, others)}"
+            "No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
+            f"against {called(ours)}.{_closest(comparison, others)}"
         )
     sentences = (
         _outcome(rival, ours),
@@ -95,20 +87,11 @@ def _outcome(rival: TunedLaw, ours: TunedLaw) -> str:
 
 
 def _ratios_text(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
-    """The three parts of the criterion of the best rival, and what it does not count."""
+    """The parts of the criterion of the best rival."""
     ratios = comparison.criterion.ratios
     theirs, mine = ratios(rival.figures), ratios(ours.figures)
     parts = [f"{number(theirs[name] / mine[name], 3)} times the {text}" for name, text in RATIOS.items()]
-    text = f"Relative to {called(ours)}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
-    figure = next(figure for figure in FIGURES if figure.key == "load_remaining")
-    kept, remains = (law.evaluation.metrics.get(figure.key) for law in (ours, rival))
-    if kept is None or remains is None or not OFFSET * kept < remains < np.inf:
-        return text
-    unit = unit_of(figure, comparison)
-    return (
-        f"{text} Under a constant load it keeps a deviation of {cell(figure, remains, comparison)} {unit}, "
-        f"{called(ours)} of {cell(figure, kept, comparison)} {unit}: the criterion does not count that."
-    )
+    return f"Relative to {called(ours)}, {rival.name} has {', '.join(parts[:-1])} and {parts[-1]}."
 
 
 def _second(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
@@ -124,13 +107,12 @@ def _second(comparison: Comparison, rival: TunedLaw, ours: TunedLaw) -> str:
 
 
 def _closest(comparison: Comparison, others: Sequence[TunedLaw]) -> str:
-    """The law with the smallest criterion, and why it is not ranked."""
-    law = min(others, key=lambda law: law.cost)
-    if not law.feasible:
-        return f"The smallest criterion has {law.name} ({number(law.cost, 3)}); {law.reason}."
+    """The law with the smallest criterion, and why it is not ranked; empty where none is compared."""
     own = comparison.own.evaluation
-    assert own is not None
+    if not others or own is None:
+        return ""
+    law = min(others, key=lambda law: law.cost)
     return (
-        f"The smallest criterion has {law.name} ({number(law.cost, 3)}), with {unstable_corners(law.evaluation)} "
+        f" The smallest criterion has {law.name} ({number(law.cost, 3)}), with {unstable_corners(law.evaluation)} "
         f"unstable corners against {unstable_corners(own)}."
     )

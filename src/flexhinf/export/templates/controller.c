@@ -3,21 +3,12 @@
 
 #include <math.h>
 
-#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "@NAME@ must see numbers that are not finite: compile without -ffast-math, -ffinite-math-only, /fp:fast"
-#endif
-
-/* Sums and products as they are written: gcc fuses some of them unless it is told not to. */
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-#pragma GCC optimize("fp-contract=off")
-#endif
-
+@ARITHMETIC@
 /* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
  * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. Not every <math.h> says what the
  * compiler knows: the macro with underscores is the compiler's. */
-#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__)
+#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__) || \
+    defined(__SSE2_MATH__)
 #define FAST_FMA
 #endif
 #if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FAST_FMA))
@@ -41,12 +32,16 @@ static const real initial_memory[@BIG@_MEMORY] = {
 @INITIAL@
 };
 
-/* The operating input within its limits. */
-static const real safe_input[@BIG@_INPUTS] = {
-@SAFE@
-};
+/* The input before the first sample, within its limits. */
+#define SAFE (initial_memory + @U@)
+
+/* The mark of a state that was initialised. */
+#define INITIALISED 0x1d1e5e7au
 
 @FUNCTIONS@
+/* What every step returns after @NAME@_init found that other numbers come out than are written. */
+#define REFUSED @BIG@_BAD_ARITHMETIC
+
 /* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
 static int same(const real *one, const real *other, int count)
 {
@@ -56,6 +51,16 @@ static int same(const real *one, const real *other, int count)
         }
     }
     return 1;
+}
+
+/* An input (from) within the limits of now. */
+static void limit(const @NAME@_param *param, const real *from, real *to)
+{
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
+        const real above = (from[i] > low) ? from[i] : low;
+        to[i] = (above < high) ? above : high;
+    }
 }
 
 static void begin(@NAME@_state *state)
@@ -68,30 +73,31 @@ static void begin(@NAME@_state *state)
     state->failed = 0;
     state->began_again = 0;
     state->samples = 0;
+    state->waiting = 1;
+    state->mark = INITIALISED;
 }
 
-void @NAME@_init(@NAME@_state *state)
+int @NAME@_init(@NAME@_state *state)
 {
     @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
     for (int i = 0; i < @BIG@_STATES; ++i) {
         state->estimate[i] = @ZERO@;
     }
     begin(state);
+    state->refused = @NAME@_exact() ? 0 : REFUSED;
+    return state->refused;
 }
 
-void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
-                  const @NAME@_real *input)
+int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
+                 const @NAME@_real *input)
 {
     @NAME@_init(state);
 @START@
     if (input != 0 && @NAME@_finite(input, @BIG@_INPUTS)) {
-        for (int i = 0; i < @BIG@_INPUTS; ++i) {
-            const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
-            const real above = (input[i] > low) ? input[i] : low;
-            state->start[@U@ + i] = (above < high) ? above : high;
-        }
+        limit(param, input, state->start + @U@);
     }
     begin(state);
+    return state->refused;
 }
 
 /* After a step that failed: where one did before from the same memory, go back to an earlier one, and say so. */
@@ -109,7 +115,7 @@ static int went_back(@NAME@_state *state)
         @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
     start = same(state->older, state->start, @BIG@_MEMORY);
-    if (start && state->began_again) { /* the start itself is bad: it can only be that memory was overwritten */
+    if (start && state->began_again) { /* the start itself is bad: as it was told, or its memory was overwritten */
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
         @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
@@ -132,7 +138,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
         const int good = state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]);
-        real u = good ? state->held[i] : safe_input[i];
+        real u = good ? state->held[i] : SAFE[i];
         if (u < low) {
             u = low;
         }
@@ -150,11 +156,22 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 {
     const int in_time = input->measured != 0 && input->age <= param->oldest;
     int code;
-    if (in_time) {
+    if (state->mark != INITIALISED) {
+        limit(param, SAFE, output->u);
+        for (int i = 0; i < @BIG@_STATES; ++i) {
+            output->estimate[i] = @ZERO@;
+        }
+        return @BIG@_NOT_INITIALISED;
+    }
+    if (state->refused == REFUSED) {
+        code = REFUSED;
+    } else if (in_time) {
         code = @MEASURED@;
         if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
         }
+    } else if (state->waiting) {
+        code = @BIG@_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
         code = @PREDICTED@;
@@ -163,6 +180,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     if (code == @BIG@_OK@OR_PREDICTED@) {
         state->failed = 0;
+        state->waiting = 0;
         @NAME@_copy(state->u, state->held, @BIG@_INPUTS);
         state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
         if (state->samples == @SPACING@) {

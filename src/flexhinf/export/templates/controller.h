@@ -2,8 +2,9 @@
  *
  * @SUMMARY@
  *
- * Call @NAME@_init once, then @NAME@_step once per sample, from one thread. No memory is allocated, nothing is
- * static but constants; several controllers are several states. Do not compile with -ffast-math.
+ * Call @NAME@_init once, then @NAME@_step once per sample, from one thread; a step without it says so. No memory is
+ * allocated, nothing is static but constants; several controllers are several states. Compiled with flags that change
+ * results, such as -ffast-math, it refuses to run: the compiler or @NAME@_init says so.
  */
 #ifndef @BIG@_H
 #define @BIG@_H
@@ -66,16 +67,21 @@ typedef struct {
     @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
     @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
     @NAME@_real work[@BIG@_WORK];
-    int missing, failed, began_again, samples;
+    int missing, failed, began_again, samples, waiting, refused;
+    unsigned int mark;
 } @NAME@_state;
 
-/* Forget everything: @BEGINS@. */
-void @NAME@_init(@NAME@_state *state);
+/* Forget everything: @BEGINS@.
+ * Until there is a good measurement the output is the input before the first sample: @FIRST@.
+ * Returns @BIG@_OK; or @BIG@_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
+ * makes other numbers of what is written: then every step returns that too, and holds the output of the start. */
+int @NAME@_init(@NAME@_state *state);
 
 /* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. The first
- * output then continues from that input as far as the design says (rate limit, bumpless start). */
-void @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
-                  const @NAME@_real *input);
+ * output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
+ * @HELD@. */
+int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
+                 const @NAME@_real *input);
 
 /* One sample. Returns one of the codes above; the output is safe to apply whatever the code. */
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);

@@ -53,6 +53,14 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     if (one == NULL) {
         return NULL;
     }
+    if (model_refuses(&one->model)) {
+        if (call->logger != NULL) {
+            call->logger(call->componentEnvironment, name, fmi2Error, "logStatusError",
+                         "compiled with flags that change results");
+        }
+        call->freeMemory(one);
+        return NULL;
+    }
     one->call = *call;
     one->logs = logging;
     strncpy(one->name, name != NULL ? name : MODEL_NAME, sizeof one->name - 1);

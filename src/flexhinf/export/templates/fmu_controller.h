@@ -36,6 +36,9 @@ typedef struct {
     int boolean[MODEL_BOOLEANS];
 } model_instance;
 
+/* Whether flags of the compiler change results: see @NAME@.h. */
+static int model_refuses(model_instance *model) { return @NAME@_init(&model->state) != @BIG@_OK; }
+
 static void model_reset(model_instance *model)
 {
     static const double start[MODEL_REALS] = {
@@ -64,6 +67,11 @@ static void model_begin(model_instance *model)
     }
     if (elsewhere) {
         @NAME@_start(&model->state, &model->param, model->real + FIRST_START, 0);
+    }
+    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+        const double first = model->state.held[i];
+        const double above = first > model->real[FIRST_LOWER + i] ? first : model->real[FIRST_LOWER + i];
+        model->real[FIRST_U + i] = above < model->real[FIRST_UPPER + i] ? above : model->real[FIRST_UPPER + i];
     }
 }
 

@@ -5,6 +5,7 @@
 
 #include <math.h>
 
+@ARITHMETIC@
 #define MODEL_NAME "@NAME@"
 #define MODEL_GUID "@GUID@"
 #define MODEL_PERIOD @PERIOD@
@@ -39,6 +40,13 @@ typedef struct {
 typedef double real;
 
 @FUNCTIONS@
+/* Whether flags of the compiler change results. */
+static int model_refuses(model_instance *model)
+{
+    (void)model;
+    return !@NAME@_exact();
+}
+
 static void model_flow(const model_instance *model, const double *x, double *slope)
 {
     const double *r = model->real;

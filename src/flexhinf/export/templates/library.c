@@ -1,4 +1,4 @@
-/* What `flexhinf.load_compiled` calls of @NAME@. */
+/* What `flexhinf.load_compiled` reads and calls of @NAME@. */
 #include "@NAME@.h"
 #include <stddef.h>
 #if defined(_WIN32)
@@ -6,11 +6,15 @@
 #else
 #define EXPORT __attribute__((visibility("default")))
 #endif
-EXPORT const char *flexhinf_description(void) { return @DESCRIPTION@; }
+/* What is read in the file, before any of it is run: the instructions that the compiler may have used, and what it is. */
+EXPORT const char flexhinf_manifest[] =
+    "@MARK@"
+@INSTRUCTIONS@
+    "\n" @DESCRIPTION@;
 EXPORT size_t flexhinf_state_size(void) { return sizeof(@NAME@_state); }
-EXPORT void flexhinf_start(void *state, const double *estimate, const double *input)
+EXPORT int flexhinf_start(void *state, const double *estimate, const double *input)
 {
-    @NAME@_start(state, &@NAME@_defaults, estimate, input);
+    return @NAME@_start(state, &@NAME@_defaults, estimate, input);
 }
 EXPORT int flexhinf_step(void *state, const double *y, const double *r, int measured, double *u, double *estimate)
 {

@@ -15,7 +15,10 @@ int main(void)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
-    @NAME@_init(&state); /* the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state */
+    if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
+        report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
+        return 1;
+    }
     for (;;) {
         int code;
         wait_for_sample();

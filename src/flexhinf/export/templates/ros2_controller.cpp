@@ -36,7 +36,10 @@ public:
         if (rate != 0 && std::fabs(rate * static_cast<double>(@BIG@_PERIOD) - 1.0) > 0.01) {
             return controller_interface::CallbackReturn::ERROR;
         }
-        @NAME@_init(&state_); // the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state
+        // The robot must be where @NAME@.h says; elsewhere @NAME@_start with its state.
+        if (@NAME@_init(&state_) != @BIG@_OK) { // compiled with flags that change results
+            return controller_interface::CallbackReturn::ERROR;
+        }
         return controller_interface::CallbackReturn::SUCCESS;
     }
 

@@ -15,7 +15,9 @@ static void drive_motors(const @NAME@_real *u);
 
 void setup()
 {
-    @NAME@_init(&state); // the robot must be where @NAME@.h says; elsewhere @NAME@_start with its state
+    // The robot must be where @NAME@.h says; elsewhere @NAME@_start with its state.
+    while (@NAME@_init(&state) != @BIG@_OK) { // compiled with flags that change results: the motors stay off
+    }
     due_us = micros();
 }
 

@@ -35,7 +35,10 @@ int main(void)
     @NAME@_output output = {0};
     @NAME@_real worst = @ZERO@;
     int wrong_codes = 0;
-    @NAME@_init(&state);
+    if (@NAME@_init(&state) != @BIG@_OK) {
+        printf("@NAME@: flags of the compiler change results: FAILED\n");
+        return 1;
+    }
     for (int k = 0; k < SAMPLES; ++k) {
         for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
             input.y[i] = given_y[k][i];

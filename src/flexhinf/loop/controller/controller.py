@@ -12,13 +12,7 @@ from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.law_code import LawCode
-from flexhinf.loop.controller.memory import (
-    Layout,
-    data_layout,
-    data_values,
-    input_before,
-    memory_layout,
-)
+from flexhinf.loop.controller.memory import Layout, data_layout, data_values, memory_layout
 from flexhinf.loop.controller.options import (
     Limits,
     Mode,
@@ -31,9 +25,11 @@ from flexhinf.loop.controller.options import (
 )
 from flexhinf.loop.controller.running import Running
 from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.loop.controller.start import FirstInput
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.loop.controller.storage import read_controller, write_controller
 from flexhinf.loop.controller.transfer import STEPS, fade_time
+from flexhinf.loop.controller.windup import Windup
 from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import Estimator, Law
@@ -62,7 +58,7 @@ class Controller(Running):
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
         Limits of the input; a number or an array means ±. Integrals that would push a saturated input
-        further stand still.
+        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.windup` says.
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
         the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
@@ -87,6 +83,11 @@ class Controller(Running):
         Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone
         stays. Against hunting, where dry friction holds a joint beside the command until the integral has broken it
         loose.
+    before_first : {"hold", "zero"} or (m,) array
+        The input before the first good measurement, from which the first output begins: what holds the robot where the
+        estimate begins (by its model; without one the operating input; or these numbers), or zero.
+    windup : Windup, optional
+        Of a file: by default that of law and model.
 
     Raises
     ------
@@ -110,6 +111,8 @@ class Controller(Running):
         command_rate: Any = None,
         input_rate: Any = None,
         integral_dead_zone: Any = None,
+        before_first: Any = "hold",
+        windup: Windup | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.period = checked_period(period)
@@ -121,8 +124,12 @@ class Controller(Running):
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         self.mode = Mode(
             moving, start, len(self.laws), self.command_limits.active, self.limits.rated,
-            self.integral_dead_zone is not None,
+            self.integral_dead_zone is not None, bool(self.tracked) and not np.isfinite(self.limits.pair).all(),
         )  # fmt: skip
+        self.first_input = FirstInput(before_first, solution, estimator, self.limits)
+        self._given_windup = windup
+        if windup is not None:
+            windup.check(self.laws)
         self.given_fade, self.fade = fade, fade_time(fade, self.mode)
         check_names(solution, estimator, self.period, self.states, self.tracked)
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
@@ -144,6 +151,7 @@ class Controller(Running):
     def _options(self) -> dict[str, Any]:
         """The other arguments by name."""
         options = {"moving": self.mode.moving, "start": self.mode.start, "fade": self.given_fade}
+        options |= {"before_first": self.first_input.option}
         limits: dict[str, Any] = {"saturation": self.limits.pair}
         if self.mode.limits_input_rate:
             limits["input_rate"] = self.limits.rate
@@ -151,6 +159,8 @@ class Controller(Running):
             limits |= {"command_range": self.command_limits.pair, "command_rate": self.command_limits.rate}
         if self.mode.has_dead_zone:
             limits["integral_dead_zone"] = self.integral_dead_zone
+        if self.mode.bounds_windup:
+            limits["windup"] = self.windup
         return options | limits
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -187,16 +197,15 @@ class Controller(Running):
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
         }
-        if np.any(np.isfinite([self.limits.lower, self.limits.upper])):
-            pairs = zip(self.limits.lower.tolist(), self.limits.upper.tolist())
-            facts["saturation"] = ", ".join(f"{low:.4g} to {high:.4g}" for low, high in pairs)
+        if np.isfinite(self.limits.pair).any():
+            facts["saturation"] = ", ".join(self.limits.texts)
+        if self.mode.bounds_windup:
+            facts["integrals push"] = self.windup.text
         if self.mode.limits_input_rate:
             facts["input rate"] = ", ".join(f"at most {rate:.4g} per s" for rate in self.limits.rate)
         if self.mode.limits_command:
-            pairs = zip(*self.command_limits.pair, self.command_limits.rate)
-            facts["command"] = ", ".join(
-                f"{low:.4g} to {high:.4g}, at most {rate:.4g} per s" for low, high, rate in pairs
-            )
+            pairs = zip(self.command_limits.texts, self.command_limits.rate)
+            facts["command"] = ", ".join(f"{text}, at most {rate:.4g} per s" for text, rate in pairs)
         if self.integral_dead_zone is not None:
             facts["integral dead zone"] = ", ".join(f"± {size:.4g}" for size in self.integral_dead_zone)
         if self.mode.moving:
@@ -236,6 +245,8 @@ class Controller(Running):
         values = data_values(codes, self.estimator, self.mode, len(self.tracked), *limits)
         values["period"] = self.period
         values["integral_dead_zone"] = self.integral_dead_zone
+        if self.mode.bounds_windup:
+            values |= {f"windup_{name}": part for name, part in vars(self.windup).items()}
         if self.mode.takes_over:
             values["decay"] = np.exp(-self.period / self.fade)
         if isinstance(self.law, Schedule):
@@ -252,10 +263,14 @@ class Controller(Running):
             return np.concatenate([point[: len(self.states)], self.law.operating_input])
         return point[self._places]
 
-    def input_before(self, given: Any = None) -> np.ndarray:
-        """The input (m,) before the first sample: `given` if it fits, or the operating input."""
-        names = tuple(self.law.input_names)
-        return input_before(given, self.law.operating_input, self.limits, names)
+    @cached_property
+    def windup(self) -> Windup:
+        """How far integrals push inputs without limits."""
+        return self._given_windup or Windup.of(self.laws, self.estimator, self.limits.pair)
+
+    def input_before(self, given: Any = None, state: Any = None) -> np.ndarray:
+        """The input (m,) before the first sample: `given` if it fits, or that of `before_first` for a start (n,)."""
+        return self.first_input.at(given, state)
 
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
@@ -266,7 +281,7 @@ class Controller(Running):
                 "reset(); the state of the plant is the loop's initial_state",
             )
         k = len(self.tracked)
-        values: dict[str, Any] = {"u": self.input_before(input), "started": 0.0}
+        values: dict[str, Any] = {"u": self.input_before(input, state), "started": 0.0}
         values |= {"bias": 0.0, "active": np.eye(self.mode.laws)[0]}
         values |= {name: np.zeros(k) for name in ("integral", "position", "command")}
         values["reference"] = self.operating_reference

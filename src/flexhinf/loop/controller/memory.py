@@ -15,9 +15,9 @@ from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.options import Limits, Mode
 from flexhinf.loop.controller.transfer import inverse_slope
 from flexhinf.plant import Estimator
-from flexhinf.untrusted import real_array, value_text
+from flexhinf.untrusted import real_array
 
-__all__ = ["Layout", "data_layout", "data_values", "filler", "input_before", "memory_layout"]
+__all__ = ["Layout", "data_layout", "data_values", "filler", "memory_layout"]
 
 Shape = tuple[int, ...]
 
@@ -137,6 +137,8 @@ def data_layout(code: LawCode, estimator: Estimator | None, mode: Mode, tracked:
         parts |= {"command_lower": (k,), "command_upper": (k,), "command_rate": (k,)}
     if mode.has_dead_zone:
         parts["integral_dead_zone"] = (k,)
+    if mode.bounds_windup:
+        parts |= {"windup_line": (*several, m, k), "windup_spread": (*several, m, k), "windup_limit": (m,)}
     return Layout(parts)
 
 
@@ -169,28 +171,6 @@ def data_values(
         values["process_noise"] = estimator.process_noise
         values["measurement_noise"] = estimator.measurement_noise
     return values
-
-
-def input_before(given: Any, rest: Any, limits: Limits, names: tuple[str, ...]) -> np.ndarray:
-    """The input (m,) that acts before the first sample: `given`, or the operating input.
-
-    Raises
-    ------
-    InvalidInput
-        If it does not fit the inputs, is not finite, or lies outside of the limits.
-    """
-    if given is None:
-        return np.array(rest, dtype=float)
-    u = real_array(given)
-    u = u.reshape(1) if u.shape == () else u
-    if u.shape != (len(names),) or not np.all((u >= limits.lower) & (u <= limits.upper) & np.isfinite(u)):
-        raise InvalidInput(
-            "The input before the first sample does not fit.",
-            f"expected a finite value for each of {list(names)} within {limits.lower.tolist()} and "
-            f"{limits.upper.tolist()}, got {value_text(given)}",
-            "the input that acts when the controller takes over",
-        )
-    return u
 
 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:

@@ -58,6 +58,8 @@ class Mode:
         Whether the command has limits, and the rate of the input has; the input itself always may.
     has_dead_zone : bool
         Whether small errors are not integrated.
+    bounds_windup : bool
+        Whether what integrals push is bounded, as some input has no limit.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Mode:
     limits_command: bool = False
     limits_input_rate: bool = False
     has_dead_zone: bool = False
+    bounds_windup: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.moving, bool):
@@ -150,6 +153,11 @@ class Limits:
     def pair(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper limits."""
         return self.lower, self.upper
+
+    @property
+    def texts(self) -> list[str]:
+        """Each range in words."""
+        return [f"{low:.4g} to {high:.4g}" for low, high in zip(self.lower.tolist(), self.upper.tolist())]
 
     @property
     def rated(self) -> bool:

@@ -2,11 +2,15 @@
 
 A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
-estimate leaves the finite numbers only some samples later. Two earlier memories are therefore kept. A step that
-fails leaves the memory as it was; where the next one fails too, the memory itself is taken to be bad and an earlier one
-takes its place, `SPACING` to 2·`SPACING` samples old, with its command; where that fails as well, the one of the start.
-The start had no command yet, so the last one holds there; where the start is gone back to again before a memory was
-kept, the command was what made it fail, and is that of the start too.
+estimate leaves the finite numbers only some samples later. Two earlier memories are therefore kept, one every `SPACING`
+good samples, measured or predicted alike. A step that fails leaves the memory as it was; where the next one fails too,
+the memory itself is taken to be bad and an earlier one takes its place, `SPACING` to 2·`SPACING` good samples old, with
+its command; where that fails as well, the one of the start. The start had no command yet, so the last one holds there;
+where the start is gone back to again before a memory was kept, the command was what made it fail, and is that of the
+start too. Where the start was told (`Controller.reset`), it may be bad itself: then that of the design takes its place.
+
+Before the first good measurement nothing is known of the robot: a sample without one changes nothing, and the output is
+the input before the first sample (`Controller.input_before`).
 """
 
 from __future__ import annotations
@@ -35,12 +39,15 @@ ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "est
 
 
 class Remembered:
-    """The memory of the last good sample, and earlier ones.
+    """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
+
+    All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
+    has the same numbers in its state.
 
     Parameters
     ----------
     memory : (s,) array
-        At the start; copied.
+        At the start of the design; copied.
     commanded, states : int
         Numbers of a command and of an estimate.
 
@@ -52,15 +59,16 @@ class Remembered:
         The command of the last good sample, and zeros; likewise.
     estimate : (n,) array
         Likewise; NaN before the first sample.
-    holding : bool array
+    waiting : bool
+        Whether there was no good measurement yet.
+    holding : bool
         Whether the last command holds after the last going back, and not that of the earlier memory.
     """
 
     def __init__(self, memory: np.ndarray, commanded: int, states: int) -> None:
         self.memory, self.reference = np.array(memory), np.zeros(max(1, commanded))
         self.estimate = np.full(states, np.nan)
-        self.start, self.older, self.newer, self._failed = np.tile(memory, (4, 1))
-        self.holding, self._begun_again = np.zeros((2, 1), dtype=bool)
+        self.designed, self.start, self.older, self.newer = np.tile(memory, (4, 1))
         self.begin(memory)
 
     def begin(self, memory: np.ndarray) -> None:
@@ -68,39 +76,50 @@ class Remembered:
         for place in (self.memory, self.start, self.older, self.newer):
             place[:] = memory
         self.estimate[:] = np.nan
-        self.holding[:] = self._begun_again[:] = False
-        self._failed[:] = np.nan
+        self.samples = 0
+        self.waiting = True
+        self.failed = self.holding = self.begun_again = False
 
-    def keep(self) -> None:
-        """Keep this memory as an earlier one, every `SPACING` samples; the oldest is forgotten. Nothing is allocated:
-        this is a part of the step in real time."""
-        self.older, self.newer = self.newer, self.older
-        self.newer[:] = self.memory
-        self._begun_again[:] = False
+    def good(self, measured: bool) -> None:
+        """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is
+        allocated: this is a part of the step in real time."""
+        self.failed = False
+        if measured:
+            self.waiting = False
+        self.samples += 1
+        if self.samples == SPACING:
+            self.older, self.newer = self.newer, self.older
+            self.newer[:] = self.memory
+            self.samples, self.begun_again = 0, False
 
     def fail(self) -> bool:
-        """Note that a step has failed; where one did before from the same memory, go back to an earlier, and say so."""
-        back = np.array_equal(self._failed, self.memory)
-        if back:
-            start = np.array_equal(self.older, self.start)
-            self.holding[:] = start and not self._begun_again
-            self._begun_again[:] = start
-            self.memory[:] = self.older
-            self.older[:] = self.newer[:] = self.start
-        self._failed[:] = self.memory
-        return back
+        """Note that a step has failed; where one did since the last good sample, go back to an earlier memory, and say
+        so."""
+        if not self.failed:
+            self.failed = True
+            return False
+        start = np.array_equal(self.older, self.start)
+        if start and self.begun_again:  # the start that was told is bad itself
+            self.start[:] = self.older[:] = self.designed
+        self.holding = start and not self.begun_again
+        self.begun_again = start
+        self.memory[:] = self.older
+        self.older[:] = self.newer[:] = self.start
+        return True
 
     def state(self) -> dict[str, Any]:
         """Everything that is remembered, for `restore`; arrays are copies."""
-        return {name: array.copy() for name, array in vars(self).items()}
+        return {
+            name: np.copy(part) if isinstance(part, np.ndarray) else part for name, part in vars(self).items()
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Remember what another one of this size did; the arrays that the compiled step writes stay."""
-        for name, array in state.items():
-            if name in ("memory", "reference", "estimate"):
-                getattr(self, name)[:] = array
+        for name, part in state.items():
+            if isinstance(part, np.ndarray):
+                getattr(self, name)[:] = part
             else:
-                setattr(self, name, np.array(array))
+                setattr(self, name, part)
 
 
 def step_program(
@@ -163,7 +182,7 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
     if back:
         return NumericalFailure(
             "The controller's estimate or input is no longer finite, again; the controller went back to what it "
-            f"remembered {SPACING} to {2 * SPACING} samples ago, or at its start.",
+            f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start.",
             f"after y={value_text(y)}, reference={value_text(reference)}",
             "go on with the next measurement, or reset(state); then look at the measurement's unit, saturation= and "
             "the noise covariances",

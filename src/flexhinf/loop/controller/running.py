@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from functools import cached_property
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from flexhinf.codegen import Buffer, Slice, compile_program
 from flexhinf.codegen.steps import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.memory import Layout, filler
-from flexhinf.loop.controller.remembered import BAD_RESULT, SPACING, Remembered, step_failure, step_program
+from flexhinf.loop.controller.remembered import BAD_RESULT, Remembered, step_failure, step_program
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
@@ -22,13 +21,12 @@ from flexhinf.untrusted import value_text
 
 __all__ = ["Running"]
 
-#: A compiled step on arrays: run it, fill y, fill r, copy u, and whether to keep the memory of this sample.
+#: A compiled step on arrays: run it, fill y, fill r, and copy u.
 Bound = tuple[
     Callable[[], int],
     Callable[[Any], None],
     Callable[[Any], None],
     Callable[[], np.ndarray],
-    Callable[[], bool],
 ]
 
 
@@ -119,9 +117,8 @@ class Running(Summarised):
             filler(y) if measured else _ignored,
             filler(now.reference[: len(self.commanded)]),
         )
-        due = cycle([False] * (SPACING - 1) + [True]).__next__
         # What is one trace takes less than the threads' exchange of the interpreter's lock would.
-        return kernel.bind(arrays, {}, short=not self.composed), fill, fill_reference, u.copy, due
+        return kernel.bind(arrays, {}, short=not self.composed), fill, fill_reference, u.copy
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
@@ -134,9 +131,10 @@ class Running(Summarised):
         ``step(None)`` is a sample without a measurement, or one whose measurement was refused: the estimate is the
         prediction x(k|k−1), uncorrected; its covariance grows by R^v at every such sample; the integrals go on with
         the predicted positions in place of measured ones, under the same anti-windup; the input is the law's for
-        this estimate. The next measurement corrects all of that as usual. (The first ``step(None)`` compiles code
-        of its own; make one and `reset` before real time begins.) Where a step fails twice in a row, the memory itself
-        is bad, and an earlier one takes its place: see `flexhinf.loop.controller.remembered`.
+        this estimate. The next measurement corrects all of that as usual. Before the first good measurement it changes
+        nothing, whatever the command, and gives the input before the first sample, see `reset`. (The first
+        ``step(None)`` compiles code of its own; make one before real time begins.) Where a step fails twice in a row,
+        the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.remembered`.
 
         Raises
         ------
@@ -150,9 +148,10 @@ class Running(Summarised):
         ready = self._ready or self._prepared()
         self._ready = None  # no other thread was let in since: Python changes threads at calls only
         try:
-            run, fill_measurement, fill_reference, copy_of_input, due = (
-                ready if y is not None else self._predicted_step
-            )
+            measured, remembered = y is not None, self._remembered
+            run, fill_measurement, fill_reference, copy_of_input = ready if measured else self._predicted_step
+            if remembered.waiting and not measured:
+                return np.array(self.memory.named(remembered.memory).u)
             try:
                 fill_measurement(y)
                 if reference is not None:
@@ -163,8 +162,7 @@ class Running(Summarised):
             code = run()
             if code:
                 raise step_failure(code, self._failed(code), y, reference)
-            if due():
-                self._remembered.keep()
+            remembered.good(measured)
             return copy_of_input()
         finally:
             self._ready = ready
@@ -192,8 +190,9 @@ class Running(Summarised):
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
 
-        The input before the first sample is `input` (m,), by default the operating input: the estimator's first
-        step sees it, and a law with ``start="bumpless"`` continues from it.
+        The input before the first sample is `input` (m,), by default the one that holds the robot where it starts, or
+        zero with ``before_first="zero"``, see `Controller`: it is the output until there is a good measurement, the
+        estimator's first step sees it, and a law with ``start="bumpless"`` continues from it.
 
         Raises
         ------

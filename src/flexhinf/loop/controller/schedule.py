@@ -100,9 +100,11 @@ def chosen(
     Returns
     -------
     active, taken, operating_point, operating_input, integral_gain, inverse_slope
-        What is active now (L,); 1 where a law takes over (1,); numbers of the active law.
+        What is active now (L,); 1 where a law takes over (1,); numbers of the active law, behind these windup_line and
+        windup_spread where windup is bounded.
     """
     tables = (data.operating_point, data.operating_input, data.integral_gain, data.inverse_slope)
+    tables += (data.windup_line, data.windup_spread) if mode.bounds_windup else ()
     return run.call(partial(_chosen, list(places), mode), r, active, started, data.closer, *tables)
 
 

@@ -18,7 +18,7 @@ from flexhinf.loop.controller.options import Mode, Source
 from flexhinf.loop.controller.schedule import chosen
 from flexhinf.loop.controller.transfer import continued
 from flexhinf.plant import Estimator
-from flexhinf.scalars import clip, where
+from flexhinf.scalars import absolute, clip, where
 
 __all__ = ["controller_step"]
 
@@ -80,9 +80,10 @@ def controller_step(
     taken: Any = None
     point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
     inverse = data.inverse_slope if mode.takes_over else None
+    lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
     if mode.laws > 1:
         places = [source.state for source in tracked]
-        active, taken, point, rest, gain, inverse = chosen(
+        active, taken, point, rest, gain, inverse, *lines = chosen(
             run, places, mode, r, memory.active, memory.started, data
         )
     elif mode.takes_over:
@@ -104,9 +105,14 @@ def controller_step(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
     rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()
+    bounds = ()
+    if mode.bounds_windup:
+        places = None if mode.moving else [source.state for source in tracked]
+        bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
     after["u"], after["integral"], after["started"] = run.call(
-        _input, feedback, growth, integral, memory.integral, rest, data.lower, data.upper, gain, *rates
-    )
+        partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, rest, data.lower, data.upper,
+        gain, *bounds, *rates,
+    )  # fmt: skip
     u = after["u"]
     if estimator is not None:
         after["belief"] = estimator.time_update_on(run, belief, u, data.parameters, data.process_noise)
@@ -199,7 +205,27 @@ def _limited(
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 
+def _wound(
+    places: Sequence[int] | None,
+    integral: Any,
+    point: Any,
+    gain: Any,
+    r: Any,
+    line: Any,
+    spread: Any,
+    limit: Any,
+) -> Any:
+    """What integrals push (m,) beyond their bound, see `flexhinf.loop.controller.windup`; about a moving reference,
+    which has no `places`, the law needs none of it at rest."""
+    pushed = gain @ (integral - point[len(point) - len(integral) :])
+    if places is not None:
+        away = r - point[places]
+        pushed, limit = pushed - line @ away, limit + spread @ absolute(away)
+    return pushed - clip(pushed, -limit, limit)
+
+
 def _input(
+    bounded: bool,
     feedback: Any,
     growth: Any,
     integral: Any,
@@ -208,18 +234,21 @@ def _input(
     lower: Any,
     upper: Any,
     gain: Any,
-    *rates: Any,
+    *bounds: Any,
 ) -> tuple[Any, Any, Any]:
     """The input within its limits, the integrals after anti-windup, and that a step was made.
 
-    `rates` are the last input, the period and the largest rate, where that is limited.
+    `bounds` are, where windup is `bounded`, what integrals push beyond that; and the last input, the period and the
+    largest rate, where that is limited.
     """
     wanted = rest + feedback
     u = clip(wanted, lower, upper)
+    rates = bounds[1:] if bounded else bounds
     if rates:
         last, period, rate = rates
         u = clip(u, last - period * rate, last + period * rate)
     # Anti-windup: an integral that would push a saturated input further stands still.
-    pushes = growth * ((wanted - u) @ gain)
+    beyond = wanted - u + bounds[0] if bounded else wanted - u
+    pushes = growth * (beyond @ gain)
     choices = zip(pushes, before, integral)
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)

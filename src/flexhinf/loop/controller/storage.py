@@ -23,6 +23,7 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.schedule import Schedule
+from flexhinf.loop.controller.windup import Windup
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
@@ -171,6 +172,13 @@ def write_controller(
         arrays |= {"command_lower": lower, "command_upper": upper, "command_rate": rate}
     if "integral_dead_zone" in options:
         arrays["integral_dead_zone"] = options["integral_dead_zone"]
+    if "windup" in options:
+        arrays |= _prefixed("windup.", vars(options["windup"]))
+    before = options["before_first"]
+    if not isinstance(before, str):
+        arrays["before_first"] = before
+    elif before != "hold":
+        plain = (*plain, "before_first")
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -201,6 +209,8 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
         return make(**_assembled(json.loads(str(arrays.pop("header"))), arrays))
     except FlexhinfError as error:
         raise _unreadable(place, " ".join(filter(None, (error.what, error.found)))) from error
+    except MemoryError:
+        raise  # the file may be as it should
     except Exception as error:  # a file with a digest may still hold anything
         raise _unreadable(place, f"damaged or not such a file ({type(error).__name__})") from error
 
@@ -227,8 +237,11 @@ def _assembled(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     if "command_rate" in arrays:
         whole["command_range"] = (arrays["command_lower"], arrays["command_upper"])
         whole["command_rate"] = arrays["command_rate"]
-    if "integral_dead_zone" in arrays:
-        whole["integral_dead_zone"] = arrays["integral_dead_zone"]
+    for name in ("integral_dead_zone", "before_first"):
+        if name in arrays:
+            whole[name] = arrays[name]
+    if "windup.limit" in arrays:
+        whole["windup"] = Windup(**_below("windup.", arrays))
     return {**whole, **header["options"]}
 
 

@@ -87,7 +87,8 @@ def run_black_box(
     width |= {"estimate": len(controller.states)} | ({"state": len(box.states)} if has_state else {})
     recorded = {name: np.full((len(times), size), np.nan) for name, size in width.items()}
     recorded |= {"reference": signals["reference"], "disturbance": d}
-    box.reset(None if start is None else starting_state(start, _states(box, controller), controller))
+    told = start is not None or set(controller.states) <= set(box.states)
+    box.reset(starting_state(start, _states(box, controller), controller) if told else None)
     for k in range(len(times)):
         if not pacing.begin(k):
             return recorded, (STOPPED, k - 1)

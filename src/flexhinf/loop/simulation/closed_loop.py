@@ -22,7 +22,14 @@ from flexhinf.loop.simulation.channel import Channel
 from flexhinf.loop.simulation.compiled_runs import LoopCode, PreparedRun
 from flexhinf.loop.simulation.ensemble import Ensemble, prepared_ensemble
 from flexhinf.loop.simulation.reductions import Reduction
-from flexhinf.loop.simulation.run_arguments import check_ranges, check_turns, sample_count, starting_state
+from flexhinf.loop.simulation.run_arguments import (
+    check_ranges,
+    check_turns,
+    operating_state,
+    sample_count,
+    start_text,
+    starting_state,
+)
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, sub_steps
@@ -151,7 +158,7 @@ class Loop(Summarised):
             return 1
         if self._asked_sub_steps is not None:
             return self._asked_sub_steps
-        point = starting_state(None, plant.states, controller)
+        point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
     @cached_property
@@ -200,12 +207,14 @@ class Loop(Summarised):
         duration : float
             s; samples at 0, period, …, duration.
         initial_state : array, mapping by name, or None
-            Of the true plant; the law's operating point by default.
+            Of the true plant; by default where the controller starts, which is where its estimate begins (without an
+            estimator, the law's operating point); a black box that does not name these states starts as it does itself.
+            ``run.settings["start"]`` says which, and whether a `Plant` rests there.
         seed : int
             Of the noise.
         initial_input : (m,) array, optional
-            That acts before the first sample, and in the estimator's first step; the operating input by default.
-            A controller with ``start="bumpless"`` continues from it.
+            That acts before the first sample, and in the estimator's first step; by default the controller's own, see
+            `Controller.input_before`. A controller with ``start="bumpless"`` continues from it.
         multi_turn : bool
             Whether the command may turn a joint by more than 2π rad. Otherwise a number or a house signal beyond
             that is refused, as it is degrees more often; `Samples` and functions of time are taken as they are.
@@ -254,6 +263,9 @@ class Loop(Summarised):
             self.true_plant, self.controller, self.channel, signals, disturbance, times, initial_state, initial_input,
             stepped, pacing,
         )  # fmt: skip
+        if "state" in recorded and len(times):
+            first = recorded["state"][0]
+            settings["start"] = start_text(self.true_plant, first, True, self.controller, np.zeros(0))
         return Trajectory.until(self.true_plant, self.controller, times, recorded, settings, code, last)
 
     def prepared(
@@ -272,9 +284,13 @@ class Loop(Summarised):
         plant, controller, parts, code = self.true_plant, self.controller, self.sub_steps, self.code
         assert isinstance(plant, Plant)
         times, signals, settings = self._sampled(reference, disturbance, noise, duration, seed, multi_turn)
+        x, held = (
+            starting_state(initial_state, plant.states, controller),
+            controller.input_before(initial_input),
+        )
+        settings["start"] = start_text(plant, x, initial_state is not None, controller, held)
         start = {
-            "x": starting_state(initial_state, plant.states, controller),
-            "held": controller.input_before(initial_input).copy(),
+            "x": x, "held": held,
             "memory": controller.initial_memory(input=initial_input), "data": controller.data_vector,
             "parameters": plant.parameters.vector(),
         }  # fmt: skip

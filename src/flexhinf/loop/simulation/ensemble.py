@@ -41,7 +41,7 @@ from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
-__all__ = ["LANES", "THREADS", "WORTH", "Ensemble", "prepared_ensemble"]
+__all__ = ["LANES", "THREADS", "WORTH", "Ensemble", "prepared_ensemble", "tracked_place"]
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -217,7 +217,7 @@ class Ensemble:
         start = {name: own[name] for name in ("x", "held", "memory")}
         start |= {"data": self.shared["data"], "parameters": plants.truth[k]}
         acting = disturbances[parts] * own["load"] if disturbances else None
-        signals = {"reference": self._commands, "noise": noise}
+        signals = {"reference": self.commands, "noise": noise}
         return PreparedRun.of(code, start, signals, acting, parts, self._settings(plants, k))
 
     def _trajectory(
@@ -230,7 +230,7 @@ class Ensemble:
         if disturbances:
             acting = disturbances[int(plants.parts[k])][:, 0, 0] * plants.own["load"][k]
         signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
-        signals |= {"reference": self._commands, "disturbance": acting}
+        signals |= {"reference": self.commands, "disturbance": acting}
         times = np.arange(self.command.samples) * self.command.period
         return Trajectory.until(
             self.plant, self.controller, times, signals, self._settings(plants, k), int(found.codes[k]),
@@ -268,7 +268,7 @@ class Ensemble:
         return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k])}
 
     @property
-    def _commands(self) -> np.ndarray:
+    def commands(self) -> np.ndarray:
         """The command (N, r)."""
         return self.shared.get("reference", np.zeros(0)).reshape(self.command.samples, -1)
 
@@ -348,7 +348,8 @@ def prepared_ensemble(
     if noise is not None:
         shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
     reductions, names, instants = wanted
-    tracking = {name: tracking_reductions(_place(plant, controller, name)) for name in controller.judged}
+    places = {name: tracked_place(plant, controller, name) for name in controller.judged}
+    tracking = {name: tracking_reductions(place) for name, place in places.items()}
     known = [
         (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
     ]
@@ -368,7 +369,7 @@ def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, 
     }  # fmt: skip
 
 
-def _place(plant: Plant, controller: Controller, name: str) -> Place:
+def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:
     """As `Trajectory.tracked` finds a tracked state."""
     names = _signal_names(plant, controller)
     kind = next((kind for kind in ("state", "output", "estimate") if name in names[kind]), "state")

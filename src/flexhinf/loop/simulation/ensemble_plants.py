@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.sampling import check_seed
-from flexhinf.loop.simulation.run_arguments import starting_state
+from flexhinf.loop.simulation.run_arguments import operating_state
 from flexhinf.plant import Plant, fastest_modes, sub_steps
 from flexhinf.untrusted import real_array, value_text
 
@@ -128,7 +128,7 @@ def _parts(plant: Plant, controller: Controller, truth: np.ndarray, asked: int |
     """Sub-steps of each plant, (N,): those of a `Loop` of this plant alone."""
     if asked is not None:
         return np.full(len(truth), asked)
-    point = starting_state(None, plant.states, controller)
+    point = operating_state(plant.states, controller)
     modes = fastest_modes(plant, truth, point, controller.law.operating_input)
     return np.array([sub_steps(controller.period, mode) for mode in modes.tolist()], dtype=int)
 

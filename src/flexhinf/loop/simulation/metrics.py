@@ -17,6 +17,7 @@ __all__ = [
     "SETTLING_BAND",
     "LimitCycle",
     "StepShape",
+    "damping_ratio",
     "limit_cycle",
     "load_metrics",
     "steady_state_error",
@@ -41,8 +42,19 @@ REST_TAIL = 0.5
 #: below. Vibrations on a slow oscillation are then no periods of their own.
 HYSTERESIS = 0.5
 
+#: Smaller damping ratios are rounding of the eigenvalues and count as 0: the error bound ε‖A‖κ/|λ| of the solver
+#: (κ: condition of the eigenvalue) is at most 8e-10 over the vibrations of all robots that come with flexhinf.
+UNDAMPED = 1e-9
+
 #: The edge of the settling band is inside it, whatever the rounding.
 ROUNDING = 1e-9
+
+
+def damping_ratio(poles: np.ndarray) -> np.ndarray:
+    """−Re s/|s| of poles s (K,), 1/s; 0 at s = 0, and where the ratio is smaller than the eigenvalues' rounding."""
+    sizes = np.abs(poles)
+    ratios = np.divide(-np.real(poles), sizes, out=np.zeros(np.shape(sizes)), where=sizes > 0.0)
+    return np.where(np.abs(ratios) < UNDAMPED, 0.0, ratios)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexhinf.loop.simulation.metrics import damping_ratio
+
 __all__ = ["Oscillation", "RingDown", "ring_down"]
 
 #: Directions that all samples together hold less of, relative to the strongest one, are rounding.
@@ -128,7 +130,7 @@ def _seen(values: np.ndarray, shares: np.ndarray, period: float) -> tuple[Oscill
     sizes, most = np.abs(exponents), 2.0 * shares.max(axis=0)
     kept = (exponents.imag > 0.0) & (most >= VISIBLE) & (exponents.real > -1.0 / (LASTING * period))
     each = [
-        Oscillation(float(sizes[k] / (2.0 * np.pi)), float(-exponents[k].real / sizes[k]), float(most[k]))
+        Oscillation(float(sizes[k] / (2.0 * np.pi)), float(damping_ratio(exponents[k])), float(most[k]))
         for k in np.flatnonzero(kept)
     ]
     return tuple(sorted(each, key=lambda one: one.damping))

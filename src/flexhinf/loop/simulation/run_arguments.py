@@ -12,9 +12,11 @@ from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.controller.options import positive
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.references import Constant, Quintic, Sine, Step
+from flexhinf.loop.simulation.trajectory import STARTED
+from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = ["check_ranges", "check_turns", "sample_count", "starting_state"]
+__all__ = ["check_ranges", "check_turns", "operating_state", "sample_count", "start_text", "starting_state"]
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -58,7 +60,8 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
     ----------
     given : array, mapping by name, or None
         An array has one value per state of the plant, or per state of the plant that the law was designed for
-        (the others are zero, as those that a mapping leaves out). None: the law's operating point.
+        (the others are zero, as those that a mapping leaves out). None: where the controller starts, which is where its
+        estimate begins; without an estimator, the law's operating point.
     states : sequence of str
         Of the true plant.
     controller : Controller
@@ -68,14 +71,12 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
     InvalidInput
         For unknown names, another number of values, or values that are not finite.
     """
-    designed = controller.states
     if given is None:
-        point = controller.law.operating_point
-        named = {name: value for name, value in zip(designed, point) if name in states}
+        named = {name: value for name, value in _designed_start(controller).items() if name in states}
     elif isinstance(given, Mapping):
         named = dict(given)
     else:
-        named = _by_name(given, states, designed)
+        named = _by_name(given, states, controller.states)
     unknown = [name for name in named if name not in states]
     if unknown:
         raise InvalidInput(
@@ -85,6 +86,57 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
     if not np.all(np.isfinite(x)):
         raise InvalidInput("The initial state is not finite.", f"got {value_text(given)}", "finite numbers")
     return x
+
+
+def _designed_start(controller: Controller) -> dict[str, float]:
+    """Where the controller starts, by name."""
+    start = (
+        controller.law.operating_point if controller.estimator is None else controller.estimator.initial[0]
+    )
+    return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
+
+
+def operating_state(states: Sequence[str], controller: Controller) -> np.ndarray:
+    """The law's operating point as a state (n,) of a plant with these states, the others zero."""
+    point = dict(zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist()))
+    return np.array([point.get(name, 0.0) for name in states])
+
+
+#: A state starts elsewhere from this difference on, and is at rest up to this rate, both relative to 1 and the plant's.
+SAME_START = 1e-6
+
+
+def start_text(
+    plant: Plant | BlackBox, x: np.ndarray, given: bool, controller: Controller, before: np.ndarray
+) -> str:
+    """Where a run starts, beside where the controller does, and whether the true plant rests there.
+
+    Parameters
+    ----------
+    plant : Plant or BlackBox
+    x : (n,)
+        Of the run, in the order of the plant's states.
+    given : bool
+        Whether somebody gave it.
+    controller : Controller
+    before : (m,)
+        The input before the first sample.
+    """
+    own = _designed_start(controller)
+    apart = {name: (value, own[name]) for name, value in zip(plant.states, x.tolist()) if name in own}
+    name, (value, start) = max(
+        apart.items(), key=lambda one: abs(one[1][0] - one[1][1]), default=("", (0.0, 0.0))
+    )
+    text = STARTED
+    if abs(value - start) > SAME_START * max(1.0, abs(start)):
+        text = f"{name} = {value:.6g}, the controller starts at {start:.6g}"
+    if given or not isinstance(plant, Plant):
+        return text
+    rates = plant.derivative(x, before)
+    worst = int(np.argmax(np.abs(rates)))
+    if abs(rates[worst]) <= SAME_START * max(1.0, plant.fastest_mode(x, before)):
+        return f"{text}, at rest"
+    return f"{text}; the true plant does not rest there: d/dt {plant.states[worst]} = {rates[worst]:.3g}"
 
 
 def _by_name(given: Any, states: Sequence[str], designed: Sequence[str]) -> dict[str, float]:

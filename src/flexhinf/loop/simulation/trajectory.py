@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from flexhinf.loop.simulation.figure import NotebookFigure
 
 
-__all__ = ["Trajectory"]
+__all__ = ["STARTED", "Trajectory"]
+
+#: Where a run starts that starts as its controller does.
+STARTED = "where the controller starts"
 
 #: Keys of `Trajectory.metrics`.
 METRICS = (
@@ -271,6 +274,8 @@ class Trajectory(Summarised):
         """Status, length, and the metrics of the first tracked state."""
         facts = {"status": self.message or self.status}
         facts["time"] = f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples"
+        start = self.settings.get("start", "")
+        facts |= {"started at": start} if start not in ("", STARTED, f"{STARTED}, at rest") else {}
         if not self.judged or self.diverged_at is not None:
             return facts
         name, metrics = self.judged[0], self.metrics()

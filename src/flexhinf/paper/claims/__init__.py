@@ -8,7 +8,7 @@ from flexhinf.paper.claims import attained_gain, bounded, electrical_pole, toler
 from flexhinf.paper.claims.bounded import judge_reconstruction
 from flexhinf.paper.claims.disturbances import judge_sine_disturbance, judge_step_disturbance
 from flexhinf.paper.claims.judgement import Judged
-from flexhinf.paper.claims.steps import judge_against_linear, judge_sine, judge_steps
+from flexhinf.paper.claims.steps import judge_about_goal, judge_against_linear, judge_sine, judge_steps
 from flexhinf.paper.claims.weights import judge_integral_weight, judge_link_weight
 from flexhinf.paper.claims.what_h_infinity_buys import judge_h_infinity
 from flexhinf.paper.experiments import Experiments
@@ -40,4 +40,5 @@ JUDGES: tuple[tuple[str, Judge], ...] = (
     ("bounds", _from_setup(bounded.judge)),
     ("UKF against EKF", _from_setup(ukf_against_ekf.judge)),
     ("what H∞ buys", judge_h_infinity),
+    ("laws about the goal", judge_about_goal),
 )

@@ -50,7 +50,7 @@ def blocks(design: Design) -> list[Any]:
 
 
 def remarks(design: Design) -> Iterator[str]:
-    """Corners that are unstable as designed, or with another R^v."""
+    """Corners that are unstable as designed."""
     e, robust = design.evaluation, design.design_problem.preset == "robust"
     found = e.corners
     if found is None:
@@ -66,12 +66,6 @@ def remarks(design: Design) -> Iterator[str]:
         )
         yield (
             f"{found.unstable} of {found.count} corners of the tolerances are unstable with this estimator; {advice}."
-        )
-        return
-    if found.most_unstable:
-        yield (
-            f"No corner is unstable with this estimator, but with another Rᵛ up to {found.most_unstable} are. Retune "
-            "the estimator only where the table of unstable corners over Rᵛ shows 0."
         )
 
 

@@ -138,10 +138,9 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        return (
-            f"unstable (a mode at {worst.frequency:.3g} Hz grows with a time constant of "
-            f"{worst.time_constant:.2g} s)"
-        )
+        time = worst.time_constant
+        grows = "does not decay" if time is None else f"grows with a time constant of {time:.2g} s"
+        return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"
     return "stable" + (f", damping ratio of vibrations {range_text(damping, 2)}" if damping else "")

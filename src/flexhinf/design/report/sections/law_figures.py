@@ -52,17 +52,19 @@ class LawFigure:
     brief: bool = True
 
 
-JUMP, LOAD, MOVE, SAMPLES, LINEAR, COST, STEP = "jump", "load", "move", "samples", "linear", "cost", "step"
+STEP, LOAD, MOVE, SAMPLES, LINEAR, COST = "step", "load", "move", "samples", "linear", "cost"
 
 #: In the order of the table.
 FIGURES = (
-    LawFigure("jump_peak_input", JUMP, "peak input", "input"),
-    LawFigure("jump_overshoot_percent", JUMP, "overshoot", "%", least=0.5),
-    LawFigure("jump_settling_s", JUMP, "settling time", "s", least=0.01),
+    LawFigure("step_peak_input", STEP, "peak input", "input"),
+    LawFigure("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
+    LawFigure("step_settling_s", STEP, "settling time", "s", least=0.01),
+    LawFigure("step_remaining", STEP, "remaining error", "length", least=1e-4),
     LawFigure("load_deviation", LOAD, "largest deviation", "length"),
     LawFigure("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
     LawFigure("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
     LawFigure("move_error", MOVE, "largest error", "length", least=1e-4),
+    LawFigure("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
     LawFigure("move_peak_input", MOVE, "peak input", "input"),
     LawFigure("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
     LawFigure("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
@@ -80,17 +82,14 @@ FIGURES = (
     LawFigure("input_noise", LINEAR, "input noise, rms", "small input"),
     LawFigure("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
     LawFigure("operations", COST, "operations per sample", ""),
-    LawFigure("step_peak_input", STEP, "peak input", "input", 0, brief=False),
-    LawFigure("step_overshoot_percent", STEP, "overshoot", "%", 0, brief=False),
-    LawFigure("step_settling_s", STEP, "settling time", "s", 0, brief=False),
 )
 
-GROUPS = (JUMP, LOAD, MOVE, SAMPLES, LINEAR, COST, STEP)
+GROUPS = (STEP, LOAD, MOVE, SAMPLES, LINEAR, COST)
 
 #: Titles where there is little room.
 SHORT = {
-    JUMP: "step, commanded at once", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
-    LINEAR: "running loop, linearised", COST: "cost", STEP: "step without a jump of the input",
+    STEP: "step as deployed", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
+    LINEAR: "running loop, linearised", COST: "cost",
 }  # fmt: skip
 
 
@@ -105,13 +104,12 @@ def _title(group: str, comparison: Comparison) -> str:
     way = f"{pose_text(setup.start, slides, degrees)} → {pose_text(setup.goal, slides, degrees)}"
     moved = "the same way" if setup.specification.move is None else "the stated waypoints"
     return {
-        JUMP: f"Step {way}, commanded at once, integrals at zero",
+        STEP: f"Step {way} as the controller is deployed, the run of flexhinf design",
         LOAD: f"Torque of {loads} {units['torque']} on the links, at the goal",
         MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
         SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
         LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
         COST: "Cost",
-        STEP: "The step as a law with integrals is deployed: they begin such that the input does not jump",
     }[group]
 
 
@@ -195,16 +193,15 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
     """
     found = [TableLine("criterion" if short else "Criterion and limits")]
     found.append(_plain("criterion, design = 1", "", [_cost(row) for row in rows]))
-    kept = ["yes" if row.tuned is not None and row.tuned.feasible else "no" for row in rows]
-    found.append(_plain("limits of the tuning kept", "", kept))
     own = comparison.own.evaluation
     assert own is not None
     degrees = units_of(own).degrees
-    for lines in zip(*(row.requirements for row in rows)):
-        first = lines[0]
+    judged = [{(line.what, line.where): line for line in row.requirements} for row in rows]
+    for key, first in {key: line for row in judged for key, line in row.items()}.items():
+        lines = [row.get(key) for row in judged]
         sampled = ", sampled" if "robots sampled" in first.where else ""
         label = f"{first.what} {limit_text(first.shown(degrees))}{sampled}"
-        found.append(_plain(label, "", ["met" if line.met else "not met" for line in lines]))
+        found.append(_plain(label, "", ["–" if line is None else line.judgement for line in lines]))
     for group in GROUPS:
         figures = [
             f for f in FIGURES if f.group == group and (f.brief or not short) and _known(f, comparison)

@@ -61,10 +61,10 @@ def responses_figure(comparison: Comparison) -> Figure:
     return figure_block(
         "laws", figure,
         (
-            "Errors of the true link position in the nonlinear loop with estimator, without measurement noise. Left: "
-            "the step, commanded at once. Middle: the torque on the links at the goal. Right: the planned move, link "
-            f"position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down a "
-            "column; lines that leave a panel go on.",
+            "Errors of the true link position in the nonlinear loop with estimator and measurement noise. Left: the "
+            "step as the controller is deployed. Middle: the torque on the links at the goal. Right: the planned move, "
+            f"link position minus plan. {comparison.tuned_design.name} is in every row (thick). Axes are the same down "
+            "a column; lines that leave a panel go on.",
             f"Joints, where the errors are largest: {which}." if len(joints) > 1 else "",
         ),
         "Laws in the same runs",
@@ -116,14 +116,14 @@ def _columns(comparison: Comparison) -> tuple[_Column, _Column, _Column]:
     assert own is not None
     assert own.scenario is not None
     duration = own.scenario.step_duration
-    settled = [row.metrics.get("jump_settling_s") for row in comparison.compared]
+    settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
     last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
     end = min(duration, max(AFTER * last, 0.1 * duration))
 
     def errors(of: Callable[[LawEvaluation], Signal]) -> dict[str, Signal]:
         return {row.name: of(row.evaluation) for row in comparison.compared if row.evaluation is not None}
 
-    step = errors(lambda e: (e.jump.run.time, e.jump.positions - e.jump.goal))
+    step = errors(lambda e: (e.step.run.time, e.step.positions - e.step.goal))
     load = errors(lambda e: (e.load_response.response.run.time - e.load_response.at, _deviation(e)))
     move = errors(lambda e: (e.move.response.run.time, e.move.error))
     shown = units_of(own)
@@ -181,7 +181,7 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     with house_style():
         axis.set_xscale("log")
         axis.set_yscale("log")
-        axis.set_xlabel(f"peak input of the step, commanded at once ({comparison.units()['input']})")
+        axis.set_xlabel(f"peak input of the step ({comparison.units()['input']})")
         figure.legend(
             *axis.get_legend_handles_labels(),
             loc="outside upper left",
@@ -201,21 +201,20 @@ def trade_off_figure(comparison: Comparison, offs: Sequence[TradeOff]) -> Figure
     label(axis, "largest deviation under the load", comparison.units()["error"])
     return figure_block(
         "trade-off", figure,
-        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned "
-        "(hollow: a limit is not kept). A line joins the best of all candidates that the tuning of this law ran and "
-        "that keep the limits of the linear loop.",
+        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned. A "
+        "line joins the best of all candidates that the tuning of this law ran and that keep the limits of the linear "
+        "loop.",
         "Trade-off",
     )  # fmt: skip
 
 
 def _trade_off(axis: Any, one: TradeOff, k: int) -> None:
     style, own = line_style(k), one.name == NL_HINF
-    face = style["color"] if one.feasible else "none"
     with house_style():
         curve = np.array([[f.peak_input, 1e3 * f.load_deviation] for f in one.curve]).reshape(-1, 2)
         axis.plot(curve[:, 0], curve[:, 1], **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
             [one.point.peak_input], [1e3 * one.point.load_deviation], "*" if own else "os^Dv<>"[k % 7], label=one.name,
-            color=style["color"], markerfacecolor=face, markersize=13.0 if own else 6.5, linestyle="none",
+            color=style["color"], markersize=13.0 if own else 6.5, linestyle="none",
             zorder=4.0,
         )  # fmt: skip

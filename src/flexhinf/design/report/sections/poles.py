@@ -13,6 +13,7 @@ from flexhinf.design.report.drawing import figure_block, frequency_axis, panels,
 from flexhinf.design.report.formatting import range_text
 from flexhinf.design.requirements import RINGS
 from flexhinf.design.result import Design
+from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, house_style, label
 
 if TYPE_CHECKING:
@@ -218,7 +219,7 @@ def _damping(axis: Axes, groups: Sequence[PoleGroup]) -> None:
             upper = group.poles[np.imag(group.poles) >= 0.0]
             frequency = np.abs(upper) / (2.0 * np.pi)
             seen = upper[frequency > SLOWEST]
-            ratio = -np.real(seen) / np.abs(seen)
+            ratio = damping_ratio(seen)
             low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
             axis.plot(np.abs(seen) / (2.0 * np.pi), ratio, label=group.name, **group.style)
         frequency_axis(axis)

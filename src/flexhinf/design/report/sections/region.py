@@ -34,7 +34,9 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["blocks", "budget_rows", "cost_text", "degree_text", "level_rows", "remarks", "widest_step"]
+__all__ = [
+    "blocks", "budget_rows", "cost_text", "degree_text", "level_rows", "region_strength", "remarks", "widest_step",
+]  # fmt: skip
 
 PARTS = {
     "sampling": "the input is held between samples",
@@ -64,9 +66,6 @@ def remarks(design: Design) -> Iterator[str]:
     s = design.specification
     for low, high in design.shrinking:
         yield f"Degree {high} allows a smaller step than degree {low}."
-    if design.chosen.looked and math.isnan(design.chosen.level):
-        why = design.chosen.limit.removeprefix("no region: ").rstrip(".")
-        yield f"The sampled check gives no region for the law that is used: {why}."
     if design.attenuation.failure:
         yield design.attenuation.failure
     found = design.attenuation.attained
@@ -186,13 +185,21 @@ def _region_text(design: Design) -> str:
     s = design.specification
     return (
         "Of every degree: the largest level set of V in which no violation of the dissipation inequality was found, "
-        "along random rays and by ascent from many starts: sampled, not proved. The checked pair is weaker than the "
-        f"designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It covers the law with the "
-        "true state, not "
-        "the estimator. The largest step moves all joints alike and starts with the integrals at which V is smallest. "
+        f"along random rays and by ascent from many starts: {region_strength(design)}. The checked pair "
+        f"is weaker than the designed one: γ = {s.checked_gamma_ratio:g} γ* and the penalty under Settings. It "
+        "covers the law with the true state, not the estimator. The largest step moves all joints alike and "
+        "starts with the integrals at which V is smallest. "
         "A controller starts with other integrals, those at which the input does not jump, so V is larger there, and a "
         "shorter step may begin outside the level set."
     )
+
+
+def region_strength(design: Design) -> str:
+    """Of the regions of all degrees; of the law that is used, more may be proved."""
+    given = design.proof.certificate
+    if given is None:
+        return "sampled, not proved"
+    return f"sampled; of the law that is used V ≤ {at_least(given.level)} is proved"
 
 
 def _regions(design: Design) -> Table:

@@ -11,6 +11,7 @@ from flexhinf.design.hunting import WIDEST, RestRun
 from flexhinf.design.report.drawing import figure_block, joint_lines, limit_lines, reference_line
 from flexhinf.design.report.formatting import joint_table, listed, units_of
 from flexhinf.design.result import Design
+from flexhinf.design.weights.choose import preset_of
 from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
 from flexhinf.robot.extras import DRY
@@ -50,7 +51,16 @@ def remarks(design: Design) -> Iterator[str]:
     joints = [_motion(design, run, k) for k in run.hunting]
     dry = [name for name in run.extras if name in DRY]
     extras = ",".join(dict.fromkeys((*s.extras, *dry)))
-    other = "" if s.friction_model else f"`--extras {extras} --friction`, "
+    both = all(
+        any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
+    )
+    own = preset_of(design.evaluation.setup.robot, s) == "paper"
+    advice = [
+        *([] if s.friction_model else [f"`--extras {extras} --friction`"]),
+        "another `--dead-zone`",
+        *([] if both else ["sensors on both sides of the springs"]),
+        *(["weights that damp the vibration (`--preset damped`)"] if own else []),
+    ]
     narrow = ""
     if run.tried is not None and run.tried.cycles:
         left, most = run.tried, f"{100.0 * WIDEST:g} % of the joint's step"
@@ -60,8 +70,7 @@ def remarks(design: Design) -> Iterator[str]:
             "may leave an error as large as itself."
         )
     yield (
-        f"With dry friction the robot does not come to rest: {listed(joints)}.{narrow} Try {other}another "
-        "`--dead-zone`, or sensors on both sides of the springs."
+        f"With dry friction the robot does not come to rest: {listed(joints)}.{narrow} Try {' or '.join(advice)}."
     )
 
 

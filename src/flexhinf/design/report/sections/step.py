@@ -75,11 +75,11 @@ def remarks(design: Design) -> Iterator[str]:
     started = _estimator_start(e, units_of(e))
     if started:
         yield started
-    if design.inside is False and not np.isnan(design.chosen.level):
+    if design.inside is False and not design.step_proof.proved and not np.isnan(design.chosen.level):
         yield (
-            "The step starts outside the region in which the sampled check found no violation, so the region says "
-            "nothing about it. V at the start counts the integrals that the controller chooses so that the input does "
-            "not jump; the largest step of the region has the integrals at which V is smallest, so it can be longer."
+            f"{design.step_proof.text} V at the start counts the integrals that the controller chooses so that the "
+            "input does not jump; the largest step of the region has the integrals at which V is smallest, so it can "
+            "be longer."
         )
 
 

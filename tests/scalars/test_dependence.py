@@ -1,7 +1,7 @@
 import casadi as ca
 import pytest
 
-from flexhinf.estimation.dependence import linear, nonzero, switches, varying
+from flexhinf.scalars.dependence import linear, nonzero, switches, varying
 
 Z = ca.SX.sym("z", 2)
 A, B = Z[0], Z[1]
@@ -20,6 +20,8 @@ A, B = Z[0], Z[1]
         (ca.log(A - 1e3), True),  # nor where this is a number
         (ca.fmax(A, B) + ca.fmin(A, B) - A - B, True),  # constant, but with a switch: not trusted
         (ca.sqrt(A**2) / A, True),
+        (ca.atan2(ca.sin(A), ca.cos(A)) - A, True),  # zero, but where the angle jumps
+        (ca.atan(ca.tan(A)) - A, True),
     ],
 )
 def test_varying(entry, expected):
@@ -47,6 +49,9 @@ def test_entries_keep_their_places():
         (ca.fmin(A, 3.0 * B), [3.0, 1.0]),
         (ca.if_else(A * B > 4.0, A, B), [2.0, 2.0]),
         (ca.sign(ca.sin(A)), [0.0, 1.0]),
+        (ca.atan2(ca.sin(A), ca.cos(B)), [0.0, 4.0]),
+        (ca.atan(B / (A - 1.0)), [1.0, 2.0]),
+        (ca.atan(ca.tan(A)), [0.0, 1.0]),  # of a tangent the operand: where it is constant there is no pole
     ],
 )
 def test_switches_are_zero_where_the_code_switches(expression, zero_at):
@@ -55,7 +60,7 @@ def test_switches_are_zero_where_the_code_switches(expression, zero_at):
 
 
 def test_smooth_code_has_no_switches():
-    assert switches(ca.exp(A) / ca.tanh(B) + ca.atan2(A, B) ** 2, Z).numel() == 0
+    assert switches(ca.exp(A) * ca.tanh(B) / 3.0 + ca.hypot(A, B) ** 2, Z).numel() == 0
 
 
 @pytest.mark.parametrize(
@@ -67,6 +72,25 @@ def test_smooth_code_has_no_switches():
         (ca.floor(A), False),  # whose derivative is zero
         (ca.if_else(A > 0.0, 1.0, 2.0), False),
         (ca.fabs(A), False),
+        (ca.sign(B) * A + ca.floor(B) - A / ca.exp(B) - 2.0 * A, True),  # whatever the second argument does
+        (ca.atan2(ca.sin(A), ca.cos(A)), False),  # whose derivative is one
+        (ca.atan2(ca.sin(A - B), ca.cos(A - B)), False),
+        (ca.atan(ca.sin(A) / ca.cos(A)), False),
+        (ca.atan(ca.tan(A)), False),
+        (ca.asin(ca.sin(A)), False),
+        (ca.acos(ca.cos(A)), False),
+        (ca.sign(A), False),
+        (ca.ceil(A), False),
+        (ca.fmod(A, 2.0), False),
+        (ca.remainder(A, 2.0), False),
+        (ca.fmin(A, B), False),
+        (ca.fmax(A, 1.0) + ca.fmin(A, 1.0), False),
+        (ca.copysign(A, B), False),
+        (ca.copysign(1.0, A), False),
+        (ca.sqrt(A**2), False),
+        (ca.if_else(A > 0.0, A, 2.0 * A), False),
+        (ca.if_else(A > 0.0, 0.0, A) + ca.if_else(A > 0.0, A, 0.0), False),
+        (1.0 / A, False),
     ],
 )
 def test_linear_in_the_first_argument(result, expected):

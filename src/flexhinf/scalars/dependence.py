@@ -1,4 +1,4 @@
-"""What expressions of symbols depend on: which entries are constant, and where code switches.
+"""What expressions of symbols depend on: which entries are constant or linear, and where code switches.
 
 An entry that no symbol reaches is constant: that is proved from its graph. A difference of equal terms,
 cos(x1 + x2) − cos(x2 + x1), is reached all the same; such an entry counts as constant if it is the same to rounding
@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-__all__ = ["elementary", "linear", "nonzero", "switches", "varying"]
+__all__ = ["elementary", "linear", "nonzero", "sizes_of_rows", "switches", "varying"]
 
 #: Points per radius, and the radii about the origin, at which entries are compared.
 POINTS, RADII = 8, (0.3, 1.0, 3.0)
@@ -21,10 +21,21 @@ POINTS, RADII = 8, (0.3, 1.0, 3.0)
 #: Differences this small relative to the terms they are made of are rounding.
 ROUNDING = 1e-13
 
-#: Operations that are not smooth: of the difference of their operands, of the first one, or of both.
+#: Operations that are not smooth, or jump: of the difference of their operands, of the first one, or of both.
 COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
-STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT}
+STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT, ca.OP_ATAN2}
 PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
+
+#: Operations with poles, by the place of the operand that decides where: arctan(sin x / cos x) jumps at those.
+POLES = {ca.OP_TAN: 0, ca.OP_INV: 0, ca.OP_DIV: 1}
+
+#: Operations with a branch point, and what is zero there: √(x²) is |x|, and arcsin(sin x) a triangle wave.
+BRANCHES = {
+    ca.OP_SQRT: lambda x: x, ca.OP_ASIN: lambda x: 1.0 - x**2, ca.OP_ACOS: lambda x: 1.0 - x**2,
+}  # fmt: skip
+
+#: Operations whose result is a linear combination of their operands.
+LINEAR = {ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE}
 
 #: What moves numbers, arithmetic, sines and cosines.
 ELEMENTARY = {
@@ -33,14 +44,17 @@ ELEMENTARY = {
 }  # fmt: skip
 
 
-def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
-    """What decides, in operations that are not smooth, (s, 1): where one of these is zero, code may switch.
+def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
+    """What decides, in operations that are not smooth or have poles, (s, 1): where one is zero, code may switch.
 
     Parameters
     ----------
     expressions : casadi.SX
     z : casadi.SX, (k, 1)
         All symbols of the expressions.
+    poles : bool
+        With those of quotients and tangents, beyond which a bounded function of them goes on elsewhere, and branch
+        points of roots and inverse sines.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
     work: dict[int, ca.SX] = {}
@@ -59,6 +73,10 @@ def switches(expressions: ca.SX, z: ca.SX) -> ca.SX:
                 found.append(operands[0] - operands[1])
             elif operation in STEPS or operation in PAIRS:
                 found.extend(operands[: 2 if operation in PAIRS else 1])
+            elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
+                found.append(operands[POLES[operation]])
+            elif poles and operation in BRANCHES:
+                found.append(BRANCHES[operation](operands[0]))
             value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
         work[function.instruction_output(k)[0]] = value
     return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
@@ -70,14 +88,27 @@ def elementary(function: ca.Function) -> bool:
 
 
 def linear(function: ca.Function) -> bool:
-    """Whether the results are linear (with a constant) in the first argument, proved from their graph.
+    """Whether the results are linear (with a constant) in the first argument, as every operation of the graph says.
 
-    Where an operation is not smooth they are not: the derivative of floor(x) is zero.
+    The derivative does not say it: that of an angle wrapped by arctan2(sin x, cos x) is one, that of floor(x) zero.
     """
-    arguments = [ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
-    values = ca.vertcat(*function.call(arguments))
-    smooth = not switches(values, ca.vertcat(*arguments)).numel()
-    return smooth and not ca.depends_on(ca.jacobian(values, arguments[0]), arguments[0])
+    moves: dict[int, bool] = {}  # of the work vector: whether a number depends on the first argument
+    for k in range(function.n_instructions()):
+        operation, read = function.instruction_id(k), function.instruction_input(k)
+        if operation == ca.OP_OUTPUT:
+            continue
+        if operation == ca.OP_INPUT:
+            found = read[0] == 0
+        else:
+            operands = [moves[place] for place in read]
+            found = any(operands)
+            fixed = operation in LINEAR
+            fixed |= operation == ca.OP_MUL and not all(operands)
+            fixed |= operation == ca.OP_DIV and not operands[1]
+            if found and not fixed:
+                return False
+        moves[function.instruction_output(k)[0]] = found
+    return True
 
 
 def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
@@ -100,7 +131,7 @@ def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     for place, value, term in zip(places, values, terms):
         fine = np.isfinite(value) & np.isfinite(term)
         same = fine.sum() >= POINTS and np.ptp(value[fine]) <= ROUNDING * term[fine].max()
-        differs[place] = not (same and not switches(flat[int(place)], z).numel())
+        differs[place] = not (same and not switches(flat[int(place)], z, poles=False).numel())
     return differs.reshape(entries.shape, order="F")
 
 
@@ -111,6 +142,12 @@ def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
     values, terms = _at_points(flat, sizes, z)
     large = np.array([bool(np.any(~(np.abs(v) <= ROUNDING * t))) for v, t in zip(values, terms)], dtype=bool)
     return differs | large.reshape(entries.shape, order="F")
+
+
+def sizes_of_rows(matrix: ca.SX, columns: int | None = None) -> ca.SX:
+    """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as asked for."""
+    sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
+    return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)
 
 
 def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,46 @@
+/* What is computed is what is written: every operation rounded once, to its own type, in its own place, with numbers
+ * that are not finite. Then the numbers are those of the simulation. What a compiler says of its flags is read here;
+ * what it keeps to itself, @NAME@_exact finds. */
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "@NAME@ must see numbers that are not finite: compile without -ffast-math, -ffinite-math-only, /fp:fast"
+#endif
+#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
+#error "@NAME@ computes what is written: compile without -funsafe-math-optimizations and the flags that it stands for"
+#endif
+#if (defined(__FLT_EVAL_METHOD__) && __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16) || \
+    (defined(_M_IX86) && (!defined(_M_IX86_FP) || _M_IX86_FP < 2)) /* FLT_EVAL_METHOD; 16 is about _Float16 alone */
+#error "@NAME@ rounds to its own type, not to a wider one: compile for a 32-bit PC with -msse2 -mfpmath=sse"
+#endif
+/* Constants and numbers have the size of this type: no -fsingle-precision-constant. */
+typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL@) == @BYTES@) ? 1 : -1];
+
+/* Sums and products as they are written: compilers fuse some of them unless they are told not to. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
+/* Whether the program computes so: what a compiler may change with flags for which it defines no macro (clang: those of
+ * -funsafe-math-optimizations, -ffp-contract=fast, -fno-honor-nans), and what a processor may be set to (numbers below
+ * the normal ones as 0, directed rounding), gives another answer here. Nothing of it is known before it runs. */
+static int @NAME@_exact(void)
+{
+    volatile @REAL@ given[] = {
+        1.0@F@, @EPSILON@, @EPSILON@ / 4.0@F@, -0.0@F@, (@REAL@)NAN, HUGE_VAL@SUFFIX@, @SMALLEST@, 5.0@F@, 0.5@F@
+    };
+    volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
+    const @REAL@ one = given[0], step = given[1], small = given[2], zero = given[3], nan = given[4], huge = given[5];
+    const @REAL@ other = one + given[1];
+    volatile @REAL@ square = other * other, tiny = given[6] * given[8];
+    int right = one + small == one && one - small / 4.0@F@ == one;           /* to nearest, to its own type */
+    right = right && (one + small) - one == 0.0@F@ && (one - step) - one == -step; /* not in another order */
+    right = right && (one + step) * (given[0] + step) - square == 0.0@F@;    /* products rounded before sums */
+    right = right && given[7] / 6.0@F@ == ratio;                             /* no product with a reciprocal */
+    right = right && copysign@F@(one, zero + 0.0@F@) > 0.0@F@;               /* zeros with signs */
+    right = right && tiny > 0.0@F@ && tiny + tiny == given[6];               /* numbers below the normal ones */
+    right = right && !isfinite(nan) && isnan(nan) && !(nan <= one) && !(nan > one);
+    return right && !isfinite(huge) && !isfinite(-huge) && huge > @LARGEST@;
+}

@@ -1,0 +1,152 @@
+"""Numbers with units as text, ``"180deg"``, ``"10 kNm/rad"``: what a unit is in SI units, and what it measures.
+
+A unit is a product of known ones with powers, over another such product: ``N·m·s/rad``, ``kg m^2``, ``g·cm²``,
+``mNm/A``. Radians count: N·m is a torque, N·m/rad a stiffness.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+
+__all__ = ["SECONDS", "SLIDING", "TURNING", "Stated", "measured", "split"]
+
+#: Units of times, angles and lengths, in lower case, and what one is in the SI unit that stands first.
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+SLIDING = {"m": 1.0, "mm": 1e-3}
+
+#: Nothing is looked at twice: a text of any length is read or refused at once.
+_NUMBER = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+|[-+]?inf|nan)\s*+")
+#: Longest unit that is looked at.
+_LONGEST = 40
+
+#: Powers of kg, m, s, rad and A.
+Dimension = tuple[int, int, int, int, int]
+_MASS, _LENGTH, _TIME, _ANGLE, _CURRENT = ((0,) * i + (1,) + (0,) * (4 - i) for i in range(5))
+_FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
+_VOLT, _OHM, _HENRY = (1, 2, -3, 0, -1), (1, 2, -3, 0, -2), (1, 2, -2, 0, -2)
+_ALONE = (0, 0, 0, 0, 0)
+
+
+def _atoms() -> Iterator[tuple[str, float, tuple[int, ...]]]:
+    """Every unit that is not made of others: its name, what it is in SI units, and its dimension."""
+    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH)):
+        yield from ((name, size, dimension) for name, size in table.items())
+    milli, kilo, mega = ("m", 1e-3), ("k", 1e3), ("M", 1e6)
+    families = (
+        (("g",), _MASS, 1e-3, (milli, kilo)),
+        (("m",), _LENGTH, 1.0, (("c", 1e-2), ("µ", 1e-6), ("u", 1e-6))),
+        (("N",), _FORCE, 1.0, (milli, kilo, mega)),
+        (("Nm",), _TORQUE, 1.0, (milli, kilo, mega)),
+        (("V",), _VOLT, 1.0, (milli, kilo)),
+        (("A",), _CURRENT, 1.0, (milli,)),
+        (("Ω", "Ω", "Ohm", "ohm"), _OHM, 1.0, (milli, kilo)),
+        (("H",), _HENRY, 1.0, (milli, ("µ", 1e-6), ("μ", 1e-6), ("u", 1e-6))),
+        (("rpm",), (0, 0, -1, 1, 0), math.pi / 30.0, (kilo,)),
+    )
+    for names, dimension, size, prefixes in families:
+        for name in names:
+            yield name, size, dimension
+            yield from ((prefix + name, factor * size, dimension) for prefix, factor in prefixes)
+    yield from (("Ncm", 1e-2, _TORQUE), ("Nmm", 1e-3, _TORQUE), ("nm", 1.0, _TORQUE), ("n", 1.0, _FORCE))
+    yield from (("%", 1e-2, _ALONE), ("1", 1.0, _ALONE))
+
+
+_ATOMS = {name: (size, dimension) for name, size, dimension in _atoms()}
+_FACTOR = re.compile(
+    rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
+)
+_POWERS = {"": 1, "²": 2, "³": 3}
+
+
+class Stated(float):
+    """A number in SI units that was stated in a unit; everything computed with it is a plain float.
+
+    Attributes
+    ----------
+    number, unit : str
+        As they were written: "30" and "mm".
+    si : str
+        The SI unit that it has: rad, m, rad/s, m/s, N·m, N or s.
+    """
+
+    number: str
+    unit: str
+    si: str
+
+    def __new__(cls, value: float, number: str = "", unit: str = "", si: str = "") -> Stated:
+        """The number, and how it was written."""
+        found = super().__new__(cls, value)
+        found.number, found.unit, found.si = number, unit, si
+        return found
+
+
+def split(text: str) -> tuple[str, str] | None:
+    """Number and unit of a text, as they are written; None where it does not begin with a number."""
+    match = _NUMBER.match(text)
+    return None if match is None else (match[1], text[match.end() :].strip())
+
+
+def measured(text: str, *si: str) -> Stated:
+    """A finite number with a unit, in the first of these SI units that measures the same.
+
+    Examples
+    --------
+    >>> measured("10 kNm/rad", "N·m/rad", "N/m")
+    10000.0
+    >>> measured("90deg", "rad") == math.pi / 2
+    True
+
+    Raises
+    ------
+    ValueError
+        For text that is no number with a unit, and for a unit that measures something else.
+    """
+    parts = split(text)
+    known = _unit(parts[1]) if parts is not None and len(parts[1]) <= _LONGEST else None
+    fitting = [one for one in si if known is not None and _required(one)[1] == known[1]]
+    if parts is None or known is None or not fitting:
+        raise ValueError(text)
+    value = float(parts[0]) * (known[0] / _required(fitting[0])[0])
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return Stated(value, *parts, fitting[0])
+
+
+def _required(unit: str) -> tuple[float, Dimension]:
+    known = _unit(unit)
+    assert known is not None, unit
+    return known
+
+
+@lru_cache(256)
+def _unit(text: str) -> tuple[float, Dimension] | None:
+    """What a unit is in SI units, and its dimension; also in lower case, where it is none as it is written."""
+    above, *below = text.split("/")
+    if not above:
+        return None
+    size, total = 1.0, [0] * 5
+    for part, sign in [(above, 1), *((one, -1) for one in below)]:
+        found = _product(part.strip())
+        if found is None:
+            return _unit(text.lower()) if text != text.lower() else None
+        size *= found[0] ** sign
+        total = [a + sign * b for a, b in zip(total, found[1])]
+    return size, (total[0], total[1], total[2], total[3], total[4])
+
+
+def _product(text: str) -> tuple[float, list[int]] | None:
+    size, total, at = 1.0, [0] * 5, 0
+    while at < len(text):
+        match = _FACTOR.match(text, at)
+        if match is None:
+            return None
+        power = int(match[2]) if match[2] else _POWERS[match[3] or ""]
+        one, dimension = _ATOMS[match[1]]
+        size *= one**power
+        total = [a + power * b for a, b in zip(total, dimension)]
+        at = match.end()
+    return (size, total) if text else None

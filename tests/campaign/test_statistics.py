@@ -1,0 +1,63 @@
+"""The interval of a success rate: Clopper's and Pearson's, by its definition in exact rationals."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import pytest
+from scipy import stats
+
+from flexhinf.campaign import success_interval
+from flexhinf.errors import InvalidInput
+
+
+def tail(count: int, p: float, least: int) -> Fraction:
+    """Probability of `least` successes or more of so many, exactly."""
+    q = Fraction(p)
+    return sum(
+        (math.comb(count, k) * q**k * (1 - q) ** (count - k) for k in range(least, count + 1)), Fraction(0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("successes", "count"), [(1, 2), (3, 7), (9, 10), (19, 20), (17, 64), (1, 64), (63, 64)]
+)
+@pytest.mark.parametrize("confidence", [0.95, 0.8])
+def test_each_end_is_the_rate_at_which_such_a_count_has_half_of_the_doubt(successes, count, confidence):
+    found, half = success_interval(successes, count, confidence), 0.5 * (1.0 - confidence)
+    assert float(tail(count, found.low, successes)) == pytest.approx(half, rel=1e-10)
+    assert float(1 - tail(count, found.high, successes + 1)) == pytest.approx(half, rel=1e-10)
+    assert (found.low, found.high) == pytest.approx(
+        (
+            stats.beta.ppf(half, successes, count - successes + 1),
+            stats.beta.ppf(1.0 - half, successes + 1, count - successes),
+        ),
+        rel=1e-10,
+    )
+    assert found.low < found.rate < found.high
+
+
+@pytest.mark.parametrize("count", [1, 7, 100, 2000, 100_000])
+def test_the_ends_without_and_with_nothing_but_successes(count):
+    """(α/2)^(1/n), in closed form; Wilson's interval begins at 1/(1 + z²/n) instead."""
+    low = 0.025 ** (1.0 / count)
+    every, none = success_interval(count, count), success_interval(0, count)
+    assert (every.low, every.high) == pytest.approx((low, 1.0), rel=1e-12)
+    assert (none.low, none.high) == pytest.approx((0.0, 1.0 - low), rel=1e-9)
+    assert every.confidence == 0.95
+
+
+@pytest.mark.parametrize("count", [5, 12, 30])
+def test_it_covers_every_rate_as_often_as_it_says(count):
+    """For each rate: the probability of the counts whose interval holds it is at least 95 %, exactly."""
+    ends = [success_interval(k, count) for k in range(count + 1)]
+    for p in [0.001, 0.02, 0.1, 0.27, 0.5, 0.731, 0.95, 0.9999]:
+        inside = [k for k in range(count + 1) if ends[k].low <= p <= ends[k].high]
+        assert sum(stats.binom.pmf(inside, count, p)) >= 0.95 - 1e-12
+
+
+@pytest.mark.parametrize(("successes", "count"), [(-1, 3), (4, 3), (0, 0)])
+def test_what_is_no_fraction_is_refused(successes, count):
+    with pytest.raises(InvalidInput, match="no such fraction"):
+        success_interval(successes, count)

@@ -1,0 +1,239 @@
+"""What the text of a certificate says is true: its inequalities hold along runs; what nothing checks stands apart."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import flexhinf.certify.checker as checker
+from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
+from flexhinf.certify.theorem import AUTHOR, theorem_parts, theorem_text
+from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
+
+from .a_cubic import CUBIC
+
+#: The cubic with its one parameter known, so that the budget is claimed too: V = x\u00b2/2, k = \u2212x, z = (x/2, u).
+KNOWN = replace(CUBIC, parameters=(Parameter("softening", 0.5, 0.5, "N/m3"),), starts=())
+SIGNALS: dict[str, Callable[[float], float]] = {
+    "none": lambda t: 0.0,
+    "a pulse": lambda t: 0.2 * (t < 1.0),
+    "a negative pulse": lambda t: -0.15 * (0.5 < t < 2.0),
+    "a sine": lambda t: 0.1 * np.sin(2.0 * t) * (t < 6.0),
+    "a decay": lambda t: 0.25 * np.exp(-2.0 * t),
+}
+
+
+def energies(x0: float, d: Callable[[float], float], v: Callable[[float], float]) -> dict[str, float]:
+    """Of a run of x\u2032 = x\u00b3/2 + u + d with u = \u2212x + v: what the printed inequality names."""
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        x, u = y[0], -y[0] + v(t)
+        return [0.5 * x**3 + u + d(t), 0.25 * x * x + u * u, d(t) ** 2, v(t) ** 2]
+
+    run = solve_ivp(rates, (0.0, 40.0), [x0, 0.0, 0.0, 0.0], max_step=0.02, rtol=1e-9, atol=1e-12)
+    return {
+        "z": run.y[1, -1], "d": run.y[2, -1], "v": run.y[3, -1], "start": 0.5 * x0 * x0,
+        "largest": float(np.max(0.5 * run.y[0] ** 2)),
+    }  # fmt: skip
+
+
+def bound(text: str, found: dict[str, float]) -> float:
+    """The right side of a sentence's "(energy of z) <= \u2026", evaluated as it is printed."""
+    said = re.search(r"\(energy of z\) <= (.*?2 V\(x\(0\)\))", text)
+    assert said is not None, text
+    expression = said[1]
+    for words, value in (
+        ("gamma^2 (energy of d)", KNOWN.gamma**2 * found["d"]),
+        ("(integral of v'R2 v)", found["v"]),
+        ("2 V(x(0))", 2.0 * found["start"]),
+    ):
+        expression = expression.replace(words, repr(float(value)))
+    return sum(map(float, expression.split(" + ")))
+
+
+def sentence(name: str) -> str:
+    (text,) = (t for t in theorem_text(KNOWN, KNOWN.check(threads=1)).splitlines() if f". {name}: " in t)
+    return text
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("v", SIGNALS)
+@pytest.mark.parametrize("d", SIGNALS)
+def test_the_printed_budget_holds_along_runs(d: str, v: str) -> None:
+    for x0 in (0.0, 0.2):
+        found = energies(x0, SIGNALS[d], SIGNALS[v])
+        spent = found["start"] + 0.5 * KNOWN.gamma**2 * found["d"] + 0.5 * found["v"]
+        if spent <= KNOWN.level:
+            assert found["z"] <= bound(sentence("Budget"), found) * (1 + 1e-6) + 1e-9
+            assert found["largest"] <= KNOWN.level
+            if v == "none":
+                assert found["z"] <= bound(sentence("Gain"), found) * (1 + 1e-6) + 1e-9
+    if v == "a pulse" and d == "none":
+        found = energies(0.0, SIGNALS[d], SIGNALS[v])
+        assert found["z"] > 0.01  # from rest, without disturbance: the bound without v would be 0
+        assert bound(sentence("Budget"), found) == pytest.approx(found["v"])
+
+
+def test_one_budget_on_terminal_page_and_in_the_checker() -> None:
+    stated = KNOWN.stated
+    terminal = sentence("Budget").partition("Budget: ")[2]
+    assert terminal in next(t for t in dict(theorem_parts(KNOWN, stated))["Proved"] if "Budget" in t)
+    shown = str(
+        [
+            s
+            for s in import_module("flexhinf.design.report.certificate_page")._theorem(KNOWN)
+            if s.title == "Proved"
+        ]
+    )
+    assert "(energy of z) \u2264 \u03b3\u00b2 (energy of d) + (integral of v\u1d40R2 v) + 2 V(x(0))" in shown
+    said = "\u222b|z|\u00b2 dt \u2264 \u03b3\u00b2\u222b|d|\u00b2 dt + \u222bv\u1d40R2v dt + 2V(x(0))"
+    assert said in str(checker.__doc__)
+
+
+def test_what_its_author_says_is_no_hypothesis() -> None:
+    lie = replace(
+        CUBIC, about="every robot, with any estimator",
+        starts=(replace(CUBIC.starts[0], rule="from anywhere at any speed"),),
+    )  # fmt: skip
+    text = theorem_text(lie, lie.stated)
+    before, heading, after = text.partition(f"\n{AUTHOR}\n")
+    assert heading
+    for words in ("every robot", "anywhere"):
+        assert words not in before
+        assert words in after
+    parts = dict(theorem_parts(lie, lie.stated))
+    assert any("anywhere" in one for one in parts[AUTHOR])
+    assert all("anywhere" not in one for name, lines in parts.items() for one in lines if name != AUTHOR)
+    assert (
+        "anywhere"
+        not in replace(lie, starts=(replace(lie.starts[0], amplitude=0.6),)).check(threads=1).reason
+    )
+
+
+def test_r2_v_and_the_law_are_printed_with_every_digit() -> None:
+    third = replace(CUBIC, r2=((1 / 3,),), value=(((2,), 0.1 + 0.2),), law=((((1,), -2 / 3),),))
+    text = theorem_text(third, third.stated)
+    for line in (f"R2 = [{1 / 3!r}]", f"pull = -{2 / 3!r} position", f"V = {0.1 + 0.2!r} position^2"):
+        assert f"    {line}\n" in text
+    long = replace(CUBIC, states=(Signal("a"), Signal("b")), drift=((), ()), g1=(((),), ((),)), g2=(((),), ((),)),
+                   value=tuple(((i, k - i), 1.5) for k in range(2, 10) for i in range(k + 1)), starts=(), parameters=(),
+                   penalty=(), law=((((1, 0), 1.0),),), coordinates=((1.0, 0.0), (0.0, 1.0)))  # fmt: skip
+    assert "V: 52 monomials, in the file and on the page" in theorem_text(long, long.stated)
+    whole = dict(theorem_parts(long, long.stated))["Hypotheses"]
+    (value,) = (one for one in whole if one.startswith("V = "))
+    assert value.count("1.5") == 52
+
+
+@pytest.mark.oracle
+def test_the_largest_input_is_a_bound_of_runs() -> None:
+    """Of the cubic the bound is the start itself: u = \u2212x, and x falls."""
+    found = CUBIC.check(threads=1)
+    assert found.peaks == CUBIC.stated.peaks
+    (peak,) = found.peaks
+    assert 0.499 <= peak <= 0.499 * 1.002
+    assert "Largest input: without disturbances" in theorem_text(CUBIC, found)
+    start = Start(
+        "", 0.3, ((Term(-1.0, (1,), (("softening", 1),)),),)
+    )  # each plant its own: up to 0.3 at softening 1
+    (peak,) = replace(CUBIC, starts=(start,)).stated.peaks
+    assert 0.3 <= peak <= 0.3 * 1.002
+    cubic_law = replace(CUBIC, law=((((1,), -1.0), ((3,), -0.1)),))
+    quartic = replace(CUBIC, value=(((2,), 0.5), ((4,), 0.01)))
+    assert replace(CUBIC, starts=()).stated.peaks == cubic_law.stated.peaks == quartic.stated.peaks == ()
+    assert "Largest input" not in theorem_text(quartic, quartic.stated)
+
+
+@pytest.mark.parametrize("place", ["states", "parameters", "drift", "starts", "path", "functions", "top"])
+def test_a_key_that_nothing_reads_is_refused(place: str, tmp_path: Path) -> None:
+    content = json.loads(CUBIC.text())
+    content["functions"] = [{"name": "sin", "slope": ["0x1p+0"], "offset": "0x0p+0", "pi_halves": 0}]
+    targets = {
+        "states": content["states"][0], "parameters": content["parameters"][0], "drift": content["drift"][0][0],
+        "starts": content["starts"][0], "path": content["starts"][0]["path"][0][0],
+        "functions": content["functions"][0], "top": content,
+    }  # fmt: skip
+    file = tmp_path / "c.json"
+    file.write_text(json.dumps(content), encoding="utf-8")
+    load_certificate(file)
+    targets[place]["only_where"] = "x < 0"
+    file.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(InvalidInput, match="no certificate that can be read") as caught:
+        load_certificate(file)
+    assert "only_where" in str(caught.value)
+
+
+def _pendulum(gamma: float, level: float) -> Certificate:
+    from .test_quadratic import LEVEL, upright
+
+    sound = upright(level=LEVEL / 4)
+    return replace(sound, gamma=gamma * sound.gamma, level=level * sound.level)
+
+
+@pytest.mark.parametrize(("gamma", "level"), [(0.8, 1.0), (1.0, 40.0), (0.8, 10.0)])
+def test_a_false_claim_of_quadratic_forms_is_refuted_at_a_corner(gamma: float, level: float) -> None:
+    claim = _pendulum(gamma, level)
+    claim = replace(claim, reach=claim.reach * level**0.5)
+    found = claim.check(threads=1)
+    assert not found.proved
+    assert found.reason.startswith("a corner fails: r > 0 at angle = ")
+    assert found.cells == 0
+
+
+def test_cells_after_a_corner_that_fails_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    from .test_quadratic import LEVEL, upright
+
+    sound = upright(level=0.999 * LEVEL)  # a corner fails, and cells prove it
+    assert sound.definite_corners() == 0
+    assert sound.check(threads=1).proved
+    monkeypatch.setattr(checker, "_MOST_AFTER_CORNERS", 10)
+    found = sound.check(threads=1)
+    assert not found.proved
+    assert found.reason.startswith("a corner fails, and cells do not decide: undecided after")
+
+
+@pytest.mark.parametrize("share", [0.01, 0.25])
+def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) -> None:
+    from flexhinf.certify.tolerances import _largest
+
+    from .test_quadratic import LEVEL, upright
+
+    found = _largest(upright(level=share * LEVEL))
+    assert found.level >= share * LEVEL
+    assert found.definite_corners()
+    assert found.check(threads=1).proved
+    more = replace(found, level=1.06 * found.level, reach=10.0 * found.reach)
+    assert more.definite_corners() == 0
+
+
+def test_a_mode_decays_however_slowly_it_does() -> None:
+    """Out of the input's and of the sensors' reach, it needs no law and no gain; at 0 it would."""
+    from flexhinf.estimation.placed_gain import check_detectable
+    from flexhinf.hinf.linear_part import LinearPart
+
+    for rate in (-1e-6, -1e-9, -1e-12, 0.0, 1e-9):
+        a, b = np.diag([rate, -0.5]), np.array([[0.0], [1.0]])
+        linear = LinearPart(a, b, b, np.array([[0.0, 1.0]]), ("slow", "fast"))
+        if rate < 0.0:
+            linear.check()
+            check_detectable(a, b.T, ("slow", "fast"))
+            continue
+        with pytest.raises(NotStabilisable, match="'slow'"):
+            linear.check()
+        with pytest.raises(NotDetectable, match="slow"):
+            check_detectable(a, b.T, ("slow", "fast"))
+    for slow in (np.zeros((2, 2)), np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 1.0], [-4.0, 0.0]])):
+        chain = np.zeros((3, 3))  # what does not decay: an integrator, a double one, an oscillation
+        chain[:2, :2], chain[2, 2] = slow, -0.5
+        turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+        unit = np.eye(3)[:, 2:]
+        linear = LinearPart(turn @ chain @ turn.T, turn @ unit, turn @ unit, unit.T @ turn.T, ("a", "b", "c"))
+        with pytest.raises(NotStabilisable):
+            linear.check()

@@ -1,0 +1,93 @@
+"""What boots is what was judged: the exported C answers the measurements of the judged step with its inputs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.codegen.machine import host
+from flexhinf.design import Specification
+from flexhinf.export import compile_controller
+
+SAMPLES = 200
+
+
+@pytest.fixture(scope="module", params=["90deg", pytest.param("180deg", marks=pytest.mark.slow)])
+def designed(request: Any) -> Any:
+    """The paper's arm, from hanging to a goal about which its law is; a linear law does for this."""
+    specification = Specification(pose=request.param, start="0", degrees=(2,), draws=0, proof_seconds=0.0)
+    return fh.design(fh.paper_arm(), specification)
+
+
+def judged(design: Any) -> Any:
+    """The first samples of the judged step, without noise."""
+    return replace(design.setup, quiet=True).step(1e-3 * (SAMPLES - 1)).run
+
+
+@pytest.mark.oracle
+def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path) -> None:
+    run, controller = judged(designed), designed.controller()
+    np.testing.assert_array_equal(run.signals["state"][0][:2], [0.0, 0.0])
+    assert run.signals["input"].shape == (SAMPLES, 1)
+    controller.save(tmp_path / "controller")
+    compiled = fh.load_compiled(
+        compile_controller(fh.load_controller(tmp_path / "controller"), tmp_path / "arm.so")
+    )
+    steps = controller.fresh()
+    for y, r, u in zip(*(run.signals[kind] for kind in ("output", "reference", "input")), strict=True):
+        np.testing.assert_array_equal(steps.step(y, r), u)
+        found = compiled.step(y, r)
+        assert compiled.code == "OK"
+        if host().fused:
+            np.testing.assert_array_equal(found, u)
+    assert (
+        abs(run.signals["input"][0, 0]) < 1e-9
+    )  # nothing holds an arm that hangs, whatever holds it at the goal
+
+
+def test_a_silent_encoder_at_boot_leaves_the_arm_hanging(designed: Any, tmp_path: Path) -> None:
+    """In C, in Python, and in the state that a run on a robot starts from."""
+    controller = designed.controller()
+    assert abs(controller.input_before()[0]) < 1e-9
+    compiled = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))
+    goal = controller.operating_reference
+    for _ in range(100):
+        np.testing.assert_array_equal(compiled.step(None, goal), controller.input_before())
+        assert compiled.code == "WAITING"
+        np.testing.assert_array_equal(controller.step(None, goal), controller.input_before())
+
+
+def test_a_run_starts_where_its_controller_was_designed_to_start(designed: Any) -> None:
+    """Not at the goal, which is the law's operating point; and a run that starts elsewhere says so."""
+    controller, plant = designed.controller(), fh.paper_arm().plant()
+    run = fh.Loop(plant, controller).run(duration=0.05)
+    np.testing.assert_array_equal(run.signals["state"][0], controller.estimator.initial[0])
+    assert run.settings["start"] == "where the controller starts, at rest"
+    assert run.data.attrs["start"] == run.settings["start"]
+    assert "started at" not in run.summary()
+    there = fh.Loop(plant, controller).run(duration=0.05, initial_state={"link_position": 0.25})
+    assert there.settings["start"] == "link_position = 0.25, the controller starts at 0"
+    assert "link_position = 0.25" in repr(there)
+    assert "link_position = 0.25" in there.data.attrs["start"]
+
+
+def test_a_true_plant_that_does_not_rest_there_says_so() -> None:
+    """A heavier link where it is held at 90°: it begins to sag, and the run says at which rate."""
+    arm = fh.paper_arm()
+    state, u = arm.operating_point(math.pi / 2)
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, state, 1e-4)
+    controller = fh.Controller(fh.linear_law(arm.problem(pose=math.pi / 2), gamma=math.inf), ukf, 1e-3)
+    np.testing.assert_allclose(controller.input_before(), u, rtol=1e-12)
+    heavy = arm.plant().with_parameters(mass=1.5 * arm.nominal["mass"])
+    run = fh.Loop(heavy, controller).run(duration=0.05)
+    rate = heavy.derivative(state, u)
+    worst = int(np.argmax(np.abs(rate)))
+    words = f"the true plant does not rest there: d/dt {heavy.states[worst]} = {rate[worst]:.3g}"
+    assert run.settings["start"] == f"where the controller starts; {words}"
+    assert words in repr(run)

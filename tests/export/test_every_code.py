@@ -1,0 +1,246 @@
+"""The exported C and `Controller.step` over hostile input: the same bits and codes until every code was seen."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.codegen.machine import host
+from flexhinf.errors import NumericalFailure
+from flexhinf.export import compile_controller
+
+ARM = fh.paper_arm()
+OK, BAD_MEASUREMENT, BAD_COMMAND, BAD_RESULT, WENT_BACK, PREDICTED, STOPPED, WAITING = range(8)
+
+
+def made(limit: float | None) -> fh.Controller:
+    """A cubic law, which 1e6 rad drives out of the finite numbers some samples later."""
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.1, 0.11, 0.0, 0.0], 1e-4)
+    law = fh.solve_hji(ARM.problem(pose=0.5), gamma=math.inf, degree=4)
+    return fh.Controller(law, ukf, 1e-3, limit, start="bumpless")
+
+
+def hostile(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measurements y, commands r and whether there is a measurement: spells of a quiet loop between NaN, infinities,
+    outliers over sixty decades, jumps, stuck and missing samples in thirty of a hundred, and commands up to 1e300."""
+    rng = np.random.default_rng(seed)
+    time = 1e-3 * np.arange(samples)
+    y, r = 0.5 + 0.3 * np.sin(2.0 * time), 0.5 + 0.2 * np.sin(1.3 * time)
+    measured = np.ones(samples, dtype=int)
+    begin = 0
+    while begin < samples:
+        spell = slice(begin, begin + int(rng.integers(20, 400)))
+        size, kind = len(y[spell]), rng.integers(9)
+        some = rng.random(size) < 0.1
+        if kind == 1:
+            y[spell][some] = rng.choice([np.nan, np.inf, -np.inf], some.sum())
+        elif kind == 2:
+            y[spell][some] *= 10.0 ** rng.uniform(0.0, 60.0, some.sum())
+        elif kind == 3:
+            y[spell] += rng.uniform(-10.0, 10.0)
+        elif kind == 4:
+            y[spell] = y[begin]
+        elif kind == 5:
+            measured[spell] = rng.random(size) >= 0.3
+        elif kind == 6:
+            measured[spell] = 0
+        elif kind == 7:
+            r[spell][some] = rng.choice([np.nan, np.inf, 1e6, -1e300], some.sum())
+        elif kind == 8:
+            y[spell][some] = 1e200
+        begin = spell.stop
+    measured[:15] = 0
+    return y[:, None], r[:, None], measured
+
+
+def steps(
+    controller: fh.Controller, y: np.ndarray, r: np.ndarray, measured: np.ndarray
+) -> Iterator[tuple[Any, int]]:
+    """Input and code of each sample, by the rules of the C, which has the watchdog beside `Controller.step`."""
+    held, missing, begun = controller.input_before(), 0, False
+    for value, command, there in zip(y, r, measured, strict=True):
+        if not there and begun and missing >= 10:
+            yield held, STOPPED
+            continue
+        missing += not there and begun
+        code = OK if there else PREDICTED if begun else WAITING
+        try:
+            held = controller.step(value if there else None, command)
+            begun = begun or bool(there)
+        except NumericalFailure as error:
+            bad = (
+                (BAD_MEASUREMENT, "measurement is not"),
+                (BAD_COMMAND, "command is not"),
+                (WENT_BACK, "again"),
+            )
+            code = next((number for number, words in bad if words in error.what), BAD_RESULT)
+        if there and code != BAD_MEASUREMENT:
+            missing = 0
+        yield held, code
+
+
+@pytest.mark.oracle
+@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
+@pytest.mark.parametrize("limit", [None, 48.0])
+@pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def test_every_code_is_reached_with_the_same_bits(
+    limit: float | None, samples: int, build: Callable[..., Any]
+) -> None:
+    controller = made(limit)
+    y, r, measured = hostile(samples, seed=5)
+    u, _, codes = build(controller).replay(y, r, measured, 1, 4)
+    found = list(steps(controller, y, r, measured))
+    np.testing.assert_array_equal(codes, [code for _, code in found])
+    np.testing.assert_array_equal(u, np.array([held for held, _ in found]))
+    assert set(codes.tolist()) == {
+        OK, BAD_MEASUREMENT, BAD_COMMAND, BAD_RESULT, WENT_BACK, PREDICTED, STOPPED, WAITING
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("how", ["reset", "fresh", "copy", "deepcopy", "pickle", "file"])
+def test_wherever_a_controller_comes_from_the_same_samples_give_the_same_bits(
+    how: str, tmp_path: Path
+) -> None:
+    """After two returns to earlier memories; a copy goes on, the others are at the start."""
+    one = made(None)
+    y, r, measured = hostile(3000, seed=8)
+    before = list(steps(one, y, r, measured))
+    assert sum(code == WENT_BACK for _, code in before) >= 2
+    fresh = made(None)
+    y, r, measured = hostile(3000, seed=9)
+    if how == "reset":
+        one.reset()
+        other = one
+    elif how in ("fresh", "file"):
+        one.save(tmp_path / "one")
+        other, one = one.fresh() if how == "fresh" else fh.load_controller(tmp_path / "one"), fresh
+        fresh = made(None)
+    else:
+        other = {"copy": copy.copy, "deepcopy": copy.deepcopy}.get(
+            how, lambda c: pickle.loads(pickle.dumps(c))
+        )(one)
+        fresh = one
+    for (u, code), (wanted, other_code) in zip(
+        steps(other, y, r, measured), steps(fresh, y, r, measured), strict=True
+    ):
+        assert code == other_code
+        np.testing.assert_array_equal(u, wanted)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3, 0.9])
+def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
+    """Of measured and predicted samples alike: each program once had a count of its own."""
+    controller, rng = made(48.0), np.random.default_rng(3)
+    controller.step(0.1, 0.5)
+    history = [controller._memory.copy()]
+    for k in range(1000):
+        controller.step(None if rng.random() < missing else 0.1 + 1e-4 * k, 0.5)
+        history.append(controller._memory.copy())
+        if k > 64:
+            age = next(
+                a
+                for a, kept in enumerate(reversed(history))
+                if np.array_equal(kept, controller._remembered.older)
+            )
+            assert 32 <= age < 64
+
+
+# Boot -----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("option", ["hold", "zero"])
+def test_before_the_first_good_measurement_the_output_is_that_before_the_first_sample(
+    option: str, build: Callable[..., Any]
+) -> None:
+    """A silent encoder, then NaN: the law about 90° neither predicts nor jumps, in Python and in C."""
+    pose, start = np.pi / 2, ARM.operating_point(0.6)
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, start[0], 1e-4)
+    law = fh.solve_hji(ARM.problem(pose=pose), gamma=math.inf, degree=4)
+    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", before_first=option)
+    first = start[1] if option == "hold" else np.zeros(1)
+    np.testing.assert_allclose(controller.input_before(), first, rtol=1e-12)
+    y, r, measured = np.full((60, 1), 0.6), np.full((60, 1), pose), np.ones(60, dtype=int)
+    measured[:20], y[20:25] = 0, np.nan
+    u, _, codes = build(controller).replay(y, r, measured, 1, 4)
+    assert codes.tolist() == [WAITING] * 20 + [BAD_MEASUREMENT] * 5 + [OK] * 35
+    np.testing.assert_array_equal(u[:25], np.tile(controller.input_before(), (25, 1)))
+    found = list(steps(controller.fresh(), y, r, measured))
+    np.testing.assert_array_equal([code for _, code in found], codes)
+    if host().fused:
+        np.testing.assert_array_equal(np.array([held for held, _ in found]), u)
+    # as if the samples without a measurement had not been
+    plain = controller.fresh()
+    np.testing.assert_allclose([plain.step(0.6, pose) for _ in range(35)], u[25:], rtol=1e-9, atol=1e-9)
+    assert abs(u[25, 0] - u[24, 0]) < 1e-6
+
+
+def test_a_step_without_an_init_says_so_and_gives_the_input_before_the_first_sample(
+    build: Callable[..., Any], compiler: str
+) -> None:
+    """Of zeros, as static memory is, and of other bytes; only an init ends it."""
+    state, u = ARM.operating_point(0.6)
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, state, 1e-4)
+    folder = build(fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ukf, 1e-3, 48.0)).folder
+    (folder / "boot.c").write_text(
+        """
+#include <stdio.h>
+#include <string.h>
+#include "arm.h"
+int main(void)
+{
+    static arm_state state;
+    const arm_input input = {.y = {0.6}, .r = {0.6}, .measured = 1};
+    arm_output output;
+    for (int byte = 0; byte < 256; byte += 51) {
+        memset(&state, byte, sizeof state);
+        for (int k = 0; k < 3; ++k) {
+            const int code = arm_step(&state, &arm_defaults, &input, &output);
+            printf("%d %.17g %.17g\\n", code == ARM_NOT_INITIALISED, output.u[0], output.estimate[0]);
+        }
+    }
+    arm_init(&state);
+    printf("%d\\n", arm_step(&state, &arm_defaults, &input, &output) == ARM_OK);
+    return 0;
+}
+""".replace("\\\\", "\\")
+    )
+    subprocess.run([compiler, "-std=c99", "boot.c", "arm.c", "-lm", "-o", "boot"], cwd=folder, check=True)
+    *lines, last = subprocess.run(
+        ["./boot"], cwd=folder, capture_output=True, text=True, check=True
+    ).stdout.split("\n")[:-1]
+    assert len(lines) == 18
+    for line in lines:
+        told, first, estimate = map(float, line.split())
+        assert (told, estimate) == (1.0, 0.0)
+        np.testing.assert_allclose(first, u[0], rtol=1e-12)
+    assert last == "1"
+
+
+@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
+@pytest.mark.parametrize("option", ["hold", "zero"])
+def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
+    option: str, compiler: str, tmp_path: Path
+) -> None:
+    """`Controller.reset`, the library's start, and a file between; zero stays zero."""
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
+    law = fh.linear_law(ARM.problem(pose=0.3), gamma=math.inf)
+    given = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", before_first=option)
+    given.save(tmp_path / "controller")
+    controller = fh.load_controller(tmp_path / "controller")
+    compiled = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))
+    for pose in (0.0, 0.9, -2.0):
+        state, u = ARM.operating_point(pose)
+        controller.reset(state)
+        compiled.reset(state)
+        first = u if option == "hold" else np.zeros(1)
+        np.testing.assert_allclose(controller.step(None), first, rtol=1e-9)
+        for k in range(40):
+            y = None if k < 3 else pose + 1e-3 * k
+            np.testing.assert_array_equal(controller.step(y, 0.3), compiled.step(y, 0.3))

@@ -1,0 +1,117 @@
+"""Inputs without limits: a sensor that sticks does not wind the integrals up, and commands far away are reached."""
+
+import math
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.baselines import lqr
+from flexhinf.loop.controller import controller as controller_module
+from flexhinf.loop.simulation.program import rk4_function
+from flexhinf.plant import BlackBox
+
+ARM = fh.paper_arm()
+
+
+def ukf(mean=(0.0, 0.0, 0.0, 0.0)):
+    return fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, [0, 0, 1e-4, 1e-4], 1e-7, mean, 1e-4)
+
+
+class Stuck(BlackBox):
+    """The arm, its encoder stuck at what it first showed from `begin` to `end`, s, while a brake holds the link."""
+
+    states = ARM.plant().states
+
+    def __init__(self, begin, end):
+        self.begin, self.end, plant = begin, end, ARM.plant()
+        self.advance, self.truth = rk4_function(plant), np.concatenate([[2.5e-4], plant.parameters.vector()])
+        self.none = np.zeros(3 * len(plant.disturbances))
+
+    def reset(self, initial_state):
+        self.x, self.k, self.shown = np.array(initial_state), 0, None
+
+    def step(self, u, disturbance, period):
+        self.k += 1
+        if not self.begin <= 1e-3 * self.k < self.end:
+            for _ in range(4):
+                self.x = np.ravel(self.advance(self.x, u, self.none, self.truth).full())
+
+    def output(self):
+        if self.begin <= 1e-3 * self.k < self.end:
+            self.shown = self.x[:1].copy() if self.shown is None else self.shown
+            return self.shown
+        return self.x[:1]
+
+    def state(self):
+        return self.x
+
+
+@pytest.mark.parametrize("pose", [None, 0.8])
+@pytest.mark.parametrize("law", [lambda p: fh.linear_law(p, gamma=math.inf), lqr])
+def test_a_sensor_that_sticks_for_a_minute(law, pose):
+    """One radian beside the command: the input stays bounded (a thousand volts without a bound) and comes back."""
+    problem = ARM.problem(pose=pose)
+    x, u = problem.operating_point[:4], problem.operating_input
+    controller = fh.Controller(law(problem), ukf(x), 1e-3)
+    inputs = np.array([controller.step(x[0], x[0] + 1.0)[0] for _ in range(60_000)])
+    wound = controller.integrals
+    assert np.abs(inputs).max() <= 60.0
+    for _ in range(10_000):
+        controller.step(x[0], x[0] + 1.0)
+    np.testing.assert_array_equal(controller.integrals, wound)  # they stand still
+    for k in range(2_000):  # and move back where the error has the other sign
+        controller.step(x[0] + 1e-3 * k, x[0] + 1.0)
+    assert controller.integrals[0] > wound[0] + 0.4
+    assert np.isfinite(u).all()
+
+
+@pytest.mark.parametrize("held", [5.0, pytest.param(60.0, marks=pytest.mark.slow)])
+def test_the_loop_recovers_after_a_stuck_sensor(held):
+    """The arm is held half a radian before its command, and let go again."""
+    controller = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ukf(), 1e-3)
+    run = fh.Loop(Stuck(0.2, 0.2 + held), controller).run(fh.Step(0.5), duration=held + 8.0)
+    assert run.status == "completed"
+    assert np.abs(run.signals["input"]).max() < 150.0
+    assert np.abs(run.tracked("link_position")[-500:] - 0.5).max() < 5e-3
+
+
+def test_a_command_far_away_is_reached_and_needs_no_bound():
+    """Three turns: the law needs as much of its integrals as that takes, and nothing of a run in reach changes."""
+    law = fh.linear_law(ARM.problem(), gamma=math.inf)
+    free, limited = (fh.Controller(law, ukf(), 1e-3, limit) for limit in (None, 1e9))
+    run = fh.Loop(ARM.plant(), free).run(fh.Quintic(0.0, 6.0 * np.pi, 6.0), duration=12.0, multi_turn=True)
+    assert abs(run.tracked("link_position")[-1] - 6.0 * np.pi) < 1e-2
+    one, other = (fh.Loop(ARM.plant(), c).run(fh.Step(np.pi), duration=6.0) for c in (free, limited))
+    np.testing.assert_array_equal(one.signals["input"], other.signals["input"])
+
+
+def test_the_bound_is_that_of_the_line_of_equilibria():
+    """w and G from equilibria that Newton's method finds a millirad from the operating point."""
+    problem = ARM.problem(pose=0.8)
+    law, h = fh.linear_law(problem, gamma=math.inf), 1e-4
+    windup = fh.Controller(law, ukf(), 1e-3).windup
+    (xa, ua), (xb, ub) = (ARM.operating_point(0.8 + side) for side in (-h, h))
+    along, held = (xb - xa) / (2.0 * h), (ub - ua) / (2.0 * h)
+    slope = np.array([(law.law(d) - law.law(-d)) / 2e-6 for d in 1e-6 * np.eye(5)]).T
+    reaction = slope[:, :4] @ along
+    np.testing.assert_allclose(windup.line[:, 0], held - reaction, rtol=1e-5)
+    travel = np.pi + 0.8
+    np.testing.assert_allclose(windup.limit, (np.abs(held) + 0.5 * np.abs(reaction)) * travel, rtol=1e-5)
+    assert fh.Controller(law, ukf(), 1e-3, 48.0).mode.bounds_windup is False
+
+
+@pytest.mark.parametrize("composed", [False, True])
+@pytest.mark.parametrize("laws", [1, 2])
+def test_it_is_saved_and_the_same_in_pieces(laws, composed, tmp_path, monkeypatch):
+    if composed:
+        monkeypatch.setattr(controller_module, "ONE_TRACE", -1)
+    made = [fh.linear_law(ARM.problem(pose=at), gamma=math.inf) for at in (0.0, 0.8)[:laws]]
+    controller = fh.Controller(fh.Schedule(made) if laws > 1 else made[0], ukf(), 1e-3, moving=False)
+    controller.save(tmp_path / "controller")
+    loaded = fh.load_controller(tmp_path / "controller")
+    assert loaded.summary() == controller.summary()
+    assert "more than at rest" in controller.summary()["integrals push"]
+    for _ in range(3_000):
+        np.testing.assert_array_equal(controller.step(0.01, 0.9), loaded.step(0.01, 0.9))
+    assert abs(controller.integrals[0]) < 2.5  # of 2.67 without a bound

@@ -1,0 +1,168 @@
+"""Numbers with units as text in robot files: read in SI units, checked against what they measure."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot import load_robot
+from flexhinf.robot.quantities import QUANTITIES
+from flexhinf.robot.signals import UNITS
+from flexhinf.robot.units import measured
+
+PLAIN = """
+gravity = 9.81
+home = [0.5]
+[[joint]]
+name = "a"
+limits = [-3.141592653589793, 3.141592653589793]
+speed_limit = 3.141592653589793
+effort_limit = 0.6
+[joint.link]
+axis_inertia = { value = 0.5, tolerance = 5 }
+mass = 2.0
+length = 0.3
+[joint.spring]
+stiffness = 10000.0
+backlash = 1e-3
+[joint.motor]
+rotor_inertia = 1e-5
+gear_ratio = 100.0
+gear_efficiency = 0.8
+friction = 0.3
+torque_constant = 0.05
+[joint.tolerances]
+stiffness = 12
+[[payload]]
+mass = { value = 0.0, range = [0.0, 3.0] }
+sphere = 0.05
+"""
+WRITTEN = {
+    "gravity = 9.81": "gravity = '9.81 m/s^2'", "home = [0.5]": "home = ['500 mrad']",
+    "[-3.141592653589793, 3.141592653589793]": "['-180deg', '180°']",
+    "speed_limit = 3.141592653589793": "speed_limit = '30 rpm'", "effort_limit = 0.6": "effort_limit = '600mA'",
+    "{ value = 0.5, tolerance = 5 }": "{ value = '5000 kg cm²', tolerance = '5 %' }",
+    "mass = 2.0": "mass = '2000 g'", "length = 0.3": "length = '30 cm'", "10000.0": "'10 kNm/rad'",
+    "backlash = 1e-3": "backlash = '1 mrad'", "rotor_inertia = 1e-5": "rotor_inertia = '100 g·cm²'",
+    "gear_efficiency = 0.8": "gear_efficiency = '80%'", "friction = 0.3": "friction = '0.3 N·m·s/rad'",
+    "torque_constant = 0.05": "torque_constant = '50 mNm/A'", "stiffness = 12": "stiffness = '12%'",
+    "{ value = 0.0, range = [0.0, 3.0] }": "{ value = '0 kg', range = ['0 kg', '3000 g'] }",
+    "sphere = 0.05": "sphere = '5cm'",
+}  # fmt: skip
+
+
+@pytest.fixture
+def load(tmp_path):
+    def read(text: str):
+        path = tmp_path / "arm.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_robot(path)
+
+    return read
+
+
+def test_every_number_of_a_file_may_be_text_with_a_unit(load):
+    text, plain = PLAIN, load(PLAIN)
+    for number, words in WRITTEN.items():
+        assert text.count(number) == 1
+        text = text.replace(number, words)
+    robot = load(text)
+    assert [p.name for p in robot.parameters] == [p.name for p in plain.parameters]
+    for one, other in zip(robot.parameters, plain.parameters):
+        numbers = [(p.value, p.tolerance, *p.interval) for p in (one, other)]
+        np.testing.assert_allclose(*numbers, rtol=1e-12, err_msg=one.name)
+    np.testing.assert_allclose(robot.speed_limits, plain.speed_limits, rtol=1e-15)
+    assert robot.effort_limits == plain.effort_limits
+    np.testing.assert_array_equal(robot.home, plain.home)
+
+
+@pytest.mark.parametrize(
+    ("number", "words", "expected"),
+    [
+        ("10000.0", "'10 kNm'", ["stiffness", "N·m/rad", "10 kNm"]),
+        ("10000.0", "'10 kN/m'", ["stiffness", "N·m/rad", "10 kN/m"]),  # of a joint that slides
+        ("10000.0", "'10'", ["stiffness", "N·m/rad"]),
+        ("10000.0", "'stiff'", ["stiffness", "N·m/rad"]),
+        ("10000.0", "'nan N·m/rad'", ["stiffness"]),
+        ("10000.0", "'1e400 N·m/rad'", ["stiffness"]),
+        ("backlash = 1e-3", "backlash = '1 mm'", ["backlash", "rad"]),
+        ("effort_limit = 0.6", "effort_limit = '6 V'", ["effort_limit", "number in A", "6 V"]),
+        ("home = [0.5]", "home = ['5 mm']", ["home", "rad"]),
+        ("length = 0.3", "length = '3 s'", ["link", "length", "m"]),
+        ("stiffness = 12", "stiffness = '12'", ["tolerances", "%"]),
+        ("sphere = 0.05", "sphere = '5 kg'", ["payload 1", "sphere", "m"]),
+        ("gravity = 9.81", "gravity = '9.81 N'", ["gravity", "m/s²"]),
+    ],
+)
+def test_a_unit_that_measures_something_else_is_refused(load, number, words, expected):
+    with pytest.raises(InvalidInput) as caught:
+        load(PLAIN.replace(number, words))
+    error = caught.value
+    assert all((error.what, error.found, error.advice))
+    assert [word for word in expected if word not in str(error)] == []
+
+
+@pytest.mark.parametrize(
+    "unit", sorted({u for q in QUANTITIES.values() for u in q[:2]} | {u for p in UNITS.values() for u in p})
+)
+def test_every_si_unit_reads_itself_and_no_other(unit):
+    assert measured(f"2.5 {unit}", unit) == 2.5
+    with pytest.raises(ValueError, match="kat"):
+        measured("2.5 kat", unit)
+    with pytest.raises(ValueError, match="kg"):
+        measured(f"2.5 kg·kg·{unit.lstrip('1') or 'm'}", unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "value"),
+    [
+        ("5 V/krpm", "V·s/rad", 0.005 * 30.0 / math.pi), ("3 Nm/deg", "N·m/rad", 540.0 / math.pi),
+        ("2 Nms/rad", "N·m·s/rad", 2.0), ("2e3 N*mm", "N·m", 2.0), ("7 kg·m^2", "kg·m²", 7.0), ("0.8 Ohm", "Ω", 0.8),
+        ("1 MN/m", "N/m", 1e6), ("1 mN", "N", 1e-3), ("90 DEG", "rad", math.pi / 2), ("4 kgm2", "kg·m²", 4.0),
+        ("2 m/s/s", "m/s²", 2.0), ("8 m s^-2", "m/s²", 8.0), ("3 µH", "H", 3e-6), ("1 N·m·s²", "kg·m²", 1.0),
+    ],
+)  # fmt: skip
+def test_units_as_people_write_them(text, si, value):
+    assert measured(text, si) == pytest.approx(value, rel=1e-14)
+
+
+@given(st.text(max_size=60), st.sampled_from(["rad", "N·m/rad", "kg·m²", "1"]))
+def test_any_text_is_a_finite_number_or_refused(text, si):
+    for words in (text, f"3 {text}", f"3 m{text}", f"{text} {si}"):
+        try:
+            found = measured(words, si)
+        except ValueError:
+            continue
+        assert math.isfinite(found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ("[joint.spring]", "[joint.a.spring]", "'a'"),
+        ("[joint.spring]", "[joint.yaw.spring]", "'yaw'"),
+        ("[joint.spring]", "[[joint.a.spring]]", "'a'"),
+        ("[joint.spring]", "[[joint.spring]]", "'a'"),
+        ("[joint.spring]", "[a.spring]", "'a'"),
+        ("[joint.spring]", "[yaw.spring]", "'yaw'"),
+        ("[joint.spring]", "[spring]", ""),
+        ("[joint.spring]", "[joints.spring]", ""),
+        ("[[joint]]", "[joint]", "'a'"),
+        ("[[joint]]", "[[joints]]", ""),
+        ('[[joint]]\nname = "a"', "[joint.a]", "'a'"),
+        ("[joint.spring]", "[joint]", ""),
+        ("[[joint]]", "[joint.link]\n[[joint]]", ""),
+    ],
+)
+def test_a_table_that_is_not_where_a_joint_has_it_is_told_how_to_write(load, old, new, name):
+    assert PLAIN.count(old) == 1
+    with pytest.raises(InvalidInput) as caught:
+        load(PLAIN.replace(old, new))
+    assert "[[joint]]" in caught.value.advice
+    assert "[joint.spring]" in caught.value.advice
+    assert name in caught.value.advice
