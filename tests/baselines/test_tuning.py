@@ -88,7 +88,9 @@ def test_excess_is_in_logarithms_above_the_limit_only() -> None:
     assert excess(1.9, 2.0) == 0.0
     assert excess(2.0 * np.e, 2.0) == pytest.approx(1.0)
     assert excess(inf, 2.0) == excess(np.nan, 2.0) == inf
-    assert excess(0.0, 2.0) == 0.0
+    assert excess(0.0, 2.0) == excess(1.8, inf) == 0.0
+    assert excess(2.0 * (1.0 + 1e-12), 2.0) == 0.0  # a limit that is the design's own value, computed again
+    assert excess(2.0 * (1.0 + 1e-6), 2.0) == pytest.approx(1e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,9 @@ PENALTY = 10.0
 #: Cost of a candidate that could not be judged: more than that of any that could.
 UNJUDGED = 1e6
 
+#: What a value may exceed its limit by, relative.
+ROUNDING = 1e-9
+
 #: Factor by which each parameter is moved to begin the simplex.
 SIMPLEX = 1.35
 
@@ -113,10 +116,13 @@ class Tuning:
 
 
 def excess(value: float, limit: float) -> float:
-    """ln(value / limit) where a value is above its limit, else 0; infinite for a value that is not finite."""
+    """ln(value / limit) where a value is above its limit, else 0; infinite for a value that is not finite.
+
+    A value within rounding of its limit keeps it: where a limit is the design's own value, the design itself does.
+    """
     if not isfinite(value):
         return inf
-    return max(0.0, log(value / limit)) if value > 0.0 else 0.0
+    return 0.0 if value <= limit * (1.0 + ROUNDING) else log(value / limit)
 
 
 def tune(

@@ -124,7 +124,7 @@ class Limit:
         value = getattr(figures, self.figure)
         if not self.least:
             return excess(value, self.value)
-        if math.isnan(value) or value >= self.value:
+        if math.isnan(value):
             return 0.0
         return excess(self.value, value) if value > 0.0 else math.inf
 
