@@ -95,7 +95,7 @@ class LawEvaluation:
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
     def step(self) -> Response:
-        """The step as the controller is deployed: a law with integrals begins without a jump of the input."""
+        """The step as the controller is deployed: without a jump of the input."""
         return self.setup.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property

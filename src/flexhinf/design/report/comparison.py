@@ -240,9 +240,9 @@ def _laws(comparison: Comparison) -> list[Any]:
     text = (
         "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
         "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. All "
-        "make the step as they would be deployed: a law with integrals begins with those for which its input does not "
-        "jump, one without takes the whole command at once. The move is followed in error coordinates, (x_d, u_d) from "
-        "the elastic inverse dynamics."
+        "make the step as they would be deployed: the input continues from what held the robot at the start, by the "
+        "integrals, and by a bias that fades where a law has none. The move is followed in error coordinates, "
+        "(x_d, u_d) from the elastic inverse dynamics."
     )
     columns = (
         "law",
