@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -259,3 +260,24 @@ def test_a_search_that_ends_early_gives_a_larger_bound_and_not_a_smaller_one(
     close = proved_peaks(two_inputs())
     monkeypatch.setattr(peak, "_HALVINGS", 0)
     assert all(a >= b * (1 - 1e-3) for a, b in zip(proved_peaks(two_inputs()), close, strict=True))
+
+
+def test_an_input_that_is_attained_is_not_above_its_bound() -> None:
+    """x1 stands at 1 along a piece of its table, where V = x1² + x2² has no slope: |u| = 3 there."""
+    value = (((2, 0), 1.0), ((0, 2), 1.0))
+    start = Start("table", 2.0, ((), ()), (), (0.0, 1.0, 2.0), ((0.0, 1.0, 1.0), ()))
+    law = ((((1, 0), 3.0),), (((1, 0), 1.0), ((0, 1), 1.0)))
+    (first, second) = proved_peaks(two_inputs(value=value, starts=(start,), law=law))
+    assert 3.0 <= first <= 3.0 * 1.0011
+    assert Fraction(second) ** 2 >= 2
+
+
+def test_a_peak_within_the_first_unit_of_a_path_counts_for_the_input() -> None:
+    value = (((2, 0), 1.0), ((0, 2), 1.0))
+    path = ((Term(1 / 3, (0,), (), 0),), ())
+    start = Start("there and back", 3.0, path, (Function("sin", (3.0,)),))  # 1/3 at a = π/6; at the end 0.14
+    assert proved_peaks(two_inputs(value=value, starts=(start,)))[0] >= np.sqrt(13.0) / 3 * (1 - 1e-9)
+    short = Start("there and back", 0.9, path, (Function("sin", (3.0,)),))  # at the end 0.14 again
+    largest = 1 / 9
+    assert outcome(claim(value, level=largest * 1.001), short) >= 16
+    assert outcome(claim(value, level=largest * 0.999), short) == 0
