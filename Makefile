@@ -23,7 +23,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware bench-certificates peers pages locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware bench-certificates peers pages mutants locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -45,6 +45,10 @@ slow: environment-dev
 
 pages: environment-dev
 	$(PY) docs/make.py
+
+# Changes the checker in one place at a time and runs its tests: hours. Needs cosmic-ray: .venv/bin/python -m pip install cosmic-ray
+mutants: environment-dev
+	$(PY) -m fuzz.mutants checker
 
 bench: environment-dev
 	$(PY) -m benchmarks

@@ -4,10 +4,9 @@
     python -m fuzz.mutants rest --sample 300 --seed 21   a random sample of those of the other rooms
     python -m fuzz.mutants FILE ...                      every change of these files
 
-The changes are those of cosmic-ray (``pip install cosmic-ray``) that `OPERATORS` names, and `SWAPS`. Messages, doc
-strings and annotations stay as they are. Each change is made in a copy of the repository, where pytest runs the quick
-tests of its room until one fails: first the files that are named like the changed one, then those that mention it or
-what it defines. One line of JSON for each change goes to ``--out``; what is there already is not run again.
+The changes are those of cosmic-ray (``pip install cosmic-ray``) that `OPERATORS` names, and `SWAPS`; messages and
+annotations stay as they are. In a copy of the repository pytest runs the quick tests of the room until one fails: those
+named like the changed file, then those that mention it. What ``--out`` has already is not run again.
 """
 
 from __future__ import annotations
@@ -28,12 +27,14 @@ from typing import Any
 
 CHECKER = ("certify/checker/*.py", "certify/quotients.py", "certify/enclosures.py")
 ROOMS = ("hinf", "estimation", "loop", "campaign", "export", "certify")
+BINARY = (
+    "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Mul Mod_Mul BitAnd_BitOr BitOr_BitAnd LShift_RShift"
+)
+COMPARISON = "Lt_LtE Lt_Gt LtE_Lt LtE_GtE Gt_GtE Gt_Lt GtE_Gt GtE_LtE Eq_NotEq NotEq_Eq Is_IsNot IsNot_Is"
 OPERATORS = (
-    *(f"ReplaceBinaryOperator_{pair}" for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "Pow_Mul",
-      "FloorDiv_Mul", "Mod_Mul", "BitAnd_BitOr", "BitOr_BitAnd", "LShift_RShift")),
-    *(f"ReplaceComparisonOperator_{pair}" for pair in ("Lt_LtE", "Lt_Gt", "LtE_Lt", "LtE_GtE", "Gt_GtE", "Gt_Lt",
-      "GtE_Gt", "GtE_LtE", "Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is")),
-    *(f"ReplaceUnaryOperator_{pair}" for pair in ("Delete_USub", "Delete_Not", "Delete_Invert")),
+    *(f"ReplaceBinaryOperator_{pair}" for pair in BINARY.split()),
+    *(f"ReplaceComparisonOperator_{pair}" for pair in COMPARISON.split()),
+    *(f"ReplaceUnaryOperator_Delete_{sign}" for sign in ("USub", "Not", "Invert")),
     "AddNot", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd",
     "ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "NumberReplacer", "RemoveDecorator", "ZeroIterationForLoop",
 )  # fmt: skip
@@ -43,7 +44,6 @@ SWAPS = {
     "*=": "/=", "/=": "*=", "@": "*",
 }  # fmt: skip
 WORDS = {"fstring", "raise_stmt", "tfpdef", "annassign", "assert_stmt"}
-TIMEOUT_S = 300
 
 
 def changes_of(root: Path, path: Path) -> Iterator[tuple[dict[str, Any], Callable[[], str]]]:
@@ -116,7 +116,7 @@ def outcome(copy: Path, path: Path, text: str, tests: list[str]) -> str:
     environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
-            command, cwd=copy, env=environment, capture_output=True, timeout=TIMEOUT_S, check=False
+            command, cwd=copy, env=environment, capture_output=True, timeout=300, check=False
         )
     except subprocess.TimeoutExpired:
         return "timeout"
@@ -152,10 +152,10 @@ def main() -> None:
         for change, text in (one for one in changes if one[0] not in known):
             path = copy / change["file"]
             change = {**change, "result": outcome(copy, path, text(), tests_of(copy, path))}
-            with out.open("a") as file:
-                print(json.dumps(change), file=file)
             tally[change["result"]] += 1
-            print(dict(tally), change["file"], change["line"], change["what"], change["result"], flush=True)
+            with out.open("a") as file:
+                print(json.dumps(change), file=file, flush=True)
+            print(dict(tally), *change.values(), flush=True)
 
 
 if __name__ == "__main__":

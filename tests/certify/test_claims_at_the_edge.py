@@ -121,6 +121,7 @@ def test_every_cell_is_reported_as_such() -> None:
     few = verify(SOUND, threads=1, sample=2, by_cells=True)
     assert (few.resampled, few.every_cell) == (4, False)
     quick = verify(SOUND, threads=1)
+    assert quick.proved
     assert (quick.corners, quick.cells, quick.faces, quick.resampled) == (2, 0, 0, 0)
     assert quick.gradient_law
     assert quick.cpu_s >= 0

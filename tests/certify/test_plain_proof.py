@@ -193,6 +193,18 @@ def test_a_level_set_has_ended_where_v_exceeds_the_level_in_all_directions(name:
     assert not cell_ended(Proof(exact), Cell((0, 1), (), (), 0.5, 0.6, 0.0))
 
 
+def test_zero_is_not_negative() -> None:
+    """r = 0 everywhere, and a V that does not depend on one state: neither is proved."""
+    lazy = replace(CUBIC, value=(((2,), 1.0),), drift=((Term(-1.0, (1,)),),), g1=(((),),), g2=(((),),), law=((),),
+                   penalty=((((1,), 2.0),),), parameters=())  # fmt: skip
+    cell = Cell((0, 1), (), (), 0.5, 1.0, 0.0)
+    assert not cell_holds(Proof(lazy), cell, 0)
+    assert cell_holds(Proof(replace(lazy, penalty=((((1,), 1.99),),))), cell, 0)
+    flat = at_level(Proof(upright((((2, 0), 1.0),), coordinates=((1.0, 0.0), (0.0, 1.0)))), -1e6)
+    assert not cell_holds(flat, Cell((1, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+    assert cell_holds(flat, Cell((0, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+
+
 # Taylor polynomials -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("center", [0.0, 2.0**-21, 2.0**-19, -0.7, 1.3])
 @pytest.mark.parametrize("name", ["sin", "exp"])

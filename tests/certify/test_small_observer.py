@@ -24,7 +24,7 @@ SENSOR = np.array([[1.0, 0.0]])
 G2 = np.array([[0.0, 0.5], [1.0, 0.75], [0.0, 0.0]])
 R2 = np.array([[2.0, 0.5], [0.5, 1.0]])
 W = np.array([[3.0, 0.5, 0.25], [0.5, 2.0, -0.25], [0.25, -0.25, 1.0]])  # V = ½ xᵀWx + 0.05 x2⁴
-T = ((1.0, 0.25, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 2.0))
+T = ((1.0, 0.25, 0.0), (0.0, 0.5, -0.5), (0.0, 0.0, 2.0))
 
 
 def term(value: float, *powers: int, **more: Any) -> Term:
@@ -203,6 +203,23 @@ def test_m_bounds_the_slopes_to_within_a_millionth(energy: float) -> None:
         else:
             with pytest.raises(Refusal, match="does not bound the slopes"):
                 checked._check_slopes(plant(), stated, [0, 1], weight, storage)
+
+
+def test_slopes_without_a_constant_lie_about_0() -> None:
+    """V = ½x1² + 0.05 x2⁴ with the second input alone on x2: ∂k/∂x2 = −0.6 x2² for R2 = 1."""
+    stated = observer()
+    g2 = (((), ()), ((), (term(1.0, 0, 0, 0),)), ((), ()))
+    claim = plant(value=(((2, 0, 0), 0.5), ((0, 4, 0), 0.05)), g2=g2, r2=((1.0, 0.0), (0.0, 1.0)))
+    storage = checked._matrix(stated.storage)
+    hull = [float(v.p) / float(v.q) for v in checked._hull(claim, stated, [0, 1], storage)]
+    worst = (0.6 * (0.5 * hull[1] + 0.5 * hull[2]) ** 2) ** 2
+    for share, holds in ((1 + 1e-6, True), (1 - 1e-6, False)):
+        weight = checked._matrix(((1e-9, 0.0), (0.0, share * worst)))
+        if holds:
+            checked._check_slopes(claim, stated, [0, 1], weight, storage)
+        else:
+            with pytest.raises(Refusal, match="does not bound the slopes"):
+                checked._check_slopes(claim, stated, [0, 1], weight, storage)
 
 
 def test_matrices_have_to_be_symmetric_and_definite_and_the_law_the_gradient_s() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from flint import arb, ctx
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
 from flexhinf.certify.checker import peak, starts
 from flexhinf.certify.checker.peak import proved_peaks
+from flexhinf.certify.checker.residual import as_rational
 from flexhinf.certify.checker.starts import check_start
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.terms import Observer
@@ -96,6 +98,24 @@ def test_a_path_and_v_on_it_are_power_series(about: float) -> None:
         assert float(v[0]) == pytest.approx(value_at(VALUE, here), abs=1e-12)
         gradient = np.array([3.0 * here[0] - 0.5 * here[1], -0.5 * here[0] + 2.0 * here[1]])
         assert float(v[1]) == pytest.approx(gradient @ [float(x[0][1]), float(x[1][1])], abs=1e-12)
+
+
+def test_an_interval_holds_v_at_both_ends_and_little_more() -> None:
+    values = {"mass": 0.9, "load": 1.6}
+    for left, right in ((0.0, 0.1), (0.7, 0.9), (1.2, 1.5)):
+        with ctx.workprec(128):
+            ball = {name: arb(v) for name, v in values.items()}
+            ends = [as_rational(a) for a in (left, right)]
+            for path in (START, replace(START, path=PATH[::-1])):
+                for sign in (1.0, -1.0):  # V grows along the path, or falls
+                    given = claim(tuple((e, sign * v) for e, v in VALUE))
+                    center, whole = starts.enclosed_value(given, path, 0, *ends, ball)
+                    exact = [value_at(given.value, at(path, a, values)) for a in (left, right)]
+                    middle = value_at(given.value, at(path, (left + right) / 2, values))
+                    assert float(center) == pytest.approx(middle, abs=1e-12)
+                    assert float(whole.lower()) <= min(exact) + 1e-12
+                    assert float(whole.upper()) >= max(exact) - 1e-12
+                    assert float(whole.rad()) <= 1.5 * abs(exact[1] - exact[0]) + 2.0 * (right - left) ** 2
 
 
 def test_v_of_higher_degree_is_its_polynomial() -> None:
@@ -259,3 +279,24 @@ def test_a_search_that_ends_early_gives_a_larger_bound_and_not_a_smaller_one(
     close = proved_peaks(two_inputs())
     monkeypatch.setattr(peak, "_HALVINGS", 0)
     assert all(a >= b * (1 - 1e-3) for a, b in zip(proved_peaks(two_inputs()), close, strict=True))
+
+
+def test_an_input_that_is_attained_is_not_above_its_bound() -> None:
+    """x1 stands at 1 along a piece of its table, where V = x1² + x2² has no slope: |u| = 3 there."""
+    value = (((2, 0), 1.0), ((0, 2), 1.0))
+    start = Start("table", 2.0, ((), ()), (), (0.0, 1.0, 2.0), ((0.0, 1.0, 1.0), ()))
+    law = ((((1, 0), 3.0),), (((1, 0), 1.0), ((0, 1), 1.0)))
+    (first, second) = proved_peaks(two_inputs(value=value, starts=(start,), law=law))
+    assert 3.0 <= first <= 3.0 * 1.0011
+    assert Fraction(second) ** 2 >= 2
+
+
+def test_a_peak_within_the_first_unit_of_a_path_counts_for_the_input() -> None:
+    value = (((2, 0), 1.0), ((0, 2), 1.0))
+    path = ((Term(1 / 3, (0,), (), 0),), ())
+    start = Start("there and back", 3.0, path, (Function("sin", (3.0,)),))  # 1/3 at a = π/6; at the end 0.14
+    assert proved_peaks(two_inputs(value=value, starts=(start,)))[0] >= np.sqrt(13.0) / 3 * (1 - 1e-9)
+    short = Start("there and back", 0.9, path, (Function("sin", (3.0,)),))  # at the end 0.14 again
+    largest = 1 / 9
+    assert outcome(claim(value, level=largest * 1.001), short) >= 16
+    assert outcome(claim(value, level=largest * 0.999), short) == 0
