@@ -4,18 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = [
-    "ControllerInUse",
-    "FlexhinfError",
-    "InfeasibleGamma",
-    "InvalidInput",
-    "NoFeasibleGamma",
-    "NotDetectable",
-    "NotStabilisable",
-    "NumericalFailure",
-    "readable",
-]
-
 #: Most characters and most lines of each part of a message: a person reads it.
 LONGEST_PART, MOST_LINES = 600, 12
 

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["array_of", "file_digest", "read_bytes"]
-
 
 def read_bytes(path: Path, most: int) -> bytes:
     """The first `most` bytes of a regular file, all for −1, in no more memory than they take; nobody is kept waiting

@@ -38,11 +38,6 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = [
-    "ABANDONED_AFTER_S", "exchange", "locked", "note_written", "part_file", "publish", "read_arrays", "recorded",
-    "write_arrays", "write_file",
-]  # fmt: skip
-
 #: Names given, and the device and number of the file or folder that got it, in the order of writing.
 _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("record", default=None)
 

@@ -6,8 +6,6 @@ import abc
 from collections.abc import Mapping, Sequence
 from html import escape
 
-__all__ = ["Summarised", "names_text", "number_text", "table_html"]
-
 
 class Summarised(abc.ABC):
     """Base of public results: `summary` is written once, ``__repr__`` and ``_repr_html_`` follow from it.
@@ -35,7 +33,6 @@ def table_html(title: str, facts: Mapping[str, str]) -> str:
     ----------
     title : str
         Caption of the table.
-    facts : mapping of str to str
     """
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th>'

@@ -16,12 +16,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput, readable
 from flexhinf.file_bytes import read_bytes
 
-__all__ = [
-    "HUGE", "LONGEST_NAME", "checked_name", "checked_names", "checked_path", "checked_text", "distinct", "is_real",
-    "read_only", "read_text", "read_toml", "read_xml", "real_array", "real_number",
-    "value_text", "within_proportion",
-]  # fmt: skip
-
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000
 
@@ -156,7 +150,6 @@ def checked_name(
     ----------
     what : str
         For the message: "a joint", "a state".
-    name : object
     spaces : bool
         Whether single spaces may stand between its words.
     without : str

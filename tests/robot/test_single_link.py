@@ -3,7 +3,7 @@ import pytest
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import paper_arm
-from flexhinf.robot.single_link import SENSORS
+from flexhinf.robot.signals import SENSORS
 
 RNG = np.random.default_rng(11)
 

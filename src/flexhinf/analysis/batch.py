@@ -22,8 +22,6 @@ from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import Plant
 from flexhinf.scalars import drop_empty
 
-__all__ = ["Dual", "Rows", "near_rest", "one_period", "solved", "stacked", "variables"]
-
 
 class Rows:
     """y = f(moving, held) and ∂y/∂moving for N rows.

@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Climbed", "climb", "corners"]
-
 #: First step and the factor of the next one, as fractions of the box; the last one is not shorter than the third.
 FIRST_STEP, FACTOR, LAST_STEP = 0.25, 0.25, 2.0**-13
 
@@ -44,7 +42,6 @@ class Climbed:
     Attributes
     ----------
     point : (d,) array
-    value : float
     evaluations : int
         Of all searches.
     together : int

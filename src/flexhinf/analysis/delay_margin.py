@@ -15,8 +15,6 @@ from flexhinf.analysis.frequency_search import crossings
 from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.loop.simulation.channel import LONGEST_LINEAR
 
-__all__ = ["delay_margin"]
-
 #: Fractions of a period at which crossings of the delayed loop are looked for.
 FRACTIONS = (0.0, 0.25, 0.5, 0.75)
 

@@ -11,8 +11,6 @@ import numpy as np
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop.simulation.metrics import damping_ratio
 
-__all__ = ["BRIEF", "DiscreteSystem"]
-
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
 

@@ -31,8 +31,6 @@ from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 
-__all__ = ["BudgetTerm", "DissipationBudget", "budget_terms", "dissipation_budget"]
-
 #: Deviations of a command or torque below this are none.
 NONE = 1e-12
 
@@ -88,7 +86,6 @@ def dissipation_budget(
 
     Parameters
     ----------
-    run : Trajectory
     loop : Loop
         That made it; its law has a value function V, as a solution of `solve_hji`.
     level : float

@@ -24,8 +24,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["DissipationCorners", "LinearCorners", "dissipation_corners"]
-
 #: Eigenvalues of Q below this share of its terms are rounding: Q = 0 for the robot of a nominal synthesis.
 ROUNDING = 1e-8
 

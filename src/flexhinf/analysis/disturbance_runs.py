@@ -16,8 +16,6 @@ from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.scalars import trace
 
-__all__ = ["Attained", "DisturbanceRuns", "Held"]
-
 #: Horizons count from where this share of ∫|d|² has passed: before, both integrals are rounding.
 BEGUN = 1e-6
 
@@ -64,7 +62,6 @@ class DisturbanceRuns:
     ----------
     problem : GeneralisedPlant
         Its penalty is z, its disturbances are d: commands (as deviations from the operating point's) first.
-    law : Law
     estimator : Estimator or None
         None feeds back the true state.
     period, horizon : float

@@ -26,8 +26,6 @@ from flexhinf.plant import equilibrium as plant_equilibrium
 from flexhinf.plant.equilibrium import pose_values
 from flexhinf.scalars import trace
 
-__all__ = ["EquilibriumLoop"]
-
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
 

@@ -23,8 +23,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.analysis.margins import Margins
 
-__all__ = ["FilteredLoop"]
-
 #: Frequencies looked at, from this fraction of the law's bandwidth to half the sampling frequency, beside those of the
 #: poles.
 POINTS, BELOW = 80, 0.05

@@ -12,8 +12,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import LinearLoop
 from flexhinf.errors import InvalidInput
 
-__all__ = ["FrequencyResponse", "frequency_response"]
-
 #: Decades of the grid below the slowest pole that oscillates or decays, and points of the grid.
 BELOW, POINTS = 1.0, 400
 
@@ -89,7 +87,6 @@ def frequency_response(
 
     Parameters
     ----------
-    loop : EquilibriumLoop or LinearLoop
     frequencies : (F,) array, optional
         rad/s, positive and at most π/T. By default a logarithmic grid from a decade below the slowest pole to π/T,
         with points around every pole of the running and of the opened loop, so that no resonance is missed.

@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["crossings", "highest_peak", "refined_crossings", "sign_changes"]
-
 #: Peaks that are refined: those above this fraction of the largest. Steps of the refinement at most.
 NEAR, PEAK_STEPS = 0.9, 60
 

@@ -17,16 +17,9 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.scalars import trace
 
-__all__ = ["LawRows", "equilibrium_integrals"]
-
 
 class LawRows:
-    """k(x) and ∂k/∂x at deviations (N, n): a polynomial's from its table, another law's by tangents.
-
-    Parameters
-    ----------
-    law : Law
-    """
+    """k(x) and ∂k/∂x at deviations (N, n): a polynomial's from its table, another law's by tangents."""
 
     def __init__(self, law: Law) -> None:
         self.law = law
@@ -107,7 +100,6 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
 
     Parameters
     ----------
-    law : LawRows
     x, u : (n,) and (m,) arrays
         Rest of the law's plant at the goal, integrals left out.
 

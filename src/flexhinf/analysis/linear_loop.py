@@ -19,8 +19,6 @@ import numpy as np
 from flexhinf.analysis.discrete_system import DiscreteSystem
 from flexhinf.analysis.sampled_controller import Stepped
 
-__all__ = ["LinearLoop", "Modes", "with_queue"]
-
 #: Delays this close to a whole number of samples (in samples) are one.
 WHOLE = 1e-9
 

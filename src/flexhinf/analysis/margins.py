@@ -29,8 +29,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.frequency_search import ACCURACY, highest_peak, refined_crossings, sign_changes
 from flexhinf.analysis.linear_loop import LinearLoop
 
-__all__ = ["Margins", "margins"]
-
 #: A factor of the gain beyond which a loop counts as stable with any: the open loop is then rounding there.
 LARGEST_FACTOR = 1e6
 

@@ -15,8 +15,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Population", "corner_population", "corners"]
-
 
 @dataclass(frozen=True, eq=False)
 class Population:
@@ -100,7 +98,6 @@ def corner_population(
         Of corners and draws, each with a generator of its own.
     draw : callable, optional
         Generator → parameters: `Robot.draw`. Without it nothing is drawn.
-    draws : int
     singles : bool
         Whether plants with one number at one end are among them.
     """

@@ -14,11 +14,6 @@ import numpy as np
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
 
-__all__ = [
-    "ALL_STATES", "FORMS", "LARGE", "LINK_VELOCITIES", "MOTOR_VELOCITIES", "VELOCITIES", "ProcessNoise",
-    "standard_noises",
-]  # fmt: skip
-
 ALL_STATES, VELOCITIES = "all states", "velocities only"
 LINK_VELOCITIES, MOTOR_VELOCITIES = "link velocities only", "motor velocities only"
 FORMS = (ALL_STATES, VELOCITIES, LINK_VELOCITIES, MOTOR_VELOCITIES)
@@ -95,7 +90,6 @@ def standard_noises(
 
     Parameters
     ----------
-    loop : EquilibriumLoop
     measurement_noise : float, optional
         R^n that the ratios are to; by default the smallest variance of the filter's measurements.
     """

@@ -22,8 +22,6 @@ from flexhinf.loop import Controller
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
-__all__ = ["SampledController", "Stepped", "model_rows"]
-
 
 def model_rows(filter: RecursiveFilter) -> Rows:
     """One sub-step of a filter's model: (x, u), parameters → (x, u) after it; `filter.sub_steps` make F."""
@@ -63,7 +61,6 @@ class SampledController:
 
     Parameters
     ----------
-    law : Law
     estimator : Estimator or None
         With a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief nothing but
         the mean moves.

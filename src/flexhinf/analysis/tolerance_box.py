@@ -12,8 +12,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.population import Population
 from flexhinf.analysis.tolerance_corners import corner_plants
 
-__all__ = ["ToleranceBox", "destabilising_scale"]
-
 #: Doublings of the tolerances until a corner is unstable; width of the bisection afterwards, relative to the factor.
 DOUBLINGS, WIDTH = 4, 2.5e-4
 
@@ -85,7 +83,6 @@ class ToleranceBox:
 
         Parameters
         ----------
-        loop : EquilibriumLoop
         which : (M,) array of int, optional
             Corners; all by default.
         process_noise : (n, n) array, optional

@@ -21,10 +21,6 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.population import Population, corner_population
 from flexhinf.analysis.process_noise import FORMS, LARGE, ProcessNoise, standard_noises
 
-__all__ = [
-    "GrowthRates", "ToleranceCorners", "corner_plants", "growth_rates", "tolerance_corners",
-]  # fmt: skip
-
 #: All corners are computed of up to so many uncertain numbers (4096 corners), unless that takes more operations than
 #: these (the cube of the states for each corner): with eleven numbers more than a hundred states.
 ALL_OF, OPERATIONS = 12, 3e9
@@ -103,8 +99,6 @@ def growth_rates(
 
     Parameters
     ----------
-    loop : EquilibriumLoop
-    population : Population
     noises : sequence of ProcessNoise or None
         None stands for the loop as it is.
     plants : (N,) array of int, optional
@@ -248,7 +242,6 @@ def tolerance_corners(
 
     Parameters
     ----------
-    loop : EquilibriumLoop
     at : callable
         Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that the loop's plant does
         not have are left out.

@@ -15,8 +15,6 @@ import numpy as np
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law
 
-__all__ = ["TradeOffCurve", "TradeOffPoint", "scaled_effort", "sweep_effort", "sweep_gamma"]
-
 #: Figures of one law by name, SI units; infinite where its run diverged.
 Measure = Callable[[HJISolution], Mapping[str, float]]
 
@@ -29,7 +27,6 @@ class TradeOffPoint:
     ----------
     value : float
         Of the parameter that is swept: R2 over the problem's own, or γ over γ*.
-    law : Law
     figures : mapping of str to float
         What the caller measured, SI units.
     """
@@ -45,10 +42,8 @@ class TradeOffCurve:
 
     Attributes
     ----------
-    name : str
     parameter : str
         What is swept.
-    points : tuple of TradeOffPoint
     """
 
     name: str
@@ -90,7 +85,6 @@ def sweep_effort(
 
     Parameters
     ----------
-    problem : GeneralisedPlant
     factors : sequence of float
         R2 over the problem's own.
     degree : int

@@ -29,8 +29,6 @@ from flexhinf.hinf import HJISolution
 from flexhinf.loop import Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
 
-__all__ = ["DisturbanceSearch", "ascend_inside", "gradient", "small_motions", "worst_disturbance"]
-
 #: Samples whose derivatives are held in memory at a time.
 CHUNK = 2048
 
@@ -345,11 +343,8 @@ def ascend_inside(
 
     Parameters
     ----------
-    search : DisturbanceSearch
     start : (N, k) array
         At the search's period, of any size.
-    level : float
-    turns : int
     solution : HJISolution
         Whose V, and γ for the first energy.
     """

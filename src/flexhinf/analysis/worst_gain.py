@@ -24,8 +24,6 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Law
 
-__all__ = ["MovedLaw", "WorstGain", "worst_gain"]
-
 #: Turns of plant and disturbance at most, and the growth of the gain below which they end.
 ROUNDS, GROWTH = 4, 1e-3
 
@@ -41,7 +39,6 @@ class MovedLaw(Law):
 
     Parameters
     ----------
-    law : Law
     problem : GeneralisedPlant
         Of the other plant, about its equilibrium at the goal.
 

@@ -15,8 +15,6 @@ from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.scalars import jacobian
 from flexhinf.untrusted import read_only, real_array
 
-__all__ = ["EquilibriumLaw", "LinearFeedback", "PlacedLaw", "equilibrium_of"]
-
 
 def equilibrium_of(problem: GeneralisedPlant) -> tuple[np.ndarray, np.ndarray]:
     """(x*, u*) of a problem, (n,) and (m,) without integrals."""

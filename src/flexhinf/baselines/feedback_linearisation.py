@@ -25,8 +25,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.scalars import digest
 
-__all__ = ["FeedbackLinearisation", "bessel_coefficients"]
-
 #: Relative size of the smallest singular value of A(x*) that counts as zero.
 SINGULAR = 1e-12
 

@@ -11,8 +11,6 @@ from flexhinf.baselines.joints import ElasticJoints
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array
 
-__all__ = ["INTEGRAL_RATE", "check_goal", "check_integral", "per_joint", "rigid_gains"]
-
 #: Pole of the integral, in bandwidths: slow beside the pair that it stands with.
 INTEGRAL_RATE = 0.2
 

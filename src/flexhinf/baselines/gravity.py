@@ -19,8 +19,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 from flexhinf.scalars import apply, digest, trace
 
-__all__ = ["GravityTorque"]
-
 #: Largest difference of a given function from the plant's own gravity torque, relative to the largest torque.
 AGREEMENT = 1e-9
 

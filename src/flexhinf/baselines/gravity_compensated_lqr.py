@@ -15,8 +15,6 @@ from flexhinf.baselines.joints import ElasticJoints, check_joints, elastic_joint
 from flexhinf.baselines.linear_quadratic import checked_gain, lqr_gain
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["GravityCompensatedLQR"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class GravityCompensatedLQR(PlacedLaw):

@@ -14,8 +14,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 
-__all__ = ["ElasticJoints", "check_joints", "elastic_joints"]
-
 STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 TORQUES = ("link_torque", "motor_torque")
 

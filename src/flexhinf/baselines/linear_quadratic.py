@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.untrusted import read_only, real_array
 
-__all__ = ["LinearQuadratic", "checked_gain", "lqr", "lqr_gain"]
-
 
 def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
     """K (m, n) of u = K x that minimises ½∫ hᵀh + uᵀ R2 u for the problem's linear part.
@@ -22,7 +20,6 @@ def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
 
     Parameters
     ----------
-    problem : GeneralisedPlant
     effort : float
         Factor of R2, the one tuning parameter of an LQR: the larger, the less effort.
 

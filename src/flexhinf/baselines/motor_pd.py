@@ -26,8 +26,6 @@ from flexhinf.baselines.gains import INTEGRAL_RATE, check_goal, check_integral, 
 from flexhinf.baselines.joints import ElasticJoints, elastic_joints
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["MotorPD"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MotorPD(LinearFeedback):

@@ -23,8 +23,6 @@ from flexhinf.plant import Plant
 from flexhinf.scalars import apply
 from flexhinf.scalars.dependence import linear
 
-__all__ = ["NormalForm"]
-
 
 @dataclass(frozen=True, eq=False)
 class NormalForm:

@@ -28,8 +28,6 @@ from flexhinf.baselines.joints import ElasticJoints, elastic_joints
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["TorqueFeedback"]
-
 #: What the fixed number of turns leaves of ḡ, relative to the weight.
 LEFT = 1e-6
 MOST_TURNS = 30

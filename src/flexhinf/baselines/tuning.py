@@ -19,8 +19,6 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["Candidate", "Judgement", "Tuning", "excess", "tune"]
-
 #: Standard deviation of the first samples, as a part of the way between the bounds, which counts up to so much, both in
 #: logarithms.
 SPREAD, WIDEST = 0.12, 6.0
@@ -66,13 +64,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and what they came to.
-
-    Attributes
-    ----------
-    parameters : mapping of str to float
-    judgement : Judgement
-    """
+    """Parameters that were tried, and what they came to."""
 
     parameters: Mapping[str, float]
     judgement: Judgement

@@ -27,8 +27,6 @@ from flexhinf.loop.simulation.run_arguments import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
-__all__ = ["ALONE", "TRACE", "TRACED", "Campaign", "Column", "check_counts", "checked_integer"]
-
 #: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
 MOST_SAMPLES = 1 << 29
 
@@ -61,9 +59,7 @@ class Column:
 
     Attributes
     ----------
-    name : str
     kind : {"own", "parameter", "metric", "part metric", "trace"}
-    unit : str
     """
 
     name: str
@@ -85,7 +81,6 @@ class Campaign:
     loop : Loop
         With the nominal true plant; controller and estimator stay as they are.
     draw : Draw, or function of a generator
-    samples : int
     seed : int
         0 … 2⁶³ − 1.
     options : mapping

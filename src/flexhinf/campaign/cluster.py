@@ -15,8 +15,6 @@ from flexhinf.campaign.samples import Rows, run_batch
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = ["in_cluster", "remote_batch"]
-
 #: Batches on the way for each thread of the cluster; and how long a scheduler may take to answer, s.
 AHEAD, PATIENCE = 2, 10.0
 

@@ -21,18 +21,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import checked_text, distinct, is_real, value_text
 
-__all__ = [
-    "DISTRIBUTIONS",
-    "METHODS",
-    "Draw",
-    "FunctionDraw",
-    "Sample",
-    "Tolerances",
-    "Variable",
-    "one_of",
-    "sample_seed",
-]  # fmt: skip
-
 #: How a number is distributed in its interval.
 DISTRIBUTIONS = ("uniform", "normal", "truncated-normal", "corners")
 
@@ -58,13 +46,11 @@ class Variable:
 
     Parameters
     ----------
-    name : str
     low, high : float
         Its interval.
     distribution : str
         One of `DISTRIBUTIONS`. Normal: about the middle, the interval is ±`SIGMAS` standard deviations; truncated: and
         cut off at its ends. Corners: one end or the other, each as often.
-    unit : str
 
     Raises
     ------
@@ -233,7 +219,6 @@ class Tolerances(Draw):
 
     Parameters
     ----------
-    variables : sequence of Variable
     method : str
         One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
         all of them together are, and a campaign's samples are the first ones of a longer one.

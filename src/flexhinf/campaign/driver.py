@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from flexhinf.loop import Loop
 
-__all__ = ["Executor", "Report", "Shard", "drive", "in_processes", "next_batches", "run_campaign"]
-
 #: Runs batches of a campaign and gives them in any order, each once.
 Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
 
@@ -118,14 +116,12 @@ def drive(
 
     Parameters
     ----------
-    campaign : Campaign
     journal : Journal
         Of this campaign.
     shard : Shard, optional
         The whole by default.
     executor : callable, optional
         What runs the batches; by default this process.
-    progress : callable, optional
 
     Returns
     -------
@@ -175,7 +171,6 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
     Parameters
     ----------
-    workers : int
     note : callable, optional
         Called where a worker died.
 
@@ -311,7 +306,6 @@ def run_campaign(
     draw : callable or flexhinf.campaign.Draw
         Generator → parameters of the true plant by name, as `Robot.draw` is one; or → `Sample`, with an initial state,
         a disturbance and more for each sample; or `Tolerances` of numbers in intervals.
-    samples : int
     seed : int
         Sample i depends on it and on i alone, not on batches, workers or the others.
     metrics : optional
@@ -325,7 +319,6 @@ def run_campaign(
         Processes; 0: this one.
     batch : int
         Samples of a file of the journal.
-    progress : callable, optional
     **options
         Of `Loop.run`, for all samples: reference, disturbance, noise, duration, initial_state, initial_input,
         multi_turn.

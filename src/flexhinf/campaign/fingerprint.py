@@ -20,8 +20,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["DIGITS", "campaign_digest", "fingerprint", "is_ours", "number_hash", "option_text"]
-
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.
 DIGITS, READ_DIGITS = 6, 12

@@ -40,8 +40,6 @@ from flexhinf.file_bytes import file_digest
 from flexhinf.files import locked, note_written, part_file
 from flexhinf.untrusted import checked_path
 
-__all__ = ["MANIFEST", "TABLE", "Journal"]
-
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
@@ -63,7 +61,6 @@ class Journal:
 
     Attributes
     ----------
-    folder : Path
     manifest : mapping
         What its file says.
     """
@@ -78,7 +75,6 @@ class Journal:
 
         Parameters
         ----------
-        folder : path
         beside : sequence of str
             Names that may stand there before the manifest does.
 
@@ -122,8 +118,6 @@ class Journal:
 
         Parameters
         ----------
-        folder : path
-        campaign : Campaign
         command : sequence of str
             That made it, for the reports.
         about : mapping, optional

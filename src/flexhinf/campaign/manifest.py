@@ -19,8 +19,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.file_bytes import read_bytes
 from flexhinf.untrusted import value_text
 
-__all__ = ["UNREADABLE", "VERSION", "made_manifest", "read_manifest", "read_sealed", "sealed"]
-
 #: Of the files: 2 binds columns, instants and everything else that a manifest says, and the batch of each part.
 VERSION = 2
 

@@ -15,8 +15,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import EnsembleResult, Reduction, Trajectory
 from flexhinf.untrusted import value_text
 
-__all__ = ["STANDARD", "Metrics", "Requirement", "chosen_metrics", "known_metric"]
-
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
@@ -161,14 +159,7 @@ _REQUIREMENT = re.compile(r"\s*(\w+)\s*(<=|>=|≤|≥)\s*(\S+)\s*\Z")
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit of one metric.
-
-    Attributes
-    ----------
-    metric : str
-    limit : float
-    at_most : bool
-    """
+    """A limit of one metric."""
 
     metric: str
     limit: float

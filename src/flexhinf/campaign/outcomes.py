@@ -28,10 +28,6 @@ from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL
 from flexhinf.loop.simulation.reductions import Command, Place
 from flexhinf.scalars import maximum, minimum, where
 
-__all__ = [
-    "COMPLETED", "DIVERGED", "NOT_RUN", "UNDAMPED", "UNSTABLE", "is_unstable", "rest_reduction",
-]  # fmt: skip
-
 #: Values of a row's status.
 COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "not run"
 

@@ -25,8 +25,6 @@ from flexhinf.untrusted import value_text
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CONFIDENCE", "SAME", "McNemar", "PairedCampaigns", "PairedMetric", "compare"]
-
 #: Of every interval, each by itself.
 CONFIDENCE = 0.95
 
@@ -64,7 +62,6 @@ class PairedMetric:
 
     Attributes
     ----------
-    name, unit : str
     a, b : (N,)
         Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN for none.
     largest_is_best : bool

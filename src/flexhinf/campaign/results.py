@@ -22,8 +22,6 @@ from flexhinf.loop import Trajectory
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CampaignJudgement", "MergedTable", "Replayed", "merged", "replayed", "violations"]
-
 #: Quantiles that are stated of every metric.
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
@@ -88,7 +86,6 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
     ----------
     values : mapping of str to (N,)
         Columns of a campaign: status and metrics.
-    requirements : sequence of Requirement
     """
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
@@ -96,13 +93,7 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
 
 @dataclass(frozen=True, eq=False)
 class CampaignJudgement:
-    """The rows of a campaign against requirements.
-
-    Attributes
-    ----------
-    table : MergedTable
-    requirements : tuple of Requirement
-    """
+    """The rows of a campaign against requirements."""
 
     table: MergedTable
     requirements: tuple[Requirement, ...]
@@ -216,11 +207,8 @@ class Replayed:
 
     Attributes
     ----------
-    sample : int
-    run : Trajectory
     recorded, again : mapping
         Its row in the journal, and that of the run; the first is empty for a sample that is not in it yet.
-    command : str
     """
 
     sample: int

@@ -14,8 +14,6 @@ from flexhinf.campaign.outcomes import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE, i
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import EnsembleResult, Trajectory
 
-__all__ = ["Rows", "rows_of", "run_batch", "run_samples"]
-
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -55,10 +53,8 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
 
     Parameters
     ----------
-    campaign : Campaign
     indices : sequence of int
         Sample of the campaign whose noise each run has; one may stand there several times.
-    drawn : sequence of Sample
 
     Raises
     ------

@@ -10,8 +10,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Interval", "Sensitivity", "sensitivity", "success_interval"]
-
 #: Samples for each coefficient of a surrogate, at least; most coefficients, and most samples that it is fitted to.
 SAMPLES_A_TERM, MOST_TERMS, MOST_ROWS = 10, 600, 20_000
 
@@ -28,10 +26,8 @@ class Interval:
 
     Attributes
     ----------
-    successes, count : int
     low, high : float
         By Clopper and Pearson: exact for independent samples.
-    confidence : float
     """
 
     successes: int
@@ -103,7 +99,6 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
 
     Parameters
     ----------
-    names : sequence of str
     numbers : (N, p)
         Of the samples.
     values : (N,)

@@ -20,12 +20,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
 
-__all__ = [
-    "FORMAT", "StoredColumns", "check_installed", "disk_refusals", "labelled", "numpy_column", "parquet_bytes",
-    "publish_whole", "read_columns", "schema_of", "write_whole",
-    "wrong_rows",
-]  # fmt: skip
-
 #: Bytes of a file beyond its rows, and of one text, at most.
 _SPARE, _LONGEST_TEXT = 1_000_000, 16_384
 
@@ -169,12 +163,7 @@ def _width(kind: pa.DataType) -> int:
 
 
 class StoredColumns(Mapping[str, np.ndarray]):
-    """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory.
-
-    Parameters
-    ----------
-    path : path
-    """
+    """Columns (N,) of a file by name, each read when it is asked for; the last `HELD` ones stay in memory."""
 
     def __init__(self, path: Any) -> None:
         import pyarrow.parquet as pq

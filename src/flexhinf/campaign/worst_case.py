@@ -24,8 +24,6 @@ from flexhinf.campaign.samples import rows_of, run_batch
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Trajectory
 
-__all__ = ["FoundPlant", "WorstCase", "check_starts", "search_settings", "worst_case"]
-
 #: All corners are run where there are not more.
 MOST_CORNERS = 1024
 
@@ -67,7 +65,6 @@ class WorstCase:
 
     Attributes
     ----------
-    metric, unit : str
     least : bool
         Whether small values are the bad ones.
     sample : int
@@ -84,7 +81,6 @@ class WorstCase:
         Searches, and how many of them ended at the plant found.
     all_corners : bool
         Whether every corner was run.
-    runs : int
     outside : int
         Samples outside the box, of a normal distribution that is not cut off; they are not compared.
     settings : mapping of str to str
@@ -157,7 +153,6 @@ def worst_case(
     ----------
     campaign : Campaign
         Its draw are `Tolerances`.
-    metric : str
     rows : mapping of str to array, optional
         The campaign's rows, as `run_campaign` gives them; without them its samples are run now.
     least : bool

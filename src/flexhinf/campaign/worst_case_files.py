@@ -16,8 +16,6 @@ from flexhinf.campaign.storage import disk_refusals, write_whole
 from flexhinf.campaign.worst_case import STARTS, FoundPlant, WorstCase, search_settings, worst_case
 from flexhinf.errors import InvalidInput
 
-__all__ = ["search_worst", "stored_worst", "stored_worsts"]
-
 #: Folder of the files, inside a campaign's.
 FOLDER = "worst-case"
 

@@ -29,8 +29,6 @@ from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.terms import Term
 from flexhinf.errors import InvalidInput
 
-__all__ = ["BoxExcess", "parameter_groups"]
-
 #: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
 _ROUNDING = 1e-12
 
@@ -81,7 +79,6 @@ class BoxExcess:
 
     Parameters
     ----------
-    certificate : Certificate
     reach : float
         Cells lie in max|z_i| ≤ reach.
 

@@ -53,8 +53,6 @@ from flexhinf.codegen import machine
 from flexhinf.codegen.cache import cached
 from flexhinf.errors import NumericalFailure
 
-__all__ = ["Bounds", "CellBounds", "Cells"]
-
 _PARTS = 16  # a batch is cut into so many tasks for threads
 _UNIT = 2.0**-53
 _SMALLEST = 1e-300
@@ -131,7 +129,6 @@ class CellBounds:
 
     Parameters
     ----------
-    inequality : Inequality
     reach : float
         Largest radius; few bits.
     extent : sequence of float

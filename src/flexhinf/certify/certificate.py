@@ -29,8 +29,6 @@ from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.untrusted import checked_path, read_text, value_text
 
-__all__ = ["Certificate", "load_certificate"]
-
 _FORMAT, _VERSION = "flexhinf certificate", 1
 _LARGEST = 8_000_000  # bytes: degree 8 in five states takes 200 kB
 
@@ -51,7 +49,6 @@ class Certificate(Summarised, Claim):
 
         Parameters
         ----------
-        threads : int
         sample : int
             Cells per face that are proved a second time, in rationals and balls; None: every cell, which takes a
             minute of CPU for degree 2 and hours for degree 6.

@@ -42,8 +42,6 @@ from flexhinf.certify.terms import (
 )
 from flexhinf.untrusted import distinct, value_text
 
-__all__ = ["Claim"]
-
 
 @dataclass(frozen=True, repr=False)
 class Claim:
@@ -74,10 +72,8 @@ class Claim:
         The region lies in max|z_i| ≤ reach.
     parameters : tuple of Parameter
         The box for which the theorem holds.
-    functions : tuple of Function
     shift : tuple of (low, high), n or none
         δ, by which the plant's equilibrium differs from the point about which the law works: u = k(x + δ) − k(δ).
-    starts : tuple of Start
     feedback : str
         "state": the law is fed the true state; "output injection observer": also what `observer` estimates.
     observer : Observer or None

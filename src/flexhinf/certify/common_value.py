@@ -22,8 +22,6 @@ from flexhinf.certify.sampled_gain import box_vertices, linear_part, quadratic_p
 from flexhinf.certify.starts import elementary
 from flexhinf.certify.terms import Function
 
-__all__ = ["CommonValue", "common_value"]
-
 _FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
 _NEWTON, _DECREMENT = 60, 1e-2  # steps for one barrier, and the squared decrement at which they end
 _GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share γ² is found

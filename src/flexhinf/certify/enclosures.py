@@ -18,8 +18,6 @@ from flint import fmpq
 
 from flexhinf.certify.reading import nearest_double
 
-__all__ = ["MeanForms"]
-
 _ROUNDING = 1e-12  # relative to the sum of all terms' magnitudes: some hundred operations in doubles
 
 

@@ -15,11 +15,6 @@ import numpy as np
 from flexhinf.certify.inequality import Rational
 from flexhinf.certify.reading import nearest_double
 
-__all__ = [
-    "Group", "Layout", "degrees_of", "face_table", "monomial_links", "monomials_of", "shift_lines", "sums_by_degree",
-    "sums_on_faces",
-]  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Group:

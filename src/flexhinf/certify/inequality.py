@@ -18,11 +18,6 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.reading import nearest_double, rational, terms_of
 from flexhinf.certify.terms import Function, Polynomial, Term
 
-__all__ = [
-    "Inequality", "Quotient", "Rational", "by_parity", "inequality_of", "is_symmetric", "law_slopes", "parity",
-    "times_powers",
-]  # fmt: skip
-
 #: Largest share of the terms of the wrong parity for opposite faces to be treated together.
 _ASYMMETRY = 1e-9
 
@@ -40,7 +35,6 @@ class Quotient:
         Q(z).
     form : tuple of fmpq
         ℓ as a linear form of z.
-    function : Function
     """
 
     factor: Rational
@@ -54,10 +48,8 @@ class Inequality:
 
     Attributes
     ----------
-    states : int
     value, polynomial : dict of exponents to fmpq
         V(z) and A(z).
-    quotients : tuple of Quotient
     """
 
     states: int

@@ -22,8 +22,6 @@ from flexhinf.certify.kernel_code import (
 )
 from flexhinf.codegen.emit.text import Lanes, ModuleText
 
-__all__ = ["kernel_text"]
-
 
 def kernel_text(shape: Shape, entry: str) -> tuple[str, str]:
     """LLVM text of the entry and of the shift it calls."""

@@ -11,22 +11,6 @@ import numpy as np
 from flexhinf.certify.faces import Group, Layout
 from flexhinf.codegen.emit.text import ModuleText, Writer
 
-__all__ = [
-    "LANES",
-    "LOW",
-    "POINTERS",
-    "VECTOR",
-    "KernelCode",
-    "KernelFrame",
-    "RunningSum",
-    "Shape",
-    "aligned",
-    "finish",
-    "longest_layout",
-    "table_size",
-    "write_shift",
-]  # fmt: skip
-
 LANES = 8
 LOW = 3  # monomials through this degree are kept as polynomials in ρ; the others only bounded
 VECTOR = f"<{LANES} x double>"
@@ -44,7 +28,6 @@ class Shape:
 
     Attributes
     ----------
-    states : int
     value : Layout
         Of V.
     quotients : tuple of Layout

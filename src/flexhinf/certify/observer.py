@@ -19,8 +19,6 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 
-__all__ = ["check_bandwidth", "error_axes", "observed"]
-
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
 _OVER = 1.5  # γ_e over the smallest one
 _PASSES = 20  # of hull, M and X, which follow from each other

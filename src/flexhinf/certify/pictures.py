@@ -18,8 +18,6 @@ from flexhinf.hinf.rays import Inequality
 from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["LimitSlice", "Slice", "StartSurface", "WorstStep", "limit_slice", "start_surface", "worst_step"]
-
 #: Points of a surface along each side, and its sides over where the proved region is expected to end.
 POINTS, SIDES = 121, 1.25
 
@@ -105,8 +103,6 @@ class WorstStep:
 
     Attributes
     ----------
-    rule : str
-    amplitude : float
     time : ndarray, shape (N,)
         s.
     state, input, disturbance : ndarray, shapes (N, n), (N, m), (N, w)

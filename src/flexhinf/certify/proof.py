@@ -24,8 +24,6 @@ from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.untrusted import HUGE
 
-__all__ = ["NotProved", "certify", "check_decay", "check_states", "method_of", "prove", "wide_statement"]
-
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
 _ROOM = 1.1  # reach over the largest radius that was seen
@@ -39,7 +37,6 @@ class NotProved(NumericalFailure):
     ----------
     point : ndarray, shape (n,), or None
         Deviation at which it fails, or where the search gave up.
-    reason : str
     """
 
     def __init__(

@@ -21,8 +21,6 @@ from flint import arb, arb_series
 
 from flexhinf.certify.terms import Function
 
-__all__ = ["NARROW", "QuotientTable", "quotient_table"]
-
 Series = Callable[[arb_series], arb_series]
 
 

@@ -27,8 +27,6 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial import basis
 from flexhinf.scalars import trace
 
-__all__ = ["PlantTerms", "flat_names", "nearest_double", "plant_terms", "rational", "terms_of"]
-
 Row = tuple[Term, ...]
 Polynomials = tuple[tuple[tuple[tuple[int, ...], float], ...], ...]
 
@@ -88,7 +86,6 @@ def plant_terms(problem: Problem | None, penalty: Any = None) -> PlantTerms:
 
     Parameters
     ----------
-    problem : GeneralisedPlant or PolynomialPlant
     penalty : callable, optional
         The checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
 

@@ -29,8 +29,6 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.hinf.step_amplitude import step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["NOMINAL_INPUT", "largest_values", "path_start", "robot_start", "start_inside", "tabled_start"]
-
 NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
 
 _POINTS = 400  # of a path at which V is looked at, to see how far it stays inside

@@ -20,8 +20,6 @@ from flexhinf.certify.box import parameter_groups
 from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.terms import Polynomial, Term
 
-__all__ = ["SampledGain", "box_vertices", "linear_part", "quadratic_part", "sampled_gain", "term_weight"]
-
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
 _AGAIN = 3  # local searches: after each, s is chosen anew
@@ -45,10 +43,8 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     ----------
     statement : Certificate
         Its V is taken as it is, its γ and level do not count.
-    level : float
     about : float
         The s in the middle of those that are tried.
-    seed : int
     """
     rng = np.random.default_rng(seed)
     fields = _Fields(statement)

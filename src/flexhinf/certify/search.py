@@ -22,8 +22,6 @@ import numpy as np
 
 from flexhinf.certify.cells import Bounds, CellBounds, Cells
 
-__all__ = ["OutOfTime", "Outcome", "Progress", "search", "time_limit"]
-
 #: Called now and then with the number of cells done and the estimated share of the whole.
 Progress = Callable[[int, float], None]
 
@@ -55,7 +53,6 @@ class Outcome:
 
     Attributes
     ----------
-    proved : bool
     reason : str
         "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where cells
         became too small, "not closed" where the region leaves the reach, and "too many cells".

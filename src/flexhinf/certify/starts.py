@@ -19,11 +19,6 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.hinf.step_amplitude import settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = [
-    "SMALLEST_VALUE", "UNCHANGED_INPUT", "divided", "elementary", "multiplied", "path_states", "rest_path", "starts_of",
-    "term_along", "unchanged_input",
-]  # fmt: skip
-
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 

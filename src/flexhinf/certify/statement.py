@@ -18,8 +18,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import product
 from flexhinf.untrusted import HUGE
 
-__all__ = ["few_bits", "law_polynomials", "signals", "statement_of", "with_units"]
-
 _BITS = 20  # of the entries of T
 
 

@@ -13,8 +13,6 @@ from flexhinf.certify.terms import Start
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["ProvedStep", "longest_run", "proved_steps", "start_at"]
-
 _SETTLED = 1e-6  # the run ends where V is below this share of its first value
 _STEPS = 20_000  # of a run at least, if it took all that time
 _LONGEST = 100.0  # time constants of the slowest mode of the linear loop
@@ -26,7 +24,6 @@ class ProvedStep:
 
     Attributes
     ----------
-    rule : str
     amplitude : float
         In the unit of the moved state.
     overshoot_percent : float

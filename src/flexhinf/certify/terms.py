@@ -12,12 +12,6 @@ from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_name, checked_text, distinct, value_text
 
-__all__ = [
-    "FUNCTIONS", "HIGHEST_DEGREE", "MOST_CHANNELS", "MOST_FUNCTIONS", "MOST_PARAMETERS", "MOST_STATES", "ONLY_KNOWN",
-    "Double", "Entries", "Function", "Matrix", "Name", "Observer", "Parameter", "Polynomial", "Signal", "Start", "Term",
-    "Terms", "check_line", "check_names", "check_parameters", "check_powers", "check_slopes", "require",
-]  # fmt: skip
-
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")
 

@@ -9,9 +9,6 @@ from flexhinf.certify.checker import Verification
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function, Observer, Polynomial, Signal, Start, Term, Terms
 
-__all__ = ["AUTHOR", "common_unit", "persistent_bound", "theorem_parts", "theorem_text", "verification_text"]
-
-
 #: Heading of what a file says and nothing checks.
 AUTHOR = "In the author's words, not checked"
 

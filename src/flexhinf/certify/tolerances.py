@@ -34,8 +34,6 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["certify_tolerances", "parameter_ranges", "tolerance_statement"]
-
 Ranges = Mapping[str, tuple[float, float]]
 
 _POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
@@ -101,16 +99,11 @@ def certify_tolerances(
         Whose disturbance, penalty and R2 the gain is of: need not be the one that the law was designed for.
     ranges : mapping of str to (float, float)
         Of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
-    gamma : float
     level, step : float
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
-    scale : float
     p : ndarray, shape (n, n), optional
         ½ xᵀPx is the storage function instead, see `flexhinf.certify.common_value`.
-    about : str
-    threads : int
-    progress : callable, optional
     most_cells : int
         The search ends there.
 

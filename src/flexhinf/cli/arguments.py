@@ -21,21 +21,6 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
 
-__all__ = [
-    "PEAKS",
-    "Elastic",
-    "GoalXyz",
-    "Out",
-    "Payload",
-    "Robot",
-    "Tool",
-    "design_file_of",
-    "read_source",
-    "reproduce_command",
-    "request_of",
-    "with_specification",
-]
-
 Robot = Annotated[
     str,
     typer.Argument(
@@ -143,7 +128,6 @@ class CommandRequest:
 
     Attributes
     ----------
-    request : DesignRequest
     warnings : list of str
         Of the robot's file; they belong into the report.
     """

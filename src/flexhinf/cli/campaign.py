@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from flexhinf.campaign import FoundPlant, Journal, MergedTable, WorstCase
     from flexhinf.campaign.driver import Executor, Report
 
-__all__ = ["app", "chosen_executor", "design_stages", "named_tolerance", "run", "sample_progress"]
-
 #: Seconds between two lines of progress where standard error is no terminal.
 EVERY = 10.0
 

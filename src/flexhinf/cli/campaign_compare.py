@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from flexhinf.campaign import MergedTable, Requirement
     from flexhinf.design import DesignCampaign, DesignPair
 
-__all__ = ["compare_campaigns"]
-
 #: Options of `flexhinf campaign` that a comparison has too.
 OPTIONS = (
     "samples", "seed", "distribution", "method", "tolerance", "payload", "initial_error", "disturbance", "duration",

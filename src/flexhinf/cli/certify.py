@@ -21,8 +21,6 @@ from flexhinf.cli.arguments import (
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.errors import InvalidInput
 
-__all__ = ["certify"]
-
 Source = Annotated[
     str,
     typer.Argument(

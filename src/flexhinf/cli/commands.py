@@ -31,8 +31,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.untrusted import checked_path, value_text
 
-__all__ = ["COMMANDS", "app", "robots", "run", "schema"]
-
 
 def robots() -> None:
     """List the robots that ship with flexhinf, and where their numbers come from."""
@@ -92,6 +90,7 @@ class App(typer.Typer):
     """All commands; no file and no folder of theirs has an empty name, which Python takes for the folder "."."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command that was asked for."""
         command = get_command(self)
         _refuse_empty_paths(command)
         return command(*arguments, **options)

@@ -20,8 +20,6 @@ from flexhinf.cli.arguments import (
 )
 from flexhinf.cli.messages import NOT_MET, Progress, note
 
-__all__ = ["compare", "design"]
-
 
 @with_specification()
 def design(

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from flexhinf.loop import Controller
     from flexhinf.plant import Plant
 
-__all__ = ["Source", "app", "compile_design", "controller_of", "file_of"]
-
 app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
 
 Source = Annotated[

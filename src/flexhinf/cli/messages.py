@@ -13,11 +13,6 @@ from typer.exceptions import TyperException
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError
 
-__all__ = [
-    "INTERRUPTED", "NOT_MET", "USER_ERROR", "Progress", "ProofProgress", "error_text", "interrupted", "mistake", "note",
-    "option_syntax", "parser_error", "refused",
-]  # fmt: skip
-
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
 #: the shells' code for an interruption.
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
@@ -69,7 +64,6 @@ def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
 
     Parameters
     ----------
-    error : FlexhinfError
     arguments : sequence of str
         Words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
     """

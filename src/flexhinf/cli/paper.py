@@ -10,8 +10,6 @@ import typer
 
 from flexhinf.cli.messages import Progress, note
 
-__all__ = ["paper"]
-
 FOLDER = Path("flexhinf-paper")
 
 

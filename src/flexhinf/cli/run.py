@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from flexhinf.design.deployed_run import DeployedRun
     from flexhinf.export import RealTimeRun
 
-__all__ = ["run_design"]
-
 #: Fields of a specification that change a run and not the controller, with an option of ``flexhinf run``.
 OF_A_RUN = (
     "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "delay", "quantisation",

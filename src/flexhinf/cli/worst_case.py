@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from flexhinf.campaign import Campaign, MergedTable, Requirement
     from flexhinf.design import DesignCampaign
 
-__all__ = ["WorstSearch", "replay_worst", "say_worst", "search"]
-
 #: What --metric calls the worst disturbance: √(∫|z|²/∫|d|²).
 GAIN = "gain"
 
@@ -33,7 +31,6 @@ class WorstSearch:
     ----------
     metrics : tuple of (str, bool)
         Each metric, and whether small values are the bad ones.
-    starts : int
     gain : bool
         Whether the worst disturbance is searched for too.
     """

@@ -18,12 +18,10 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
 
     Parameters
     ----------
-    program : Program
     arrays : mapping
         One C-contiguous float64 array per buffer that is not "work". With one lane any shape of `size`
         elements is taken (a trajectory may be given as (steps, n)); with W lanes the last axis of a buffer
         that is not shared is the lane, so its shape is (size, W) or (…, W).
-    lanes : int
 
     Returns
     -------
@@ -86,7 +84,6 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
 
     Parameters
     ----------
-    program : Program
     lengths : mapping
         Elements per lane of every buffer, work included.
     counts : mapping

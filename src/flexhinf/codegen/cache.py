@@ -21,8 +21,6 @@ from typing import Any
 
 from flexhinf.files import part_file
 
-__all__ = ["cached", "folder"]
-
 _LOGGER = logging.getLogger("flexhinf.codegen")
 
 _MAGIC = b"flexhinf object code 1\n"

@@ -58,7 +58,6 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
     Parameters
     ----------
-    program : Program
     lanes : int
         W ≥ 1 runs at once, in the lanes of vector registers; 8 suits most processors.
 
@@ -130,8 +129,6 @@ class NativeKernel(Kernel):
 
     Parameters
     ----------
-    program : Program
-    lanes : int
     code : Code
         Made from this program for these lanes.
     """

@@ -20,8 +20,6 @@ import numpy as np
 from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Slice
 from flexhinf.codegen.steps import Call, Cholesky, Copy, Map, OuterSum, Polynomial, Repeat, Step, Sweep, When
 
-__all__ = ["DIRECT", "Composer", "Direct"]
-
 SCRATCH = "scratch"
 
 
@@ -108,10 +106,6 @@ class Composer:
 
     Matrices whose columns are points have the order "F", so that a point is one row of numbers; what is computed
     from columns has the order of the (first) matrix they belong to.
-
-    Attributes
-    ----------
-    body : list of Step
     """
 
     scratch = SCRATCH

@@ -9,8 +9,6 @@ from flexhinf.codegen.memory import Slice, is_integer, overlap
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 
-__all__ = ["Cholesky", "OuterSum", "Polynomial"]
-
 
 @dataclass(frozen=True)
 class OuterSum:

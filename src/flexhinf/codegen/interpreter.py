@@ -32,7 +32,6 @@ def interpret(program: Program, lanes: int = 1) -> Kernel:
 
     Parameters
     ----------
-    program : Program
     lanes : int
         Lanes are run one after the other.
 

@@ -53,7 +53,6 @@ class Kernel(ABC):
 
     Attributes
     ----------
-    program : Program
     lanes : int
         W; with W > 1 every buffer that is not shared has the lane as its last (fastest) axis.
     compiled : bool

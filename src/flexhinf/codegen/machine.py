@@ -101,7 +101,6 @@ def assemble(text: str, level: int) -> bytes:
 
     Parameters
     ----------
-    text : str
     level : int
         See `level`.
 

@@ -14,22 +14,6 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     import casadi
 
-__all__ = [
-    "COLUMN",
-    "Block",
-    "Buffer",
-    "Columns",
-    "Order",
-    "Role",
-    "Slice",
-    "aligned",
-    "check_function",
-    "check_identifier",
-    "is_integer",
-    "overlap",
-    "whole",
-]
-
 #: Bytes of a line of the cache.
 LINE = 64
 
@@ -112,7 +96,6 @@ class Slice:
 
     Parameters
     ----------
-    buffer : str
     offset : int
         First element, in elements.
     size : int
@@ -208,7 +191,6 @@ class Block:
     ----------
     piece : Slice or None
         None for an array without elements.
-    shape : tuple of int
     order : {"C", "F"}
         Of a matrix: rows, or columns, one after the other. Only matrices may have "F".
     """

@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["normal_numbers", "philox", "seed_key"]
-
 ROUNDS = 10
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
 WEYL = (0x9E3779B9, 0xBB67AE85)

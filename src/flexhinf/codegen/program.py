@@ -14,8 +14,6 @@ from flexhinf.codegen.memory import Buffer, Slice, check_identifier
 from flexhinf.codegen.steps import Repeat, Simple, Step, When, slices
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["ENTRY", "PREFIX", "Program"]
-
 #: Every emitted name begins so: a function called `step` once bound to a symbol of the C library. ENTRY runs all.
 PREFIX = "flexhinf_"
 ENTRY = PREFIX + "run"
@@ -29,8 +27,6 @@ class Program:
     ----------
     name : str
         An identifier.
-    buffers : tuple of Buffer
-    body : tuple of Call, Map, Sweep, OuterSum, Cholesky, Copy, Normal, Guard, Repeat or When
     counts : tuple of str
         Names of the run-time integers that `Repeat` and shifted slices use.
 

@@ -13,23 +13,6 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     import casadi
 
-__all__ = [
-    "Call",
-    "Cholesky",
-    "Copy",
-    "Guard",
-    "Map",
-    "Normal",
-    "OuterSum",
-    "Polynomial",
-    "Repeat",
-    "Simple",
-    "Step",
-    "Sweep",
-    "When",
-    "slices",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -145,7 +128,6 @@ class Guard:
 
     Parameters
     ----------
-    source : Slice
     code : int
         Positive; becomes the `Status.code`, beside the index of the outermost loop (0 outside of loops).
     """

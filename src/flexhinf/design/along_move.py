@@ -19,8 +19,6 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.loop import Schedule
 from flexhinf.plant import Law
 
-__all__ = ["MOST_LAWS", "AlongMove", "Least", "margins_along", "scheduled"]
-
 #: Poses at which the loop is linearised, for up to so many states of the linear loop.
 POSES = ((30, 13), (60, 7), (10_000, 5))
 
@@ -136,11 +134,8 @@ def scheduled(
     ----------
     setup : LoopSetup
         With the law that was designed.
-    plan : Plan
-    least : Least
     another : callable or None
         Designs a law at a pose (n,); None adds none.
-    most : int
 
     Returns
     -------

@@ -17,8 +17,6 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.synthesis import Synthesis
 from flexhinf.errors import FlexhinfError, NumericalFailure
 
-__all__ = ["Attenuation", "attenuation", "searches_disturbance"]
-
 #: With more states no disturbance is searched for: one ascent takes minutes.
 MOST_STATES = 15
 
@@ -63,8 +61,6 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
 
     Parameters
     ----------
-    setup : LoopSetup
-    synthesis : Synthesis
     duration : float
         Of the step, s.
     """

@@ -27,11 +27,6 @@ from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = [
-    "BoxProof", "NotWithinTolerances", "common_box", "goal_text", "margins_of", "prove_box", "reason_of", "sampled_box",
-    "step_start",
-]  # fmt: skip
-
 Ranges = Mapping[str, tuple[float, float]]
 
 #: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
@@ -55,7 +50,6 @@ class BoxProof:
 
     Attributes
     ----------
-    solution : HJISolution
     problem : GeneralisedPlant
         Whose disturbance and penalty the gain is of.
     step : float
@@ -181,8 +175,6 @@ def prove_box(
 
     Parameters
     ----------
-    robot : Robot
-    law : BoxProof
     ranges : mapping
         See `flexhinf.certify.tolerances.parameter_ranges`.
     margins : tuple of float, optional
@@ -191,7 +183,6 @@ def prove_box(
         CPU time of this thread for all of them; each may take half of what is left, the last one all.
     most_cells : int
         Of one proof.
-    threads : int
     progress : callable, optional
         As of `certify_tolerances`.
 

@@ -24,8 +24,6 @@ from flexhinf.loop import Controller, load_controller
 from flexhinf.report import unchanged
 from flexhinf.untrusted import checked_path, read_toml
 
-__all__ = ["open_campaign", "open_pair", "stored_campaign", "stored_request"]
-
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"
 
@@ -50,8 +48,6 @@ def open_campaign(
 
     Parameters
     ----------
-    asked : DesignCampaign
-    folder : path
     command : sequence of str
         That made it, for its reports.
     progress : callable
@@ -196,7 +192,6 @@ def open_pair(
 
     Parameters
     ----------
-    pair : DesignPair
     folder : path
         Of the comparison; the campaigns are in its folders `SIDES`.
     commands : two sequences of str

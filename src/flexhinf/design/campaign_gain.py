@@ -33,8 +33,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import Estimator, GeneralisedPlant, Penalty
 
-__all__ = ["FoundGains", "GainRow", "GainSearch", "search_gain", "searches_gain", "stored_gains"]
-
 #: File of what was found, in the campaign's folder.
 FILE = Path("worst-case") / "disturbance.json"
 
@@ -124,8 +122,6 @@ class GainSearch:
 
     Attributes
     ----------
-    asked : DesignCampaign
-    made : Synthesis
     horizon : float
         Of the disturbances, s.
     """

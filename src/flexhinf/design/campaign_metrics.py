@@ -18,8 +18,6 @@ from flexhinf.loop import EnsembleResult, Reduction, Trajectory
 from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["MoveMetrics", "RunMetrics", "StepMetrics"]
-
 
 @dataclass(frozen=True)
 class JointFigure:
@@ -176,8 +174,6 @@ class MoveMetrics(RunMetrics):
 
     Parameters
     ----------
-    limits : JointLimits
-    plan : Plan
     tracking, final : (n,)
         Largest distances from the move, and from its end after it, rad or m.
     """

@@ -9,8 +9,6 @@ from flexhinf.campaign import CampaignJudgement, PairedCampaigns
 from flexhinf.design.campaign_setup import DesignCampaign, fields_text
 from flexhinf.errors import InvalidInput
 
-__all__ = ["SIDES", "DesignPair", "PairResult"]
-
 #: Folders of the two campaigns in that of their comparison.
 SIDES = ("a", "b")
 
@@ -80,15 +78,12 @@ class PairResult:
 
     Attributes
     ----------
-    pair : DesignPair
     folder : Path
         Of the comparison.
     names : (str, str)
         Of the designs, as they were given.
     judged : (CampaignJudgement, CampaignJudgement)
         Each by itself, by the same requirements.
-    paired : PairedCampaigns
-    command : tuple of str
     """
 
     pair: DesignPair

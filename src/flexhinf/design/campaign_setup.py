@@ -38,8 +38,6 @@ from flexhinf.robot.extras import inactive_parameters
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.untrusted import value_text
 
-__all__ = ["CampaignOptions", "DesignCampaign", "fields_text"]
-
 _PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
 _RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
 
@@ -131,8 +129,6 @@ class DesignCampaign:
 
     Parameters
     ----------
-    request : DesignRequest
-    options : CampaignOptions
     file : Path or None
         The design file it came from. Of a report that nobody changed the controller is taken as it was judged.
     """

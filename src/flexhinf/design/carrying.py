@@ -23,8 +23,6 @@ from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, Weighing, weigh_payload
 from flexhinf.robot.payload import payload_ends
 
-__all__ = ["Carried", "carried", "carried_payloads"]
-
 
 @dataclass(frozen=True, eq=False)
 class Carried:

@@ -19,8 +19,6 @@ from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import Reached, pose_at
 from flexhinf.untrusted import value_text, within_proportion
 
-__all__ = ["Tool", "joint_waypoints", "tool_of", "with_joints"]
-
 AXES = ("x", "y", "z")
 
 #: Most waypoints of a point: each is a search.
@@ -55,7 +53,6 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
 
     Parameters
     ----------
-    request : DesignRequest
     goal : str
         ``x,y,z`` in the world, m or with a unit; empty for none.
     tool : str

@@ -41,14 +41,6 @@ from flexhinf.plant import GeneralisedPlant
 from flexhinf.plant import Penalty as WeightPenalty
 from flexhinf.robot import Robot
 
-__all__ = [
-    "CertifiedDegree",
-    "Evidence",
-    "certify_design",
-    "evidence",
-    "proved",
-]
-
 Progress = Callable[[str], None]
 Share = Callable[[int, float], None]
 
@@ -68,7 +60,6 @@ class CertifiedDegree:
 
     Attributes
     ----------
-    choice : DegreeChoice
     used : bool
         Whether it is the degree that the design uses.
     certificate : Certificate or None
@@ -77,7 +68,6 @@ class CertifiedDegree:
         Runs from the largest proved starts.
     reason : str
         Why nothing was proved, else empty.
-    cpu_seconds : float
     box : BoxProof or None
         What the certificate is of, where it is for all robots within the tolerances.
     """
@@ -106,7 +96,6 @@ def certify_design(
 
     Parameters
     ----------
-    robot : Robot
     s : Specification
         Its `checked_gamma_ratio` and `checked_penalty` state what is proved.
     progress : callable
@@ -118,7 +107,6 @@ def certify_design(
     tolerances : bool
         Whether the design's step is proved for all robots within the tolerances, instead of a region of the nominal
         one; so it is with the preset proved.
-    threads : int
 
     Raises
     ------

@@ -28,17 +28,6 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import InvalidInput
 
-__all__ = [
-    "MODES",
-    "RATIOS",
-    "Criterion",
-    "Figures",
-    "Limit",
-    "criterion_for",
-    "pareto_front",
-    "stated_limits",
-]
-
 #: Of what the criterion takes ratios: attributes of `Figures`, and what they are called.
 RATIOS = {
     "load_deviation": "load deviation", "settling": "settling time", "move_error": "move error",
@@ -64,7 +53,6 @@ class Figures:
 
     Attributes
     ----------
-    peak_sensitivity : float
     gain_margin : float
         Smallest factor by which the gain of one input may not rise or fall.
     damping : float
@@ -104,8 +92,6 @@ class Limit:
     ----------
     figure : str
         Attribute of `Figures`.
-    label, unit : str
-    value : float
     least : bool
         Whether the figure is to be at least the value instead of at most.
     origin : str
@@ -329,8 +315,6 @@ def pareto_front(
 
     Parameters
     ----------
-    figures : sequence of Figures
-    criterion : Criterion
     cost, benefit : str
         Attributes of `Figures`, both to be small.
 

@@ -29,8 +29,6 @@ from flexhinf.design.responses import Response
 from flexhinf.design.scenario import run_length, sample_robots
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["ACTING", "GAIN", "choose_degree", "step_cost"]
-
 #: Higher terms of a law act where they change the input along the lowest degree's step by at least this fraction of its
 #: largest value there. Below, no step of the study became cheaper by more than 3 %.
 ACTING = 0.5
@@ -57,7 +55,6 @@ def choose_degree(
         The loop of the design, whatever its law.
     problem : GeneralisedPlant
         The nominal problem about the goal, whose penalty is the cost.
-    choices : sequence of DegreeChoice
     """
     lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
     if (
@@ -92,7 +89,6 @@ def step_cost(
     ----------
     problem : GeneralisedPlant
         Its penalty and R2.
-    response : Response
     at : (x, u), optional
         State (as the run has it) and input of the equilibrium; the problem's by default.
 

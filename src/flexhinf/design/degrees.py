@@ -14,11 +14,6 @@ from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = [
-    "DegreeChoice", "rays_of", "shrinking", "solve_degrees", "synthesis_stages",
-    "tried_degrees", "try_degrees", "with_region",
-]  # fmt: skip
-
 #: Up to so many states, so many rays; no region is sampled beyond.
 RAYS = ((10, 500), (20, 200))
 
@@ -31,7 +26,6 @@ class DegreeChoice:
     ----------
     degree : int
         Of V; the law has one less.
-    solution : HJISolution
     level : float
         Largest level set {V ≤ level} on which nothing against the dissipation inequality was found (sampled); nan where
         there is no region, or none was looked for.
@@ -98,8 +92,6 @@ def solve_degrees(
     ----------
     problem : GeneralisedPlant
         About the goal pose: a step to the goal starts at a deviation from it.
-    degrees : sequence of int
-    gamma : float
     progress : callable
         Called with what comes next, once per degree.
 
@@ -127,12 +119,10 @@ def with_region(
 
     Parameters
     ----------
-    choice : DegreeChoice
     gamma : float
         Of the inequality that is checked; it must be weaker than the designed one, see `HJISolution.sampled_region`.
     penalty : optional
         Of the inequality that is checked; 0.9 times the designed one by default.
-    rays, seed : int
 
     Raises
     ------

@@ -29,8 +29,6 @@ from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.signals import signal_names
 from flexhinf.untrusted import value_text
 
-__all__ = ["Conditions", "DeployedRun", "perturbed", "prepare_run"]
-
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
 
@@ -67,20 +65,16 @@ class DeployedRun:
     ----------
     robot : Robot
         The one that is driven.
-    specification : Specification
     plants : LoopPlants
         Of the robot that the controller was designed for: sensors, noise and limits.
-    controller : Controller
     box : MuJoCoPlant
         The robot that is driven, in MuJoCo.
-    loop : Loop
     start, goal : (n,)
         Link positions, rad or m.
     plan : Plan or None
         The move; None for a step.
     arguments : dict
         Of `flexhinf.run_realtime`.
-    conditions : Conditions
     """
 
     robot: Robot
@@ -153,7 +147,6 @@ def prepare_run(
         The one that is driven.
     specification : Specification
         Of the run: start, goal or move, shaping, duration, extras, noise, seed, and what is judged.
-    conditions : Conditions
 
     Raises
     ------
@@ -236,7 +229,6 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
 
     Parameters
     ----------
-    robot : Robot
     changes : sequence of str
         NAME=VALUE, or NAME=±PERCENT% of the nominal number; a name without a joint is meant for all of them.
 

@@ -24,11 +24,6 @@ from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, load_robot
 from flexhinf.untrusted import checked_path, read_toml
 
-__all__ = [
-    "DesignFile", "DesignRequest", "design_schema", "is_design_file", "load_design", "move_of", "plain",
-    "read_design", "read_request", "weights_of",
-]  # fmt: skip
-
 TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic", "payload")
 
@@ -45,7 +40,6 @@ class DesignFile:
 
     Attributes
     ----------
-    path : Path
     robot, elastic, payload : str, str or None, str or None
         As `load_robot` takes them.
     fields : dict
@@ -65,8 +59,6 @@ class DesignRequest:
 
     Attributes
     ----------
-    robot : Robot
-    specification : Specification
     source, elastic, payload : str, str or None, str or None
         Where the robot came from and what it carries, as `load_robot` takes them.
     notes : tuple of str

@@ -23,8 +23,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import catalogue
 
-__all__ = ["design_text", "request_document", "result_table"]
-
 HEAD = f"""\
 A design, by flexhinf {__version__}. The same design is made by: flexhinf design design.toml
 Options on the command line win over this file, and every command that takes a robot takes it.
@@ -44,7 +42,6 @@ def design_text(
 
     Parameters
     ----------
-    design : Design
     robot, elastic : path or str
         Where the robot came from, as for `load_robot`.
     folder : path

@@ -26,8 +26,6 @@ from flexhinf.design.weights.choose import measured_problem
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.robot import Robot
 
-__all__ = ["DesignProof", "StepProof", "prove_design", "step_proof", "with_tolerances"]
-
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
 #: wanted step alone has this room above V where it starts.
 SHARES, ROOM = (0.999, 0.98, 0.9), 1.05
@@ -47,7 +45,6 @@ class DesignProof:
         V where the step starts, with the integrals that the controller chooses; nan without a certificate.
     budget : tuple of BudgetTerm
         Of the design's step, against the proved level; none for a box of parameters, whose V is not that of the law.
-    cpu_seconds : float
     box : BoxProof or None
         What is proved beside it for all robots within the tolerances: the step, with another V and for the z of
         `measured_problem`; None where nothing is, and for the preset proved, whose `certificate` is that.
@@ -98,7 +95,6 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
 
     Parameters
     ----------
-    proof : DesignProof
     chosen : DegreeChoice
         Whose sampled region speaks where nothing is proved.
     inside : bool or None
@@ -143,10 +139,8 @@ def prove_design(
 
     Parameters
     ----------
-    robot : Robot
     s : Specification
         With `proof_seconds`, the CPU time that the search may take.
-    made : Synthesis
     start : float
         V where the step starts.
     worth : Attenuation

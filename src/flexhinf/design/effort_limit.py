@@ -23,8 +23,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import solve_hji
 from flexhinf.robot import Robot
 
-__all__ = ["problem_within_effort"]
-
 #: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
 #: then all are raised together until the third, relative, is left between kept and not kept.
 COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
@@ -56,11 +54,8 @@ def problem_within_effort(
 
     Parameters
     ----------
-    robot, goal, start, s
-    problem : DesignProblem
     levels : EstimatorNoise or None
         R^v of the estimator in these runs; by default what the specification states.
-    progress : callable
 
     Raises
     ------

@@ -27,11 +27,6 @@ from flexhinf.robot import Robot
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, units_of
 
-__all__ = [
-    "INITIAL_VARIANCE", "VELOCITY_RATE", "EstimatorNoise", "Levels", "estimator_for", "initial_covariance",
-    "noise_variances", "other_sensors", "sensor_steps",
-]  # fmt: skip
-
 #: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
 INITIAL_VARIANCE = 1e-6
 

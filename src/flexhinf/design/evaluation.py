@@ -36,8 +36,6 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
-__all__ = ["LawEvaluation", "needed_states", "operations"]
-
 #: Ratios of R^v to R^n with which corners are computed, for up to so many states of the linear loop: with more, one is
 #: all that is affordable. Between two ratios `tolerance_corners` looks for the worst itself.
 RATIOS: tuple[tuple[float, tuple[float, ...]], ...] = ((40, (1e-4, 1.0, 1e4, 1e8)), (np.inf, (1e2,)))
@@ -58,7 +56,6 @@ class LawEvaluation:
 
     Parameters
     ----------
-    name : str
     setup : LoopSetup
         Law, estimator, controller and true plant.
     scenario : Scenario or None

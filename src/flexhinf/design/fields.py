@@ -7,8 +7,6 @@ from typing import Any, get_args
 
 from flexhinf.design.units import Allowed
 
-__all__ = ["About", "FieldInfo", "info_of"]
-
 
 @dataclasses.dataclass(frozen=True)
 class About:
@@ -18,10 +16,8 @@ class About:
     ----------
     group : str
         Heading of its option in the help.
-    help : str
     example : str
         As on the command line; the same text is understood in Python and in a design file.
-    unit : str
     options : tuple of str
         Names of its option; by default the field's name with hyphens.
     zero : str
@@ -45,11 +41,8 @@ class FieldInfo:
 
     Attributes
     ----------
-    name : str
-    about : About
     allowed : str
         Its range in words.
-    default : object
     options : tuple of str
         Names of its option; for a flag one text with both.
     """

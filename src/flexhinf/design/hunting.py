@@ -19,8 +19,6 @@ from flexhinf.loop.simulation.metrics import LimitCycle, limit_cycle, steady_sta
 from flexhinf.plant import sub_steps
 from flexhinf.robot.extras import stated_friction
 
-__all__ = ["LENGTH", "WIDEST", "RestRun", "brought_to_rest", "rest_run"]
-
 #: Length of the run, s, and in samples at most. A joint is held for as long as the integral needs to grow by twice the
 #: friction, which may be tens of seconds.
 LENGTH, MOST_SAMPLES = 120.0, 240_000
@@ -46,7 +44,6 @@ class RestRun:
 
     Attributes
     ----------
-    response : Response
     extras : tuple of str
         Of its true plant: those of the specification, and the dry friction that the robot states.
     limit : float

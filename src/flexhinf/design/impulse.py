@@ -17,8 +17,6 @@ from flexhinf.design.scenario import default_load
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown, ring_down
 
-__all__ = ["ImpulseRuns", "impulse_runs", "impulse_sizes"]
-
 #: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one
 #: radian: it twists the spring by about 3 % of the motor's largest torque in the step, where the loop is nearly linear.
 FRACTION = 0.3
@@ -138,7 +136,6 @@ def impulse_runs(
 
     Parameters
     ----------
-    setup : LoopSetup
     impulses : (n,)
         N·m·s or N·s.
     most : float

@@ -15,8 +15,6 @@ from flexhinf.robot.drive import DRIVES
 from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.signals import UNITS
 
-__all__ = ["ROBOT", "JointLimits", "LimitUse", "integral_dead_zone", "joint_limits"]
-
 #: Who states a limit that no option does.
 ROBOT = "the robot's file"
 
@@ -28,8 +26,6 @@ class LimitUse(NamedTuple):
     ----------
     value, limit : float
         In `unit`; the value is infinite where the run diverged.
-    joint : str
-    unit : str
     at : float or None
         s.
     """
@@ -52,7 +48,6 @@ class JointLimits:
 
     Attributes
     ----------
-    joints : tuple of str
     peak : (n,)
         Largest absolute input that is required, V, or N·m (N).
     saturation : (n,)
@@ -61,7 +56,6 @@ class JointLimits:
         Largest absolute velocity of the links, rad/s or m/s.
     lower, upper : (n,)
         Ranges of the link positions, rad or m.
-    effort_units, speed_units, position_units : tuple of str
     peak_source, saturation_source, speed_source : str
         The option that states them, or `ROBOT`.
     """

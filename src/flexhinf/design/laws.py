@@ -19,11 +19,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 
-__all__ = [
-    "CHANNELS", "CONTAINED", "DEFAULT_LAWS", "DEGREE", "DESIGN", "ESTIMATOR_NOISE", "MOTOR_NOISE", "NL_HINF",
-    "LawFactory", "LawKind", "TuningParameter", "law_kind", "law_names", "weighted",
-]  # fmt: skip
-
 #: The design's own law as `flexhinf design` makes it, by whose figures the criterion divides. It is not tuned for the
 #: criterion, so it is no side of the comparison: that is the next one.
 DESIGN = "design"
@@ -63,7 +58,6 @@ class TuningParameter:
 
     Attributes
     ----------
-    name, label, unit : str
     start : float or None
         Where the search begins; None for a number of the design (its bandwidth, its γ/γ*, its degree).
     lower, upper : float
@@ -114,7 +108,6 @@ class LawKind:
 
     Attributes
     ----------
-    name, description : str
     group : str
         Which panel of the figure it is in.
     source : str
@@ -310,7 +303,6 @@ class LawFactory:
 
         Parameters
         ----------
-        kind : LawKind
         values : mapping of str to float
             See `start`; R^v of the estimator is none of the law's. A degree is rounded.
         degree : int, optional
@@ -367,7 +359,6 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
 
     Parameters
     ----------
-    problem : GeneralisedPlant
     effort : float
         Factor of R2.
     integral : float

@@ -14,8 +14,6 @@ from flexhinf.plant import Plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot
 from flexhinf.robot.extras import DRY
 
-__all__ = ["SMOOTH_EXTRAS", "LoopPlants"]
-
 #: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
 MUJOCO_STEP = 0.1
 
@@ -34,7 +32,6 @@ class LoopPlants:
 
     Parameters
     ----------
-    robot : Robot
     specification : Specification
         Sensors, quantisation, limits, extras and noise.
     """

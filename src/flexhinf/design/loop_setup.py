@@ -27,8 +27,6 @@ from flexhinf.loop import Controller, EnsembleResult, Loop, Step
 from flexhinf.plant import Law, Plant, linear_plant
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["LoopSetup"]
-
 
 @dataclass(frozen=True, eq=False)
 class LoopSetup(LoopPlants):
@@ -38,7 +36,6 @@ class LoopSetup(LoopPlants):
 
     Parameters
     ----------
-    robot : Robot
     specification : Specification
         Sensors, estimator, period, delay, quantisation, limits, extras and noise.
     law : Law

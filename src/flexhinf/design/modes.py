@@ -13,11 +13,6 @@ from flexhinf.estimation import stationary_gain
 from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.robot.elastic import Layout
 
-__all__ = [
-    "Mode", "closed_loop", "estimator_modes", "modes_of", "named_modes", "running_modes",
-    "stiffness_and_inertia",
-]  # fmt: skip
-
 #: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving
 #: links: one half where the motors stand still, more where they move against the links, next to nothing where links
 #: and motors swing together.
@@ -97,7 +92,6 @@ def named_modes(
     values, vectors : (N,), (N, N)
         Eigenvalues, 1/s, and eigenvectors in columns, of a state that begins with link positions, link
         velocities, motor positions, motor velocities.
-    joints : sequence of str
     stiffness, inertia : (n,), (2n, 2n)
         Of the springs, and of links and motors; for the fractions of energy. Infinite and zero for a rigid joint and
         its motor, which counts as its link.

@@ -15,15 +15,6 @@ from flexhinf.loop.simulation.reductions import Command, step_reduction
 from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import maximum, where
 
-__all__ = [
-    "MonteCarlo",
-    "move_errors",
-    "move_reductions",
-    "position_columns",
-    "sampled_runs",
-    "step_reductions",
-]
-
 #: At most so many instants of each run are kept.
 KEPT = 400
 
@@ -105,7 +96,6 @@ def sampled_runs(
 
     Parameters
     ----------
-    setup : LoopSetup
     robots : sequence of mapping
         Parameters.
     duration : float

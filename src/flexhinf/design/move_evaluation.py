@@ -11,8 +11,6 @@ from flexhinf.design.responses import Move
 from flexhinf.design.specification import TOLERANCE, Specification, SpecificationError
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
-__all__ = ["TRACKING_FRACTION", "final_limits", "move_requirements", "tracking_limits"]
-
 #: Default limit of the tracking error, as a fraction of the joint's way along the move.
 TRACKING_FRACTION = 0.05
 
@@ -32,9 +30,6 @@ def move_requirements(
 
     Parameters
     ----------
-    s : Specification
-    limits : JointLimits
-    move : Move
     along : AlongMove, optional
         Margins at poses on the way; they are judged too.
     """
@@ -87,7 +82,6 @@ def tracking_limits(s: Specification, limits: JointLimits, ways: np.ndarray) -> 
 
     Parameters
     ----------
-    s, limits
     ways : (n,)
         `Move.ways`.
 

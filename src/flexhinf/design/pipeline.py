@@ -55,8 +55,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot
 from flexhinf.robot.mujoco_plant import check_expressed
 
-__all__ = ["compare", "comparison_stages", "design", "stages", "step_duration"]
-
 Progress = Callable[[str], None]
 
 #: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
@@ -69,8 +67,6 @@ def design(robot: Robot, specification: Specification, progress: Progress = lamb
 
     Parameters
     ----------
-    robot : Robot
-    specification : Specification
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
 
@@ -291,7 +287,6 @@ def compare(
 
     Parameters
     ----------
-    robot : Robot
     specification : Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional

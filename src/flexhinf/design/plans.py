@@ -21,8 +21,6 @@ from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference
 from flexhinf.robot.limits import position_ranges
 
-__all__ = ["EFFORT_FRACTION", "has_integrals", "move_reference", "plan_move", "stated_move", "step_command"]
-
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
 

@@ -34,8 +34,6 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["ProvedLaw", "proved_law", "search_proved_step"]
-
 #: Factors of the preset's bandwidth, dampings (None: the preset's), and γ/γ* of the candidates.
 BANDWIDTHS, DAMPINGS, RATIOS = (0.8, 1.0, 1.3), (None, 0.4), (1.3, 1.5, 2.0)
 
@@ -64,7 +62,6 @@ class ProvedLaw(BoxProof):
     ----------
     bandwidth : ndarray
         rad/s.
-    damping : float
     ratio : float
         γ/γ* of the law's own design.
     design_problem : DesignProblem
@@ -173,7 +170,6 @@ def search_proved_step(
     degrees, bandwidths, dampings, ratios : sequence
         Degrees of V, factors of the preset's bandwidth, dampings (None: the preset's), γ/γ*. A degree above 2 needs an
         equilibrium that stays, or `tolerances` 0.
-    most_cells : int
     most_seconds : float
         Of one proof, CPU time.
     specification : Specification, optional

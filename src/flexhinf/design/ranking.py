@@ -10,8 +10,6 @@ from flexhinf.design.laws import DESIGN, NL_HINF
 from flexhinf.design.tuning import TunedLaw
 from flexhinf.design.yardstick import unstable_corners
 
-__all__ = ["TradeOff", "best_rival", "is_ours", "ranked", "trade_offs"]
-
 
 def is_ours(name: str) -> bool:
     """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
@@ -38,7 +36,6 @@ class TradeOff:
 
     Attributes
     ----------
-    name : str
     point : Figures
         Of the law as it was tuned.
     curve : tuple of Figures

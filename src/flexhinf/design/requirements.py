@@ -22,23 +22,6 @@ from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, RINGS, TOLERANCE, Specification
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 
-__all__ = [
-    "RINGS",
-    "Requirement",
-    "all_met",
-    "behaviour_requirements",
-    "carrying_requirements",
-    "corner_requirement",
-    "hunting_requirement",
-    "limit_requirements",
-    "margin_requirements",
-    "peak_option",
-    "ring_down_requirement",
-    "sample_requirements",
-    "stating_option",
-    "step_requirements",
-]
-
 #: The requirement of the links' speeds.
 SPEED = "link speed"
 
@@ -52,10 +35,8 @@ class Requirement:
 
     Attributes
     ----------
-    what : str
     limit, found : float
         In `unit`.
-    unit : str
     at_most : bool
         Whether `limit` is an upper limit; otherwise a lower one.
     where : str
@@ -168,8 +149,6 @@ def behaviour_requirements(
         Required of each joint, rad/s.
     damping : float
         Required of every oscillation.
-    margins : Margins
-    joints : sequence of str
     least_damped : str
         The joint of the smallest damping ratio.
     """
@@ -212,10 +191,6 @@ def step_requirements(
 
     Parameters
     ----------
-    s : Specification
-    limits : JointLimits
-    response : Response
-    where : str
     unlimited : Response, optional
         The same run without limits of the inputs, for the peak that a limit would hide.
     """
@@ -245,9 +220,6 @@ def limit_requirements(
 
     Parameters
     ----------
-    limits : JointLimits
-    response : Response
-    where : str
     demanded : Response, optional
         The run whose inputs count; by default the same.
     unlimited : bool

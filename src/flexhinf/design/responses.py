@@ -17,8 +17,6 @@ from flexhinf.loop.simulation.metrics import (
     tail_of,
 )
 
-__all__ = ["LoadResponse", "Move", "Plan", "Response", "Worst", "plan_ends", "run_response", "worst_of"]
-
 
 @dataclass(frozen=True)
 class Worst:
@@ -61,7 +59,6 @@ class Response:
         To its end, or to where it diverged.
     goal, start : (n,)
         Link positions, rad or m.
-    joints : tuple of str
     """
 
     run: Trajectory
@@ -209,7 +206,6 @@ class Move:
 
     Attributes
     ----------
-    plan : Plan
     response : Response
         Its start and goal are the ends of the plan.
     """
@@ -271,10 +267,8 @@ def run_response(
 
     Parameters
     ----------
-    loop : Loop
     goal, start : (n,)
         Link positions.
-    joints : tuple of str
     **options
         Of `Loop.run`.
     """

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from flexhinf.design.laws import LawKind
     from flexhinf.design.tuning import Criterion, TunedLaw
 
-__all__ = ["ComparedLaw", "Comparison", "Design"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Summarised):
@@ -68,8 +66,6 @@ class Design(Summarised):
         The runs with payloads at the ends of their ranges; none for a robot without such a range.
     law_modes : tuple of Mode
         Of the law alone: continuous, with the true state fed back.
-    requirements : tuple of Requirement
-    status : Status
     writer : callable
         (design, folder) → folder: writes the report. It is given, because the report reads designs.
     """
@@ -212,7 +208,6 @@ class ComparedLaw:
 
     Attributes
     ----------
-    kind : LawKind
     tuned : TunedLaw or None
         The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits.
     requirements : tuple of Requirement
@@ -248,14 +243,12 @@ class Comparison(Summarised):
 
     Attributes
     ----------
-    robot, specification
     synthesis : Synthesis
         Of the design's own law.
     criterion : Criterion
         What every law is tuned for, and the limits that it keeps.
     rows : tuple of ComparedLaw
         The design as it is first, then nonlinear H∞ tuned as the others are.
-    scenario : Scenario
     writer : callable
         (comparison, folder) → folder: writes the report.
     """

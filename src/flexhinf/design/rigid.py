@@ -15,11 +15,6 @@ from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 from flexhinf.robot.elastic import Layout
 
-__all__ = [
-    "SIDES", "RigidComparison", "RigidFlow", "RigidLaw", "RigidLoop", "compare_rigid", "rigid_problem",
-    "rigid_solution",
-]  # fmt: skip
-
 #: Which side's position and velocity the rigid law is fed: on a rigid robot they are the same.
 SIDES = ("link", "motor")
 
@@ -182,8 +177,6 @@ class RigidLoop:
     ----------
     side : {"link", "motor"}
         Whose true position and velocity it is fed.
-    modes : tuple of Mode
-    response : Response
     """
 
     side: str
@@ -198,14 +191,7 @@ class RigidLoop:
 
 @dataclass(frozen=True, eq=False)
 class RigidComparison:
-    """The rigid design.
-
-    Attributes
-    ----------
-    gamma : float
-    degree : int
-    loops : tuple of RigidLoop
-    """
+    """The rigid design."""
 
     gamma: float
     degree: int

@@ -17,11 +17,6 @@ from flexhinf.design.responses import Plan
 from flexhinf.design.specification import Specification
 from flexhinf.robot import Robot
 
-__all__ = [
-    "COMPARED_SAMPLES", "LOAD_FRACTION", "LOAD_START", "LONGEST", "Scenario", "default_load", "default_start",
-    "run_length", "sample_count", "sample_robots", "start_and_goal",
-]  # fmt: skip
-
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
 

@@ -47,11 +47,6 @@ from flexhinf.design.waypoint_table import Move, WaypointError
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = [
-    "ESTIMATORS", "FIELDS", "NO_LIMIT", "PRESETS", "RINGS", "SHAPINGS", "TOLERANCE", "TORQUE_NOISE", "Specification",
-    "SpecificationError", "json_schema",
-]  # fmt: skip
-
 Preset = Literal["paper", "damped", "robust", "proved"]
 Estimator = Literal["ukf", "ekf", "observer", "none"]
 PRESETS: tuple[str, ...] = get_args(Preset)

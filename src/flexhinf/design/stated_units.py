@@ -14,8 +14,6 @@ from flexhinf.robot import Robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
 from flexhinf.untrusted import value_text
 
-__all__ = ["check_stated_units", "per_signal"]
-
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
     "pose": "link_position",

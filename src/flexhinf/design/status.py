@@ -14,8 +14,6 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import RINGS, Requirement
 from flexhinf.design.specification import TOLERANCE
 
-__all__ = ["FEW_PERIODS", "NOISE_FRACTION", "Status", "status_of"]
-
 #: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05
 

@@ -36,8 +36,6 @@ from flexhinf.robot import Robot
 from flexhinf.robot.limits import check_holding
 from flexhinf.robot.plausibility import check_delay, check_fast
 
-__all__ = ["Synthesis", "checked_penalty", "synthesise"]
-
 Progress = Callable[[str], None]
 
 #: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
@@ -131,8 +129,6 @@ class _Steps:
 
     Attributes
     ----------
-    robot : Robot
-    s : Specification
     goal, start : (n,)
         Link positions of the step, rad or m.
     progress : callable

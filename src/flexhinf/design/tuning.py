@@ -23,11 +23,6 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.yardstick import figures_of, unstable_corners
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-__all__ = [
-    "TunedLaw",
-    "Tuner",
-]
-
 Progress = Callable[[str], None]
 
 #: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
@@ -50,10 +45,8 @@ class TunedLaw:
 
     Attributes
     ----------
-    kind : LawKind
     evaluation : LawEvaluation
         Of the law with its sensors, its parameters and its estimator's noise levels.
-    figures : Figures
     cost : float
         Of the criterion; 1 for the design.
     feasible : bool
@@ -118,10 +111,8 @@ class Tuner:
 
     Parameters
     ----------
-    factory : LawFactory
     own : LawEvaluation
         Of the design's own law: its loop, and the scenario of all laws.
-    criterion : Criterion
     same_sensors : bool
         All laws measure what the design measures, whatever their proponents would choose.
     seed : int
@@ -141,7 +132,6 @@ class Tuner:
 
         Parameters
         ----------
-        kinds : sequence of LawKind
         wanted : sequence of str
             Names that were asked for: of these, one that cannot be made is a mistake.
         progress : callable, optional
@@ -351,7 +341,6 @@ class Tuner:
 
         Parameters
         ----------
-        kind : LawKind
         sensors : tuple of str
             Measured signals.
         values : mapping of str to float

@@ -20,15 +20,6 @@ from flexhinf.plant import Penalty
 from flexhinf.robot.units import SECONDS, SLIDING, TURNING, Stated, split
 from flexhinf.untrusted import real_number, value_text
 
-__all__ = [
-    "SECONDS", "SLIDING", "TURNING",
-    "AboveOne", "Allowed", "Count", "Degrees", "Distances", "Duration", "Flag", "Frequencies", "Names",
-    "NotNegative", "Number", "PerJoint", "PerJointSpeed", "Period", "Pose", "Poses", "Positive", "Quanta", "Ratio",
-    "Seconds", "Seed", "Stated", "Tolerances", "Weights", "angle_unit_of", "angles", "choice", "distances", "flag",
-    "frequencies", "integer", "integers", "lengths", "names", "number", "numbers", "poses", "quanta", "seconds",
-    "speeds", "weights",
-]  # fmt: skip
-
 #: Units of each kind of number, in lower case, and what one is in the SI unit that stands first.
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 _SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}

@@ -25,8 +25,6 @@ from flexhinf.design.units import SECONDS, SLIDING, TURNING, Allowed
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, read_text, real_array, value_text
 
-__all__ = ["Move", "WaypointError", "WaypointTable", "waypoints"]
-
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000
 

@@ -9,8 +9,6 @@ from flexhinf.design.criterion import Criterion, Figures
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-__all__ = ["RUNS", "figures_of", "own_figures", "unstable_corners", "yardstick"]
-
 #: Runs of the criterion, by the figure that is infinite where one diverged.
 RUNS = {
     "peak_input": "the step",
@@ -29,7 +27,6 @@ def figures_of(evaluation: LawEvaluation, criterion: Criterion | None = None) ->
 
     Parameters
     ----------
-    evaluation : LawEvaluation
     criterion : Criterion, optional
         A loop that is far beyond its limits is not run, nor run further after the step.
 

@@ -17,14 +17,6 @@ from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
 from flexhinf.untrusted import real_array
 
-__all__ = [
-    "ConstantGainBelief",
-    "ConstantGainFilter",
-    "linear_model",
-    "stationary_covariance",
-    "stationary_gain",
-]
-
 
 class ConstantGainBelief(NamedTuple):
     """A mean (n,) and the gain (n, p) that corrects it."""

@@ -16,8 +16,6 @@ from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Gaussian
 from flexhinf.scalars import apply, trace
 
-__all__ = ["ExtendedKalmanFilter"]
-
 
 class ExtendedKalmanFilter(RecursiveFilter):
     """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""

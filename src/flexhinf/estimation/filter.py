@@ -17,8 +17,6 @@ from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transp
 from flexhinf.scalars.dependence import elementary
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
-__all__ = ["MODEL_STEP", "RecursiveFilter", "correction", "covariance_matrix", "gained", "rooted"]
-
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
 MODEL_STEP = {4: 0.25, 8: 1.25}
@@ -91,7 +89,6 @@ def correction(
 
     Parameters
     ----------
-    run : flexhinf.codegen.Direct or Composer
     prior : ((n,), (n, s))
         Mean of the state, and deviations dᵢ.
     outputs : ((p,), (p, s))

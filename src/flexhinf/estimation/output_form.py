@@ -19,8 +19,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 from flexhinf.scalars.dependence import nonzero, sizes_of_rows, switches, varying
 
-__all__ = ["OutputForm", "output_form"]
-
 #: Relative size of a diagonal entry of a triangular factor that counts as zero.
 RANK = 1e-12
 
@@ -40,7 +38,6 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> OutputForm:
 
     Parameters
     ----------
-    plant : Plant
     about : (n,) array, optional
         State at which φ(·, 0) has no slope; the origin by default.
 

@@ -41,8 +41,6 @@ from flexhinf.plant import Plant
 from flexhinf.scalars import jacobian
 from flexhinf.untrusted import read_only
 
-__all__ = ["Held", "InjectedGaussian", "OutputInjectionObserver", "first_order_hold"]
-
 #: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
 DOUBLINGS = 64
 

@@ -11,8 +11,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
 from flexhinf.untrusted import value_text
 
-__all__ = ["check_decay", "check_detectable", "placed_gain", "unobservable"]
-
 #: Relative size of a singular value that counts as zero: what the measurement does not show.
 UNSEEN = 1e-10
 

@@ -13,8 +13,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import read_only
 
-__all__ = ["SigmaPoints"]
-
 
 @dataclass(frozen=True)
 class SigmaPoints:

@@ -20,8 +20,6 @@ from flexhinf.scalars import cholesky, clip, trace
 from flexhinf.scalars.dependence import linear
 from flexhinf.untrusted import read_only, real_array, real_number, value_text
 
-__all__ = ["UnscentedKalmanFilter"]
-
 
 class SampledGaussian(NamedTuple):
     """A belief that carries the propagated sigma points (n, 2n + 1), for `redraw=False`."""

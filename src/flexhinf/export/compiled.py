@@ -15,8 +15,6 @@ from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export.processor import MARK, check_instructions
 from flexhinf.untrusted import checked_path, read_bytes, real_array, value_text
 
-__all__ = ["CompiledController", "load_compiled"]
-
 
 class CompiledController:
     """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
@@ -34,7 +32,6 @@ class CompiledController:
         s.
     measured, commanded, inputs, states : tuple of str
         Names of the elements of y, r, u and the estimate.
-    units : dict of str to str
     digest : str
         Of the C of which it was compiled.
     code : str

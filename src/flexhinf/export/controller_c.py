@@ -26,8 +26,6 @@ from flexhinf.loop.controller.remembered import SPACING, step_program
 from flexhinf.loop.controller.start import holding_function
 from flexhinf.untrusted import value_text
 
-__all__ = ["ControllerCode", "arithmetic", "code_of", "fill", "template"]
-
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
 LANES = 8
@@ -42,10 +40,8 @@ class ControllerCode:
 
     Parameters
     ----------
-    controller : Controller
     name : str
         A C identifier, checked; all names begin so.
-    real : Real
     """
 
     controller: Controller

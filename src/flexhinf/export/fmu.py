@@ -33,8 +33,6 @@ from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
 from flexhinf.untrusted import checked_path, real_array, value_text
 
-__all__ = ["export_fmu", "export_plant_fmu"]
-
 DOUBLE = Real("double")
 
 #: What a file is dated in the archive, so that the same model gives the same bytes.
@@ -59,8 +57,6 @@ class Model:
 
     Attributes
     ----------
-    name : str
-    about : str
     period : float
         Smallest communication step, s; others are whole multiples.
     variables : tuple of Variable
@@ -85,7 +81,6 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
 
     Parameters
     ----------
-    controller : Controller
     path : path
         Of the file, ``.fmu`` by custom; replaced if it is there.
     name : str
@@ -119,7 +114,6 @@ def export_plant_fmu(
 
     Parameters
     ----------
-    plant : Plant
     path, name
         As for `export_fmu`.
     period : float

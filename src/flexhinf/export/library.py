@@ -18,8 +18,6 @@ from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path
 
-__all__ = ["build", "compile_controller", "cortex_m4_bytes", "shared_library"]
-
 
 def compile_controller(
     controller: Controller, path: str | os.PathLike[str], processor: str = "portable"
@@ -28,7 +26,6 @@ def compile_controller(
 
     Parameters
     ----------
-    controller : Controller
     path : path
         Of the file; replaced if it is there. It is machine code: load only what you trust.
     processor : {"portable", "any", "native"}

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = ["checked_identifier", "comment", "constants", "identifier_of"]
-
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
 RESERVED = frozenset({
     "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",

@@ -26,8 +26,6 @@ from flexhinf.files import write_file
 from flexhinf.loop import Controller
 from flexhinf.untrusted import checked_path, value_text
 
-__all__ = ["controller_files", "export_c", "write_files"]
-
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
 #: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).
 #: In float it is that of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C compiler
@@ -125,7 +123,6 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
 
     Parameters
     ----------
-    controller : Controller
     real : {"double", "float"}
     period : str
         Of the firmware's loop, such as "1ms"; empty for any.

@@ -10,8 +10,6 @@ from pathlib import Path
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = ["MARK", "check_instructions", "compiler_flags", "instructions", "named_instructions"]
-
 #: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
 MARK = b"flexhinf library 1: instructions, then what it is\n"
 

@@ -30,8 +30,6 @@ from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing
 from flexhinf.loop.simulation.run_arguments import sample_count
 from flexhinf.untrusted import value_text
 
-__all__ = ["RealTimeRun", "run_realtime", "undisturbed", "wait_until"]
-
 #: From the last sleep to the moment when a sample is due the clock is watched, ns: a sleep ends that much late at most
 #: on a system that is not busy.
 WATCHED_NS = 150_000
@@ -61,7 +59,6 @@ class RealTimeRun:
         Of the same samples.
     codes : (N,) array of int
         How each step ended; 0 is "OK".
-    code_names : dict of int to str
     began : int
         When the first sample was due, ns since 1970.
     input_range : ((m,), (m,))

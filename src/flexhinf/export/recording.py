@@ -9,8 +9,6 @@ import numpy as np
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop import Controller, Loop, Samples
 
-__all__ = ["Recording", "record", "replay"]
-
 #: What a sample is, by the name of the code that a step in C returns for it.
 MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
 
@@ -59,7 +57,6 @@ def record(
     ----------
     controller : Controller
         Only read.
-    samples : int
     interrupted : bool
         Replay what was measured with samples left out and samples that are not finite.
     exact : type

@@ -22,8 +22,6 @@ from flexhinf.export.realtime import RealTimeRun
 from flexhinf.files import write_file
 from flexhinf.untrusted import checked_path
 
-__all__ = ["ENDINGS", "LogColumn", "check_log", "check_place", "log_columns", "write_log"]
-
 #: Endings of logs, and the packages that each needs.
 ENDINGS: dict[str, tuple[str, ...]] = {".csv": (), ".parquet": ("pyarrow",), ".mcap": ("mcap", "zstandard")}
 

@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["PERCENTILES", "MissedSpan", "Timing", "percentiles"]
-
 #: Percentiles by which jitter is told; the last one is the largest value.
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 100.0}
 
@@ -20,7 +18,6 @@ class MissedSpan(NamedTuple):
     ----------
     begin : float
         Time of the first sample, s.
-    samples : int
     worst : float
         By how much the latest input of them came after its deadline, s.
     """
@@ -40,7 +37,6 @@ class Timing:
 
     Attributes
     ----------
-    period : float
     real_time : bool
         Whether the samples waited for the clock.
     time : (N,)

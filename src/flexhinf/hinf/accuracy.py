@@ -22,8 +22,6 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
 
-__all__ = ["DOUBTFUL", "check_errors", "degree_errors", "equation_residuals", "moved", "with_accuracy"]
-
 DOUBTFUL = 1e-8  # estimated error of a degree from which the report warns
 _LARGEST_ERROR = 1e-2  # estimated error of a degree that is not returned
 _POINTS = 4  # at which the residual is measured
@@ -38,7 +36,6 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
 
     Parameters
     ----------
-    problem : ScaledProblem
     value : dict degree → ndarray
         Tensor entries of V, in the states of the problem.
     """

@@ -25,8 +25,6 @@ from flexhinf.hinf.scaled_problem import Parts, ScaledProblem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.transform import change_variables
 
-__all__ = ["BoundedStates"]
-
 
 @dataclass(frozen=True)
 class BoundedStates:

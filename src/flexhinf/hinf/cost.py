@@ -16,8 +16,6 @@ from itertools import pairwise
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial.basis import count
 
-__all__ = ["check_memory", "degree_progress", "estimate_memory"]
-
 _LONG = 2e9  # estimated operations (about a second) below which no progress bar appears
 
 

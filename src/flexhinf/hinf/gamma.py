@@ -8,8 +8,6 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.linear_part import LinearPart, check_problem, disturbance_reaches_output
 from flexhinf.plant.problem import Problem
 
-__all__ = ["is_feasible", "linear_smallest_gamma", "smallest_gamma"]
-
 _RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
 _LARGE_P = 1e3  # eigenvalue of P at γ = ∞, balanced, from which other states are sought
 _SMALLEST_P = 1e-20  # eigenvalue of P, relative to the largest, up to which a state is stretched

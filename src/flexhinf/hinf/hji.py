@@ -84,8 +84,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
 from flexhinf.untrusted import real_number, value_text
 
-__all__ = ["linear_law", "solve_hji"]
-
 _SMALL = 5_000  # coefficients of the highest degree up to which bounded states cost little: f is full in them
 _LARGE_P = (
     64.0,
@@ -168,10 +166,8 @@ class _Solved:
 
     Attributes
     ----------
-    scaling, problem : Scaling, ScaledProblem
     value : dict degree → ndarray
         Tensor entries in the scaled states.
-    records : tuple of DegreeRecord
     condition : float
         Condition number of the closed loop's eigenvectors, in the states the recursion ran in.
     growth : float

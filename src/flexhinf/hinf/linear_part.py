@@ -17,8 +17,6 @@ from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.problem import Problem
 
-__all__ = ["LinearPart", "check_problem", "disturbance_reaches_output"]
-
 _DECAYS = 4.0 * float(np.finfo(float).eps)  # times n: what rounding may add to Re λ, relative to ‖A‖
 _RANK = 1e-10  # smallest singular value of the pencil, relative to its norm, that counts as rank deficiency
 _LARGEST = 1e70  # of a coefficient: products of its squares are finite
@@ -43,7 +41,6 @@ class LinearPart:
     Attributes
     ----------
     a, b1, b2, c : ndarray, shapes (n, n), (n, md), (n, m), (s, n)
-    state_names : tuple of str
     """
 
     a: np.ndarray

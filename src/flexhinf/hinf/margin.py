@@ -27,16 +27,6 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.untrusted import real_array
 
-__all__ = [
-    "GAMMA_MARGIN",
-    "PENALTY_MARGIN",
-    "CheckedMargin",
-    "CheckedPair",
-    "Penalty",
-    "checked_margin",
-    "checked_pair",
-]
-
 GAMMA_MARGIN = 1.1  # default: checked gamma over designed gamma
 PENALTY_MARGIN = 0.9  # default: checked penalty over designed penalty
 
@@ -85,7 +75,6 @@ class CheckedMargin(Summarised):
         Largest rate of the terms of V̇ in the same sense, 1/s.
     direction : ndarray, shape (n,)
         Where the margin is smallest.
-    state_names : tuple of str
     """
 
     gamma: float

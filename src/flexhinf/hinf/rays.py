@@ -14,8 +14,6 @@ import numpy as np
 
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["Inequality", "Rays", "Stops"]
-
 _BISECTIONS = 40
 _TOGETHER = 64  # points that are evaluated at once at least: of few rays several points each
 _ROUNDING = 1e-11  # r up to this, relative to the largest of its terms, counts as zero
@@ -100,8 +98,6 @@ class Inequality:
 
     Attributes
     ----------
-    solution : ValueFunction
-    gamma : float
     output : callable
         The checked h from x (N, n) and the designed h (N, s).
     """

@@ -26,8 +26,6 @@ from flexhinf.polynomial.algebra import add_part, gradient, product
 from flexhinf.polynomial.homological import HomologicalEquation
 from flexhinf.polynomial.threads import matrix_product
 
-__all__ = ["DegreeRecord", "solve_degrees"]
-
 
 @dataclass(frozen=True)
 class DegreeRecord:
@@ -35,7 +33,6 @@ class DegreeRecord:
 
     Attributes
     ----------
-    degree : int
     method : str
         "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity".
     residual : float
@@ -61,7 +58,6 @@ def solve_degrees(
 
     Parameters
     ----------
-    problem : ScaledProblem
     riccati : RiccatiSolution
         Of the scaled linear part.
     seconds : float

@@ -12,8 +12,6 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.polynomial.basis import count
 from flexhinf.polynomial.homological import HOPELESS
 
-__all__ = ["solution_report"]
-
 
 def solution_report(
     solution: ValueFunction, records: Sequence[DegreeRecord], condition: float, memory: int

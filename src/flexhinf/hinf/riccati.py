@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["RiccatiSolution", "polish", "sensitivity", "solve_riccati"]
-
 _AXIS = 1e-13  # eigenvalues this close to the imaginary axis, relative to the norm times n, lie on it
 _ISOTROPY = 1e-6  # asymmetry of U1ᵀU2 beyond which the subspace mixes a mode with its mirror image
 _NEGATIVE = 1e-9  # most negative eigenvalue of P, relative to the largest, that still counts as zero
@@ -133,7 +131,6 @@ def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    riccati : RiccatiSolution
     change : ndarray, shape (n, n)
         ΔM, symmetric.
     """

@@ -27,8 +27,6 @@ from flexhinf.hinf.violations import Landscape, ascend, touching_point
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
-__all__ = ["MOST_RAYS", "SampledCheck", "sample_region"]
-
 _SMALLEST, _GROWTH = 1e-4, 1.08  # first deviation on a ray, and its growth from point to point along a ray
 _FINE = 1.02  # the same for the single rays that are followed again
 _STARTS, _PER_STATE = 64, 8  # starts of an ascent: so many, or so many per state
@@ -48,7 +46,6 @@ class SampledCheck(Summarised):
 
     Attributes
     ----------
-    solution : ValueFunction
     gamma : float
         The checked attenuation level.
     margin : str
@@ -59,7 +56,6 @@ class SampledCheck(Summarised):
         Deviation at which the limiting ray stopped.
     limit : str
         Why it stopped: "inequality", "V stops increasing", or "nothing found".
-    rays, seed : int
     largest : float
         Largest deviation (in any state) that was tried.
     """

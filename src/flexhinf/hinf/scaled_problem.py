@@ -13,8 +13,6 @@ import numpy as np
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial.algebra import add_part, monomials, product
 
-__all__ = ["Parts", "ScaledProblem", "Scaling", "balance"]
-
 #: Monomial coefficients by degree.
 Parts = dict[int, np.ndarray]
 

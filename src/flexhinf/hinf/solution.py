@@ -32,8 +32,6 @@ from flexhinf.scalars import digest, trace
 if TYPE_CHECKING:
     from flexhinf.certify.certificate import Certificate
 
-__all__ = ["EXACT_INPUT_MATRIX", "GradientLaw", "HJISolution", "input_matrix_of", "load_solution"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HJISolution(ValueFunction, Law):

@@ -9,8 +9,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.value_function import ValueFunction
 
-__all__ = ["equilibrium_state", "settled", "step_amplitude", "step_roles"]
-
 _INTEGRAL = "_integral"
 _STEPS = 200  # continuation steps up to the amplitude that the quadratic part predicts
 _LONGEST = 50  # give up at this many times that amplitude
@@ -29,7 +27,6 @@ def step_amplitude(
     ----------
     solution : ValueFunction
         About the goal.
-    level : float
     moved : str or mapping, optional
         The state that is commanded, or {state: share} for several. Default: those whose integral is a state
         (``NAME`` for a state ``NAME_integral``), in equal shares.

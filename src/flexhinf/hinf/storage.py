@@ -20,8 +20,6 @@ from flexhinf.plant.problem import Problem
 from flexhinf.polynomial.basis import count
 from flexhinf.untrusted import checked_path
 
-__all__ = ["read_solution", "write_solution"]
-
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
 _HIGHEST = 200  # degree that a file may claim, as for `solve_hji`

@@ -20,8 +20,6 @@ from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.polynomial.kronecker import to_kronecker
 from flexhinf.untrusted import read_only, real_array, value_text
 
-__all__ = ["ValueFunction"]
-
 _CHUNK = 2_000_000  # monomials evaluated at a time
 
 
@@ -183,7 +181,6 @@ class ValueFunction:
             V_x.
         fields : tuple of ndarray
             f, g1, g2 and h at the same points, as `exact_fields` returns them.
-        gamma : float
         """
         f, g1, g2, h = fields
         w1 = np.einsum("ai,aij->aj", slope, g1) / gamma

@@ -19,8 +19,6 @@ import numpy as np
 
 from flexhinf.hinf.rays import Inequality
 
-__all__ = ["Landscape", "ascend", "touching_point"]
-
 _DIFFERENCE = 1e-5  # step of central differences, in units of y
 _LEAVING = 10.0  # penalty for leaving the level set, relative to |q| at the start
 _ARMIJO = 1e-4
@@ -34,7 +32,6 @@ class Landscape:
 
     Attributes
     ----------
-    inequality : Inequality
     scale : ndarray, shape (n, n)
         T of x = T y.
     level : float

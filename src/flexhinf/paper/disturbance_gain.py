@@ -17,8 +17,6 @@ from flexhinf.analysis import DisturbanceSearch
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.plant import Law
 
-__all__ = ["GainRuns", "RunGain", "stated_disturbances"]
-
 #: Horizon, s: disturbances die out well before, and the response with them.
 HORIZON = 20.0
 
@@ -56,13 +54,7 @@ class RunGain:
 
 
 class GainRuns:
-    """Runs of a law's loop under disturbances of Eq. (5).
-
-    Parameters
-    ----------
-    setup : PaperSetup
-    law : Law
-    """
+    """Runs of a law's loop under disturbances of Eq. (5)."""
 
     def __init__(self, setup: PaperSetup, law: Law) -> None:
         self.setup = setup

@@ -13,8 +13,6 @@ from flexhinf.loop import Sine, Step, Trajectory, load_metrics
 from flexhinf.paper.loop_setup import GOALS, SAMPLED_PLANTS, PaperSetup
 from flexhinf.plant import Law
 
-__all__ = ["Experiments", "ToleranceRun", "load_numbers", "step_numbers", "tracking_numbers"]
-
 #: Length of a step response, s.
 STEP_DURATION = 8.0
 #: Length of the tracking run: two periods of sin(πt/10), s.

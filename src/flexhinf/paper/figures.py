@@ -39,8 +39,6 @@ from flexhinf.report import (
     time_response,
 )
 
-__all__ = ["FIGURES", "PaperFigure", "Recipe"]
-
 NAMES = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
 COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
 
@@ -56,8 +54,6 @@ class PaperFigure:
     ----------
     number : str
         "03" … "12".
-    title, caption : str
-    svg : str
     numbers : dict
         For ``metrics.json``.
     tables : tuple of Table

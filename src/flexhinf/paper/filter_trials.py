@@ -21,8 +21,6 @@ from flexhinf.paper.loop_setup import in_two_threads
 from flexhinf.plant import Plant
 from flexhinf.scalars import cholesky, solve_lower, trace
 
-__all__ = ["Scores", "Trial", "run_trial"]
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -30,7 +28,6 @@ class Trial:
 
     Attributes
     ----------
-    name : str
     model : Plant
         What both filters believe in, with its sensors.
     period : float

@@ -20,11 +20,6 @@ from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, paper_arm
 
-__all__ = [
-    "EFFORT", "GOALS", "INITIAL_VARIANCE", "LONG", "SAMPLED_PLANTS", "PaperSetup", "affordable",
-    "in_two_threads", "name_goal",
-]  # fmt: skip
-
 #: R2 of Eq. (11).
 EFFORT = 10.0
 #: P0 = 1e-4 I: the arm starts at rest, known to about half a degree.
@@ -44,10 +39,6 @@ R = TypeVar("R")
 
 class PaperSetup:
     """What all figures and claims share; everything is computed once, on first use.
-
-    Parameters
-    ----------
-    settings : PaperSettings
 
     Raises
     ------

@@ -29,8 +29,6 @@ from flexhinf.report import (
     summary,
 )
 
-__all__ = ["numbered", "paper_page"]
-
 
 def paper_page(
     experiments: Experiments, figures: Sequence[PaperFigure], judged: Sequence[Judged], command: Sequence[str]

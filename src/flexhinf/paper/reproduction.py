@@ -14,8 +14,6 @@ from flexhinf.paper.page import paper_page
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.report import to_json
 
-__all__ = ["STAGES", "Reproduction", "reproduce"]
-
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURES) + len(JUDGES) + 2
 
@@ -28,7 +26,6 @@ class Reproduction:
     ----------
     files : dict of str to str
         index.html, figure_03.svg … figure_12.svg, metrics.json.
-    judged : tuple of Judged
     metrics : dict
         As in ``metrics.json``.
     """
@@ -47,7 +44,6 @@ def reproduce(
 
     Parameters
     ----------
-    settings : PaperSettings
     command : sequence of str
         What makes the report again, for the report.
     progress : callable, optional

@@ -9,8 +9,6 @@ from typing import Any
 from flexhinf.errors import InvalidInput
 from flexhinf.report import Table
 
-__all__ = ["ESTIMATORS", "MISPRINTS", "OPEN", "PaperSettings", "misprint_table", "open_table"]
-
 ESTIMATORS = ("ukf", "ekf", "none")
 PERIODS = "1e-4 to 0.05 s (the joint vibrates at 14 rad/s)"
 

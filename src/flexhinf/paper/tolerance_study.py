@@ -21,10 +21,6 @@ from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.paper.loop_setup import GOALS, INITIAL_VARIANCE, PaperSetup
 from flexhinf.plant import Law
 
-__all__ = [
-    "NO_ESTIMATOR", "SWEPT", "ToleranceStudy", "growth_with", "other_design", "swept_noises", "unstable_of",
-]  # fmt: skip
-
 NO_ESTIMATOR = "true state fed back"
 
 #: q that are swept over, variance per sample.
@@ -48,9 +44,6 @@ def growth_with(
 
     Parameters
     ----------
-    setup : PaperSetup
-    law : Law
-    noises : sequence of ProcessNoise or None
     plants : (N,) array of int, optional
         Only these of `PaperSetup.population`.
     goals : sequence of float
@@ -85,7 +78,6 @@ class ToleranceStudy:
 
     Attributes
     ----------
-    setup : PaperSetup
     chosen : dict of float to GrowthRates
         By goal, with the R^v of the settings, or with the true state fed back where the settings have no estimator.
     true_state : dict of float to GrowthRates

@@ -11,11 +11,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.untrusted import distinct, real_array, value_text
 
-__all__ = [
-    "check_rest", "checked_names", "checked_parts", "checked_point", "checked_r2", "parts_from_input",
-    "parts_from_mapping",
-]  # fmt: skip
-
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
 _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 _REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding

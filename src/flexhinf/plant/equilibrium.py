@@ -11,8 +11,6 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant.model import Model
 from flexhinf.untrusted import real_array
 
-__all__ = ["equilibrium", "pose_values"]
-
 ITERATIONS = 50
 
 
@@ -46,7 +44,6 @@ def equilibrium(plant: Model, names: Sequence[str], values: np.ndarray) -> tuple
 
     Parameters
     ----------
-    plant : Model
     names : sequence of str
         States that are given.
     values : ndarray, (len(names),)

@@ -20,8 +20,6 @@ from flexhinf.scalars.dependence import linear, nonzero, sizes_of_rows, switches
 from flexhinf.scalars.jet import jets, terms
 from flexhinf.untrusted import value_text
 
-__all__ = ["ControlAffineExpansion", "expand", "expand_control_affine", "expand_problem"]
-
 STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
 
 #: A coefficient of order two in the inputs, relative to the largest one of its row, that is rounding.

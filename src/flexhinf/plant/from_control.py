@@ -12,8 +12,6 @@ from flexhinf.plant.linear import LinearFlow, LinearOutput
 from flexhinf.plant.plant import Plant
 from flexhinf.plant.to_control import python_control
 
-__all__ = ["plant_from_control"]
-
 
 def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plant:
     """A linear system in continuous time of python-control (``ss`` or ``tf``) as a plant.

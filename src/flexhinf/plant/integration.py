@@ -14,15 +14,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.untrusted import real_array
 
-__all__ = [
-    "SIMULATION_STEP",
-    "eight_stages",
-    "fastest_modes",
-    "rk4_stages",
-    "rk4_step",
-    "sub_steps",
-]
-
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
 #: so that a vibration with little damping is right to 1e-9 for some periods.
 SIMULATION_STEP = 0.01
@@ -31,7 +22,7 @@ SIMULATION_STEP = 0.01
 MOST_SUB_STEPS = 100_000
 
 
-class Linearised(Protocol):
+class _Linearised(Protocol):
     """What of a `Plant` its modes are computed from."""
 
     @property
@@ -77,8 +68,6 @@ def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: A
 
     Parameters
     ----------
-    run : flexhinf.codegen.Direct or Composer
-    flow : callable
     x : (n,)
     step : float
         s.
@@ -190,7 +179,7 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
     return max(1, math.ceil(wanted))
 
 
-def fastest_modes(plant: Linearised, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+def fastest_modes(plant: _Linearised, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
     """`Plant.fastest_mode` of plants that differ in their parameters, (N, P), all at one point: (N,), rad/s.
 
     Raises
@@ -206,7 +195,7 @@ def fastest_modes(plant: Linearised, parameters: np.ndarray, x: Any = None, u: A
     return np.max([_fastest_at(plant, rows, held, parameters) for rows in points], axis=0)
 
 
-def _fastest_at(plant: Linearised, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+def _fastest_at(plant: _Linearised, points: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     count, n = points.shape
     if not count:
         return np.zeros(0)

@@ -15,8 +15,6 @@ from flexhinf.plant.plant import Plant
 from flexhinf.scalars import jacobian
 from flexhinf.untrusted import real_array
 
-__all__ = ["linear_plant"]
-
 #: Largest rate, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
 
@@ -45,7 +43,6 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
 
     Parameters
     ----------
-    plant : Plant
     x, u : (n,) and (m,) arrays
         The equilibrium: flow(x, u, 0) = 0.
 

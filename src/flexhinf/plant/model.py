@@ -27,8 +27,6 @@ from flexhinf.untrusted import (
     value_text,
 )  # fmt: skip
 
-__all__ = ["Model"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Summarised):

@@ -14,8 +14,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import Symbol, apply, function_from_arrays
 
-__all__ = ["StoredCode", "TracedCode", "has_a_name", "signals"]
-
 
 class StoredCode:
     """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.

@@ -10,8 +10,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = ["motion_of"]
-
 
 def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] = ()) -> np.ndarray:
     """Positions and their derivatives, (order + 1, N, n).

@@ -14,8 +14,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import read_only, real_array, value_text
 
-__all__ = ["ParameterTable", "Parameters"]
-
 
 class Parameters:
     """The parameters of a model as attributes: ``p.stiffness``."""

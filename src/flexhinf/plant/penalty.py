@@ -14,8 +14,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant.model_code import has_a_name
 from flexhinf.untrusted import checked_names, real_array, value_text
 
-__all__ = ["Penalty", "unknown_weight"]
-
 
 @dataclass(frozen=True)
 class Penalty:

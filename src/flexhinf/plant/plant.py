@@ -24,8 +24,6 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.untrusted import read_only, real_array
 
-__all__ = ["GeneralisedPlant", "Plant"]
-
 #: Largest rate at the operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
 

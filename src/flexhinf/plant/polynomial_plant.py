@@ -23,8 +23,6 @@ from flexhinf.polynomial.algebra import evaluate, monomials
 from flexhinf.polynomial.kronecker import from_kronecker
 from flexhinf.untrusted import distinct, read_only, real_array, value_text
 
-__all__ = ["PolynomialPlant"]
-
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PolynomialPlant(Summarised):

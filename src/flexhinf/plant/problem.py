@@ -8,8 +8,6 @@ import numpy as np
 
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
-__all__ = ["Problem"]
-
 
 @runtime_checkable
 class Problem(Protocol):

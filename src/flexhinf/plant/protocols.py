@@ -18,8 +18,6 @@ from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.polynomial.law import PolynomialLaw
 
-__all__ = ["INTEGRAL", "BlackBox", "Estimator", "Gaussian", "Law", "ProblemLaw", "use_default_form"]
-
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
 
@@ -156,12 +154,7 @@ class Law(Summarised):
 
 
 class ProblemLaw(Law):
-    """Base of laws that stand for a `GeneralisedPlant`: names and operating point are the problem's.
-
-    Attributes
-    ----------
-    problem : GeneralisedPlant
-    """
+    """Base of laws that stand for a `GeneralisedPlant`: names and operating point are the problem's."""
 
     problem: GeneralisedPlant
 

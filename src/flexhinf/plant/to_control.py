@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 if TYPE_CHECKING:
     import control
 
-__all__ = ["linear_system", "nonlinear_system", "python_control"]
-
 
 def python_control() -> Any:
     """The package, or an error that says how to get it."""

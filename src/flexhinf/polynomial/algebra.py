@@ -13,8 +13,6 @@ import numpy as np
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.threads import matrix_product
 
-__all__ = ["add_part", "evaluate", "gradient", "monomials", "product"]
-
 _CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
 _FEW = 64  # points up to which monomials are gathered from a table of factors
 _ROWS = 64  # monomials of one factor whose products are formed at a time when no table is kept

@@ -16,19 +16,6 @@ from math import comb
 
 import numpy as np
 
-__all__ = [
-    "count",
-    "exponents",
-    "factors",
-    "indices",
-    "insertion",
-    "merge",
-    "multiplicity",
-    "offsets",
-    "rank",
-    "removal",
-]
-
 _CACHED = 256
 
 

@@ -17,8 +17,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.threads import matrix_product
 from flexhinf.polynomial.transform import Workspace, change_variables
 
-__all__ = ["Coordinates", "eigen_coordinates", "rotate_pairs", "schur_coordinates"]
-
 _SMALL = (
     5_000  # coefficients up to which one complex change of variables is cheaper than a real one and pairs
 )

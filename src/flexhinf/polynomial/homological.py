@@ -22,8 +22,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.coordinates import Coordinates, eigen_coordinates, schur_coordinates
 from flexhinf.polynomial.threads import matrix_product
 
-__all__ = ["HOPELESS", "HomologicalEquation", "HomologicalSolution", "diagonal_sums", "substitute"]
-
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _SMALL = 2_000  # coefficients up to which a refinement step costs nothing to speak of
 _ROWS = 8_192  # gradients formed at a time for a residual

@@ -14,8 +14,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.untrusted import real_array
 
-__all__ = ["from_kronecker", "to_kronecker"]
-
 
 def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
     """Monomial coefficients of C (x ⊗ … ⊗ x).

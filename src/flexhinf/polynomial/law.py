@@ -12,8 +12,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
 from flexhinf.untrusted import read_only
 
-__all__ = ["PolynomialLaw"]
-
 #: Parts of a sum of objects, as many as the latency of an addition asks for.
 PARTS = 8
 

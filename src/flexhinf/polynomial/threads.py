@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["matrix_product", "run_all", "thread_count", "tile_products"]
-
 _TILE_PRODUCTS = 200_000  # multiplications of a real tile: OpenBLAS starts threads from 262,144 on
 _COMPLEX = 4  # and for complex numbers from a fourth of that on
 _TILE_ROWS = 64

@@ -16,8 +16,6 @@ import numpy as np
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.threads import run_all, tile_products
 
-__all__ = ["Workspace", "change_variables"]
-
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
 _TILE_BYTES = 2_000_000
 _LARGE = 2_000_000  # opened tensors from this size on are worth a second thread

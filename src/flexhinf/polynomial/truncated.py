@@ -21,8 +21,6 @@ import numpy as np
 
 from flexhinf.polynomial import basis
 
-__all__ = ["Space", "Support", "add", "compose", "degree_slice", "multiply", "size", "space"]
-
 #: Pairs of monomials that a space may remember (24 bytes each) before it forgets what it worked out.
 REMEMBERED_PAIRS = 12_000_000
 
@@ -53,7 +51,6 @@ class Space:
 
     Attributes
     ----------
-    n, degree : int
     size : int
         Length of a dense coefficient vector.
     zero, constant : Support
@@ -92,7 +89,6 @@ class Support:
 
     Attributes
     ----------
-    space : Space
     monomials : ndarray of int, shape (N,)
         Ascending numbers of the monomials.
     edges : list of int

@@ -15,8 +15,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["FUNCTIONS", "power"]
-
 Series = Callable[[float, int], np.ndarray]
 
 

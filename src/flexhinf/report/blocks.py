@@ -13,8 +13,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.report.figure import LIGHT
 from flexhinf.report.text import escape, prose
 
-__all__ = ["Block", "Bullets", "Figure", "FigureRow", "Listing", "Note", "Paragraph", "check_id", "inline"]
-
 _ROOT = re.compile(r"<svg\b[^>]*>")
 _VIEW = re.compile(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"')
 _ACTIVE = re.compile(

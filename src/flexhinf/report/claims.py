@@ -10,8 +10,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import Block, check_id
 from flexhinf.report.text import escape, prose
 
-__all__ = ["Claim", "ClaimEvidence", "Claims", "Verdict", "by_verdict", "summary"]
-
 Verdict = Literal["holds", "fails", "ties", "not judged"]
 
 _SIGN: dict[str, str] = {"holds": "✓", "fails": "✗", "ties": "≈", "not judged": "○"}
@@ -94,13 +92,7 @@ class Claims:
 
 @dataclass(frozen=True)
 class ClaimEvidence:
-    """One claim with its criterion, its verdict, the numbers behind it, and the tables and figures that show it.
-
-    Parameters
-    ----------
-    claim : Claim
-    blocks : sequence of Block, optional
-    """
+    """One claim with its criterion, its verdict, the numbers behind it, and the tables and figures that show it."""
 
     claim: Claim
     blocks: Sequence[Block] = ()

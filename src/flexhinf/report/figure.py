@@ -25,11 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-__all__ = [
-    "DARK", "GRID", "INK", "LIGHT", "MUTED", "SERIES", "WIDTH", "figure_to_svg", "house_style", "label", "legend",
-    "new_figure", "quantile_band", "reference_line", "settling_band", "time_response",
-]  # fmt: skip
-
 #: Colours of figures and pages, by role, for light and for dark surroundings. The series colours are those of Okabe and
 #: Ito [okabe2008], which readers with any of the common colour-vision deficiencies can tell apart; in the dark they are
 #: the same hues, lighter.

@@ -24,8 +24,6 @@ from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.text import to_json
 from flexhinf.untrusted import checked_path
 
-__all__ = ["MARKER", "check", "is_report", "unchanged", "write"]
-
 MARKER = "flexhinf-report.json"
 
 _WHAT = "flexhinf report"

@@ -17,8 +17,6 @@ from flexhinf.report.figure import DARK, LIGHT
 from flexhinf.report.settings import Provenance, Settings
 from flexhinf.report.text import escape, prose, scalar
 
-__all__ = ["KeyNumber", "Page", "Section", "Status"]
-
 #: The badge of a status: its colours in the style sheet, and a sign, since colour is never the only one.
 _BADGES = {
     "met": ("holds", "✓"),
@@ -106,12 +104,10 @@ class Page:
 
     Parameters
     ----------
-    title : str
     asked : str
         What was asked, in one or two sentences.
     verdict : str
         What came out, in one line.
-    sections : sequence of Section
     settings : Settings
         Every assumption and setting.
     provenance : Provenance

@@ -11,8 +11,6 @@ from importlib import metadata
 
 from flexhinf.report.text import escape, prose, scalar
 
-__all__ = ["Provenance", "Setting", "Settings", "versions"]
-
 
 @dataclass(frozen=True)
 class Setting:
@@ -20,10 +18,8 @@ class Setting:
 
     Parameters
     ----------
-    name : str
     value : object
         Text, a number, yes or no, None, or a list of these.
-    unit : str, optional
     source : str, optional
         Who says so: ``Table 1``, ``ours``, ``option --period``.
     """

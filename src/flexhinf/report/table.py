@@ -11,8 +11,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import check_id
 from flexhinf.report.text import escape, number, prose, scalar
 
-__all__ = ["Column", "Table"]
-
 
 @dataclass(frozen=True)
 class Column:
@@ -31,10 +29,8 @@ class Table:
 
     Parameters
     ----------
-    columns : sequence of Column or str
     rows : sequence of sequences
         Text, numbers, yes/no or None; as many as there are columns.
-    caption : str, optional
     id : str, optional
         An anchor.
     stacks : bool, optional

@@ -12,8 +12,6 @@ from numbers import Integral, Real
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 
-__all__ = ["at_least", "at_most", "escape", "number", "prose", "scalar", "to_json"]
-
 _CODE = re.compile(r"`([^`]+)`")
 _RAISED = re.compile(r"\bR(?:\^([vn])\b|([ᵛⁿ]))")
 _LETTERS = {"ᵛ": "v", "ⁿ": "n"}

@@ -14,8 +14,6 @@ from flexhinf.robot.payload import carried
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint
 from flexhinf.untrusted import HUGE, real_array, value_text
 
-__all__ = ["Arm"]
-
 
 @dataclass(frozen=True)
 class Arm:

@@ -16,8 +16,6 @@ from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.single_link import Pendulum
 
-__all__ = ["assembled", "single_link_robot"]
-
 
 def assembled(
     name: str,
@@ -37,7 +35,6 @@ def assembled(
 
     Parameters
     ----------
-    name : str
     joints, links, elastic : sequence
         One each, in the same order.
     gravity : number

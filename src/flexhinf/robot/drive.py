@@ -9,8 +9,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.extras import DEFAULTS
 from flexhinf.robot.quantities import per_joint
 
-__all__ = ["CONSTANTS", "DRIVES", "OPTIONAL", "SPRING", "reflected", "required_of_drive", "torque_per_input"]
-
 #: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
 DRIVES = {"voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque"}
 
@@ -69,7 +67,6 @@ def reflected(
     values : mapping of str to float
         The robot's parameters by name.
     drive : {"voltage", "current", "torque"}
-    joints : sequence of str
     rigid : sequence of str
         Joints without a spring: the numbers of springs are those of the others.
     """

@@ -12,8 +12,6 @@ from flexhinf.robot.drive import torque_per_input
 from flexhinf.robot.dynamics import Tree
 from flexhinf.robot.extras import friction_torque, spring_torque
 
-__all__ = ["ElasticFlow", "Layout", "Links"]
-
 
 class Links(Protocol):
     """The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key."""
@@ -77,7 +75,6 @@ class Layout:
 
     Parameters
     ----------
-    n : int
     rigid : tuple of int
         Joints without a spring, whose rotor turns with the link: q2 = q1.
     """
@@ -133,7 +130,6 @@ class ElasticFlow:
 
     Parameters
     ----------
-    links : Links
     drive : {"voltage", "current", "torque"}
     extras : sequence of str
         See `flexhinf.robot.extras`.

@@ -28,11 +28,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.quantities import per_joint
 from flexhinf.scalars import clip
 
-__all__ = [
-    "DEFAULTS", "DRY", "EXTRAS", "Engaged", "Sticking", "checked_extras", "dry_level", "friction_torque",
-    "inactive_parameters", "spring_torque", "stated_friction",
-]  # fmt: skip
-
 #: The parameter that each switch needs.
 EXTRAS = {
     "inductance": "inductance",
@@ -131,7 +126,6 @@ class Sticking:
 
     Parameters
     ----------
-    joints : int
     extras : sequence of str
         With "stribeck_friction" F is that of the velocity before.
     """

@@ -24,8 +24,6 @@ from flexhinf.robot.extras import friction_torque
 from flexhinf.scalars import derivative, series, trace
 from flexhinf.untrusted import real_array
 
-__all__ = ["MODELLED", "InverseFlow", "flat_coordinates", "motion_rows", "state_and_input"]
-
 #: What a real joint adds that the inverse dynamics can follow: torques on the motor that its velocity gives.
 MODELLED = ("coulomb_friction", "stribeck_friction")
 
@@ -47,7 +45,6 @@ class InverseFlow:
 
     Parameters
     ----------
-    links : Links
     drive : {"voltage", "current", "torque"}
     extras : sequence of str
         Out of `MODELLED`.
@@ -126,7 +123,6 @@ def state_and_input(
 
     Parameters
     ----------
-    flow : InverseFlow
     values : mapping of str to float or array
         Parameters of the plant.
     motion : five (N, n) arrays

@@ -13,15 +13,6 @@ from flexhinf.robot.schema import TABLES, JointTable, NumberTable, RobotTable
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-__all__ = [
-    "RobotFileWarning",
-    "check_nesting",
-    "check_tolerance",
-    "file_error",
-    "nesting_advice",
-    "place_text",
-]
-
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
 

@@ -17,8 +17,6 @@ from flexhinf.robot.schema import JointTable, LinkTable, NumberTable, PayloadTab
 from flexhinf.robot.single_link import Pendulum
 from flexhinf.untrusted import distinct, value_text
 
-__all__ = ["PartsReader", "own_frames"]
-
 #: Numbers whose tolerance in a table [tolerances] has another name.
 KEYS = {"rotor_inertia": "motor_inertia", "axis_inertia": "inertia", "length": "centre_of_mass"}
 
@@ -30,7 +28,6 @@ class PartsReader:
 
     Parameters
     ----------
-    table : RobotTable
     file : str
         Name of the file, for messages.
     """
@@ -189,7 +186,6 @@ class PartsReader:
 
         Parameters
         ----------
-        robot : Robot
         frames : mapping of str to Frame
             What can carry a payload.
         tips : sequence of str

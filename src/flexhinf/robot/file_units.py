@@ -18,8 +18,6 @@ from flexhinf.robot.signals import UNITS
 from flexhinf.robot.units import Stated, measured
 from flexhinf.untrusted import value_text
 
-__all__ = ["check_units", "read_units"]
-
 Units = tuple[str, ...]
 
 _LENGTH, _POSITION = ("m",), UNITS["link_position"]

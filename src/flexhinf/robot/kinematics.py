@@ -18,8 +18,6 @@ from flexhinf.robot.limits import position_ranges
 from flexhinf.robot.robot import Robot
 from flexhinf.untrusted import HUGE, real_array, value_text, within_proportion
 
-__all__ = ["Reached", "link_frames", "pose_at", "position_of"]
-
 #: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size.
 STARTS, CLOSE = 12, 1e-7
 
@@ -71,7 +69,6 @@ def position_of(
 
     Parameters
     ----------
-    robot : Robot
     positions : (n,)
         rad or m.
     link : str, optional
@@ -95,7 +92,6 @@ def pose_at(
 
     Parameters
     ----------
-    robot : Robot
     place : (3,)
         In the world's frame, m.
     link, offset

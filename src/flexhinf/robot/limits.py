@@ -14,8 +14,6 @@ from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["check_holding", "check_reference", "position_ranges"]
-
 
 def position_ranges(robot: Robot) -> np.ndarray:
     """Lower and upper ends (2, n) of the joints' ranges, rad or m; infinite where a joint has no limit."""
@@ -29,7 +27,6 @@ def check_reference(
 
     Parameters
     ----------
-    robot : Robot
     signals : sequence, mapping by joint or link position, or one signal with a column per joint
         Commands with ``derivatives`` (`flexhinf.loop.signals.references`), or numbers.
     duration : float
@@ -92,7 +89,6 @@ def check_holding(
 
     Parameters
     ----------
-    robot : Robot
     pose : sequence, mapping by joint name, or number for one joint
         As for `Robot.operating_point`.
     limit : number, (n,) or mapping by joint, optional

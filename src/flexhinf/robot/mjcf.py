@@ -35,8 +35,6 @@ from flexhinf.robot.urdf import (
 )
 from flexhinf.untrusted import value_text
 
-__all__ = ["read_mjcf"]
-
 KINDS = {"hinge": "revolute", "slide": "prismatic"}
 
 #: Elements that add bodies or forces which are not read, and what to do instead.

@@ -14,8 +14,6 @@ from flexhinf.robot.dynamics import Placement, matrix_of
 from flexhinf.robot.urdf_elements import NUMBER, check_body
 from flexhinf.untrusted import HUGE, value_text
 
-__all__ = ["ATTRIBUTES", "Compiler", "check_attributes", "geom_body", "inertial_body", "numbers", "place_of"]
-
 #: Where an element is and how it is turned.
 TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 

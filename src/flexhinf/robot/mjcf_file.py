@@ -11,8 +11,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.mjcf_elements import Compiler, numbers
 from flexhinf.untrusted import checked_name, distinct, value_text
 
-__all__ = ["MjcfFile", "real_text"]
-
 #: Attributes of <compiler> that change masses after the file is read.
 CHANGED = {"boundmass": "0", "boundinertia": "0", "settotalmass": "-1", "balanceinertia": "false"}
 

@@ -23,8 +23,6 @@ from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
 from flexhinf.untrusted import real_array
 
-__all__ = ["MuJoCoPlant", "check_expressed", "mujoco_xml"]
-
 #: The part of a rotor's inertia that MuJoCo's body has; the rest is its armature.
 ROTOR_SHARE = 1e-3
 
@@ -57,7 +55,6 @@ class MuJoCoPlant(BlackBox):
 
     Parameters
     ----------
-    robot : Robot
     measured : sequence of str or None
         As for `Robot.plant`; None gives the whole state, for a controller without an estimator.
     step : float
@@ -71,7 +68,6 @@ class MuJoCoPlant(BlackBox):
     ----------
     states, inputs, disturbances, outputs : tuple of str
         As for `Robot.plant`.
-    units : dict
 
     Raises
     ------
@@ -179,7 +175,6 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
 
     Parameters
     ----------
-    robot : Robot
     parameters : mapping
         Of its plant.
     extras : sequence of str

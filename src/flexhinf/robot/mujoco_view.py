@@ -20,8 +20,6 @@ from flexhinf.robot.mujoco_plant import MuJoCoPlant
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.skeleton import skeleton
 
-__all__ = ["MuJoCoView", "check_display"]
-
 #: Wind-ups of the springs are drawn so many times larger.
 LARGER = 10.0
 
@@ -61,7 +59,6 @@ class MuJoCoView:
 
     Parameters
     ----------
-    robot : Robot
     plant : MuJoCoPlant
         The same robot, as it is driven.
 

@@ -11,8 +11,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.elastic import Layout, Links
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["checked_pose", "operating_point"]
-
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
 ROUNDING = 1e-12
 
@@ -24,7 +22,6 @@ def operating_point(
 
     Parameters
     ----------
-    links : Links
     drive : {"voltage", "current", "torque"}
     q : (n,)
         Link positions.

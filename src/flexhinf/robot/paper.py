@@ -4,8 +4,6 @@ from flexhinf.plant import Penalty
 from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.robot import Robot
 
-__all__ = ["paper_arm"]
-
 TABLE_1, TABLE_2 = "Elsa & Akbari 2014, Table 1", "Elsa & Akbari 2014, Table 2"
 
 

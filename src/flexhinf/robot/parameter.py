@@ -10,8 +10,6 @@ from typing import Any
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import HUGE, checked_text, is_real, real_array, value_text
 
-__all__ = ["Parameter", "PlantValues", "checked_signs"]
-
 
 class PlantValues(dict[str, Any]):
     """Parameters of a plant by name, and the numbers of the robot that they come from.
@@ -37,7 +35,6 @@ class Parameter:
 
     Parameters
     ----------
-    name : str
     value : float
         Nominal value, in `unit` (SI).
     tolerance : float

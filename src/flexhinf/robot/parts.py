@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.drive import CONSTANTS, SPRING
 from flexhinf.robot.parameter import Parameter
 
-__all__ = ["ElasticJoint", "Link", "Number", "SingleLink"]
-
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
 

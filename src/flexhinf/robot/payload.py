@@ -18,8 +18,6 @@ from flexhinf.robot.parameter import Parameter
 from flexhinf.robot.quantities import INERTIA, VECTOR, per_joint, unit_of
 from flexhinf.untrusted import value_text, within_proportion
 
-__all__ = ["SHAPES", "Frame", "Payload", "carried", "inertia_of_shape", "payload_ends", "payload_from_text"]
-
 #: Shapes of uniform bodies and the numbers that state them, m; a cylinder's axis is z.
 SHAPES = {
     "sphere": ("radius",),
@@ -218,7 +216,6 @@ def carried(
     ----------
     values : mapping of str to float
         The robot's parameters by name.
-    joint : str
     joints : int
         How many there are.
     body : (mass, centre, inertia)

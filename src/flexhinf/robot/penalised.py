@@ -13,8 +13,6 @@ from flexhinf.plant.penalty import unknown_weight
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.signals import names_of
 
-__all__ = ["WeightedStatesAndTorques", "robot_penalty"]
-
 
 @dataclass(frozen=True)
 class WeightedStatesAndTorques:

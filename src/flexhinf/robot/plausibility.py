@@ -21,8 +21,6 @@ from flexhinf.robot.quantities import per_joint
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.single_link import Pendulum
 
-__all__ = ["check_angles", "check_delay", "check_fast", "check_plausible"]
-
 DEGREES = 180.0 / np.pi
 
 #: Twist of a spring under the robot's own weight, rad: robots with elastic joints have less than 0.15.
@@ -113,7 +111,6 @@ def check_fast(robot: Robot, period: float) -> None:
 
     Parameters
     ----------
-    robot : Robot
     period : float
         Sampling period, s.
 
@@ -151,7 +148,6 @@ def check_delay(robot: Robot, delay: float) -> None:
 
     Parameters
     ----------
-    robot : Robot
     delay : float
         s.
 

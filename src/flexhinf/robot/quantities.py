@@ -12,18 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameter import Parameter
 from flexhinf.untrusted import HUGE, real_array, value_text, within_proportion
 
-__all__ = [
-    "INERTIA",
-    "QUANTITIES",
-    "VECTOR",
-    "Quantity",
-    "check_parameters",
-    "checked_limits",
-    "parameter_units",
-    "per_joint",
-    "unit_of",
-]
-
 
 class Quantity(NamedTuple):
     """What is known of a number before its value.
@@ -125,8 +113,6 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
 
     Parameters
     ----------
-    robot : str
-    parameters : sequence of Parameter
     slides : mapping of str to bool
         Joints by name, and whether they are prismatic.
 

@@ -33,8 +33,6 @@ from flexhinf.robot.signals import (
 from flexhinf.robot.single_link import Pendulum
 from flexhinf.untrusted import checked_name, checked_text, real_number
 
-__all__ = ["Robot"]
-
 
 @dataclass(frozen=True, repr=False)
 class Robot(Summarised):
@@ -42,7 +40,6 @@ class Robot(Summarised):
 
     Parameters
     ----------
-    name : str
     parameters : sequence of Parameter
         Physical numbers with tolerances and sources, one per joint where there are several joints.
     penalty : Penalty, optional
@@ -53,7 +50,6 @@ class Robot(Summarised):
         What the inputs are: motor voltages (V), motor currents (A), or torques on the link side (N·m, N).
     home : (n,), optional
         Link positions that are meant when no pose is given, rad or m; zero by default.
-    description : str
     effort_limits : (m,), optional
         Largest absolute input of each motor, in the unit of `drive`; None or infinite for a motor without a limit.
     speed_limits : (n,), optional

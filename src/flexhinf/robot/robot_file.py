@@ -24,8 +24,6 @@ from flexhinf.robot.schema import JointTable, RobotTable
 from flexhinf.robot.urdf import MOST_JOINTS, RigidArm, check_selection, read_urdf
 from flexhinf.untrusted import checked_path, distinct, read_toml, read_xml, value_text
 
-__all__ = ["catalogue", "load_robot"]
-
 GRAVITY = 9.81
 
 #: How names of MJCF files end; a URDF may end so too, its root element decides.

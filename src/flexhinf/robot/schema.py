@@ -6,22 +6,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-__all__ = [
-    "TABLES",
-    "InertiaTable",
-    "JointTable",
-    "LinkTable",
-    "MotorTable",
-    "NumberTable",
-    "PayloadTable",
-    "PenaltyTable",
-    "RobotTable",
-    "SpringTable",
-    "TolerancesTable",
-    "VectorTable",
-]
-
-
 Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 Percent = Annotated[float, Field(ge=0.0, lt=100.0)]

@@ -18,17 +18,6 @@ from flexhinf.robot.extras import spring_torque
 from flexhinf.robot.quantities import parameter_units
 from flexhinf.untrusted import checked_names
 
-__all__ = [
-    "MECHANICAL",
-    "SENSORS",
-    "Sensors",
-    "expanded",
-    "groups_of",
-    "names_of",
-    "signal_names",
-    "units_of",
-]
-
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
@@ -127,7 +116,6 @@ class Sensors:
     ----------
     names : sequence of str
         Single names, see `expanded`.
-    joints : sequence of str
     extras : sequence of str
         What the joint adds: a torque sensor feels the spring as it is.
     rigid : tuple of int

@@ -8,9 +8,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.robot.dynamics import Joint, Tree
-from flexhinf.robot.signals import SENSORS
-
-__all__ = ["SENSORS", "Pendulum"]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,6 @@ import numpy as np
 from flexhinf.robot.kinematics import link_frames
 from flexhinf.robot.robot import Robot
 
-__all__ = ["skeleton"]
-
 
 def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, ...]:
     """The links at some joint positions, one line for each link.
@@ -20,7 +18,6 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
 
     Parameters
     ----------
-    robot : Robot
     positions : (n,)
         rad or m.
 

@@ -11,8 +11,6 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 
-__all__ = ["SECONDS", "SLIDING", "TURNING", "Stated", "measured", "split"]
-
 #: Units of times, angles and lengths, in lower case, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}

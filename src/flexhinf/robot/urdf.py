@@ -19,10 +19,6 @@ from flexhinf.robot.parts import Link
 from flexhinf.robot.urdf_elements import axis_of, body_of, check_element, largest_of, limits_of, origin_of
 from flexhinf.untrusted import HUGE, checked_name, distinct, read_xml, real_number, value_text
 
-__all__ = [
-    "MOST_JOINTS", "RigidArm", "check_lock", "check_selection", "locked_joints", "merged", "moved", "read_urdf",
-]  # fmt: skip
-
 #: Most joints that move, and most links of a file: a humanoid with its hands has 70 joints and 150 links.
 MOST_JOINTS, MOST_LINKS = 100, 1000
 
@@ -71,7 +67,6 @@ def read_urdf(
 
     Parameters
     ----------
-    path : path
     joints : sequence of str, optional
         Joints that move; the others are locked. By default all that are not fixed.
     locked : mapping of str to float, optional

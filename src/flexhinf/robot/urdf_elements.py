@@ -13,17 +13,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot.dynamics import Placement
 from flexhinf.untrusted import HUGE, value_text
 
-__all__ = [
-    "NUMBER",
-    "axis_of",
-    "body_of",
-    "check_body",
-    "check_element",
-    "largest_of",
-    "limits_of",
-    "origin_of",
-]
-
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
     "link": ("inertial",),

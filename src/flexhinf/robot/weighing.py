@@ -20,8 +20,6 @@ from flexhinf.robot.drive import DRIVES, torque_per_input
 from flexhinf.robot.robot import Robot
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["Weighing", "weigh_payload"]
-
 #: A payload whose lever arm is shorter than this, m, loads no motor: its weight is lost in rounding.
 SHORTEST_LEVER = 1e-6
 

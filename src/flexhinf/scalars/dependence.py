@@ -13,8 +13,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-__all__ = ["elementary", "linear", "nonzero", "sizes_of_rows", "switches", "varying"]
-
 #: Points per radius, and the radii about the origin, at which entries are compared.
 POINTS, RADII = 8, (0.3, 1.0, 3.0)
 

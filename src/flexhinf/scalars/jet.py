@@ -18,8 +18,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import univariate
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
-__all__ = ["Jet", "coefficients", "jets", "terms"]
-
 
 def _number(value: Any) -> float | None:
     """A real number as a float; None for anything else (NumPy then broadcasts)."""

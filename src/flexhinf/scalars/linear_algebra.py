@@ -13,8 +13,6 @@ import numpy as np
 
 from flexhinf.scalars.piecewise import where
 
-__all__ = ["cholesky", "gram", "solve_lower", "solve_lower_transposed"]
-
 #: A pivot this small, times n, relative to what it is made of is zero: the matrix is singular to rounding.
 PIVOT_TOLERANCE = 1e-14
 

@@ -15,8 +15,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 
-__all__ = ["absolute", "clip", "maximum", "minimum", "sign", "where"]
-
 
 def _sx(value: Any) -> ca.SX:
     return value.sx if isinstance(value, Symbol) else ca.SX(float(value))

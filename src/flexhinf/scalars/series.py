@@ -14,8 +14,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Series", "derivative", "series"]
-
 
 class Series:
     """c₀ + c₁ s + … + c_k s^k, all higher powers dropped; made by `series`.

@@ -8,8 +8,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-__all__ = ["function_arrays", "function_from_arrays"]
-
 #: CasADi's operations by number and by name; files hold the names.
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 

@@ -15,8 +15,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Symbol"]
-
 
 def _lift(value: Any) -> ca.SX | None:
     """The SX of a Symbol or of a real number; None for anything else (NumPy then broadcasts)."""

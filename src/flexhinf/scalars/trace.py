@@ -15,19 +15,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.untrusted import is_real, value_text
 
-__all__ = [
-    "apply",
-    "digest",
-    "divide",
-    "drop_empty",
-    "jacobian",
-    "pack",
-    "serial",
-    "symbols",
-    "trace",
-    "unpack",
-]
-
 Shape = int | tuple[int, ...]
 
 

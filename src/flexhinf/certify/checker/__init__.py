@@ -77,7 +77,6 @@ class Verification:
 
     Attributes
     ----------
-    proved : bool
     reason : str
         Why not, else empty.
     cells, accepted, with_level : int
@@ -99,7 +98,6 @@ class Verification:
         Of 8. of the theorem, in the inputs' units; empty where it is not proved.
     rounding : float
         Largest allowance for rounding in r/ρ².
-    cpu_s : float
     """
 
     proved: bool

@@ -17,8 +17,6 @@ from flexhinf.certify.checker.taylor import UNIT, CentredForm, TaylorTable, powe
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function
 
-__all__ = ["BITS", "Bounds", "Face", "Proof"]
-
 BITS = 128  # of the balls from which tables are rounded
 _NOMINAL = (np.ones(1), np.zeros(1))
 _ODD = 1e-9  # of an even polynomial

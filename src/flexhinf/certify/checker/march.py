@@ -15,8 +15,6 @@ from flexhinf.certify.checker.bounds import Face
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample
 from flexhinf.certify.checker.steering import Refusal, axis_to_cut, refuse
 
-__all__ = ["Marched", "march_face"]
-
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
 _NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not cut: parts would not be exact

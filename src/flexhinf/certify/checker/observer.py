@@ -19,8 +19,6 @@ from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Observer, Term, Terms
 
-__all__ = ["check_observer"]
-
 _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 
 

@@ -16,8 +16,6 @@ from flexhinf.certify.checker.starts import BITS, enclosed_value, parameter_valu
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Polynomial, Start
 
-__all__ = ["proved_peaks"]
-
 _CLOSE = 1.002  # the bound of V over a value that V has on the path
 _HALVINGS = 30
 _FIRST = 16  # pieces

@@ -19,8 +19,6 @@ from flexhinf.certify.checker.residual import Residual, as_rational, parameter_c
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Function
 
-__all__ = ["Corner", "definite_corners", "form_of", "look_at_corners", "quotient_range", "row_of"]
-
 _MOST_CORNERS = 2**15
 _MOST_FAILED = 64  # corners that are kept
 _GRID = 512  # pieces of an interval of length one

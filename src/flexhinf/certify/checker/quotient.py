@@ -14,8 +14,6 @@ from flint import arb, arb_series
 
 from flexhinf.certify.terms import Function
 
-__all__ = ["ORDER", "Quotient", "offset_of", "series_of"]
-
 ORDER = 4  # of the Taylor polynomials
 GRID = 64  # their centres on an interval of length one: a power of two, so that the centres are doubles
 _UP = 1.0 + 1e-12  # more than a few roundings

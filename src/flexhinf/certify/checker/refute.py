@@ -15,8 +15,6 @@ from flexhinf.certify.checker.residual import Residual, as_rational, rounded
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 
-__all__ = ["refute_at_corners"]
-
 _POINTS = 200  # along a ray at which r is looked at
 _NEAREST = 1e-6  # of them, relative to where the ray ends
 

@@ -12,17 +12,6 @@ from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly_ctx
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Polynomial, Terms
 
-__all__ = [
-    "Exponents",
-    "Residual",
-    "as_rational",
-    "parameter_corners",
-    "polynomial_of",
-    "positive_definite",
-    "residual",
-    "rounded",
-]
-
 #: A product of powers of parameters: (name, exponent) pairs.
 Exponents = tuple[tuple[str, int], ...]
 
@@ -58,7 +47,6 @@ class Residual:
     ----------
     value : fmpq_mpoly
         V(Tz).
-    products : list of Exponents
     plain, factors : lists of fmpq_mpoly by product; and for each function j
         A_π and B_{π,j}.
     arguments : list of fmpq_mpoly

@@ -20,8 +20,6 @@ from flexhinf.certify.checker.residual import as_rational
 from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.terms import Function
 
-__all__ = ["Cell", "EveryCell", "Sample", "cell_ended", "cell_holds", "confirm"]
-
 _ORDER = 5  # of the Taylor polynomials of S: not that of the first route
 _PIECES = 32  # in which a bound of a derivative is looked for
 

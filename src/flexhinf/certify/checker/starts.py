@@ -20,8 +20,6 @@ from flexhinf.certify.checker.steering import Refusal
 from flexhinf.certify.claim import Claim
 from flexhinf.certify.terms import Start
 
-__all__ = ["BITS", "check_start", "enclosed_value", "parameter_values"]
-
 BITS = 128
 _HALVINGS = 40  # of the amplitude, before an interval is refused
 _FIRST = 16  # pieces

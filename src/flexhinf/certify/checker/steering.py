@@ -10,8 +10,6 @@ import numpy as np
 from flexhinf.certify.checker.bounds import Bounds
 from flexhinf.certify.checker.taylor import CentredForm, TaylorTable
 
-__all__ = ["Refusal", "axis_to_cut", "refuse"]
-
 _NARROWEST = 2.0**-15  # half width of the widest t_i: a direction that is not decided there is refused
 _EXACT = 2.0**-40  # half width of any t_i, so that t ± h are doubles
 _SHORTEST = 2.0**-24  # of an interval of ρ, in units of the reach

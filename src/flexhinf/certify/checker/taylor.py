@@ -15,8 +15,6 @@ import numpy as np
 
 from flexhinf.certify.checker.residual import rounded
 
-__all__ = ["UNIT", "CentredForm", "TaylorTable", "concave_bound", "powers"]
-
 #: Largest relative error of one rounded operation.
 UNIT = 2.0**-53
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from flexhinf.codegen.c.numbers import Real, constant
 from flexhinf.polynomial import basis
 
-__all__ = ["cholesky", "column", "columns", "copy", "finite", "outer_sum", "polynomial"]
-
 #: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
 #: As `flexhinf.scalars.cholesky` in double, which says what it means.
 PIVOT_ULPS = 45.0

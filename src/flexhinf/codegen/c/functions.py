@@ -16,8 +16,6 @@ from flexhinf.codegen.c.numbers import Real, constant
 from flexhinf.codegen.c.operations import LIBRARY, OPERATIONS
 from flexhinf.codegen.emit.dataflow import Dataflow, Operation, read_dataflow
 
-__all__ = ["INDENT", "function_text"]
-
 INDENT = "    "
 
 
@@ -34,9 +32,7 @@ def function_text(
 
     Parameters
     ----------
-    name : str
     function : casadi.Function
-    real : Real
     lanes : int
         0 for any number of them, which is then the last argument ``count``: of a function without library calls, and
         with one element in every moving argument and result. For more than one, element e of a moving argument or of

@@ -32,8 +32,6 @@ from flexhinf.scalars import drop_empty
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["Translator"]
-
 #: Functions that are written here instead of called, by CasADi's opcode.
 SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
 
@@ -45,7 +43,6 @@ class Translator:
     ----------
     prefix : str
         An identifier; every function's name begins so.
-    real : Real
     lanes : int
         Columns of a matrix that a function is evaluated for at once, side by side, where there are so many.
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 
-__all__ = ["Real", "constant"]
-
 
 @dataclass(frozen=True)
 class Real:

@@ -9,8 +9,6 @@ import casadi
 from flexhinf.codegen.c.numbers import Real, constant
 from flexhinf.codegen.emit.dataflow import MULTIPLY_ADD, MULTIPLY_SUBTRACT, SUBTRACT_PRODUCT
 
-__all__ = ["LIBRARY", "OPERATIONS"]
-
 Rule = Callable[..., str]
 """(type, text of each operand) → expression."""
 

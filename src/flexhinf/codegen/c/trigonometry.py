@@ -12,8 +12,6 @@ import math
 from flexhinf.codegen.c.numbers import Real, constant
 from flexhinf.codegen.emit.trigonometry import COSINE, HALF_PI, REACH, ROUNDER, SINE
 
-__all__ = ["function", "row_function"]
-
 #: π/2 for products that are rounded, and the largest |x| for it.
 SHORT_HALF_PI = (
     float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"),
@@ -69,8 +67,6 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
 
     Parameters
     ----------
-    real : Real
-    x : str
     results : dict of bool to str
         What is said before the value of the sine (False) and the cosine (True).
     """

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.text import Lanes, Writer
 
-__all__ = ["Algebra", "Operand", "Terms"]
-
 TILE, WIDE = 4, 8
 """Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
 lanes; in a kernel for a single run eight rows of eight columns in a vector each."""
@@ -58,7 +56,6 @@ class Algebra:
 
     Parameters
     ----------
-    writer : Writer
     loop : callable
         (first, end, body): a loop over first ≤ k < end.
     fused : bool

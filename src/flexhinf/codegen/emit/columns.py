@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.text import Lanes, Writer
 
-__all__ = ["BLOCK", "Packer"]
-
 BLOCK = 8
 """Columns of a `Map` that travel together in the lanes of a kernel for a single run."""
 
@@ -20,7 +18,6 @@ class Packer:
 
     Parameters
     ----------
-    writer : Writer
     each : callable
         (turns, body): a loop, or its turns written out if they are few.
     wide : Lanes
@@ -39,13 +36,10 @@ class Packer:
 
         Parameters
         ----------
-        source : str
         shared : bool
             One number serves all lanes of the kernel.
-        rows : int
         moves : (int, int)
             See `flexhinf.codegen.memory.Columns.moves`.
-        target : str
         """
         writer, wide, single = self.writer, self.wide, self.writer.lanes.width == 1
         unit = "double" if shared else writer.lanes.element

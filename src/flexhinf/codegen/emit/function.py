@@ -24,8 +24,6 @@ def emit_function(
 
     Parameters
     ----------
-    module : ModuleText
-    name : str
     function : casadi.Function
     lanes : Lanes
         Numbers that travel together in one element.

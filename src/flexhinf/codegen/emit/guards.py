@@ -11,8 +11,6 @@ from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.text import Writer
 from flexhinf.codegen.steps import Guard
 
-__all__ = ["Guards"]
-
 _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 
 
@@ -22,10 +20,8 @@ class Guards:
 
     Parameters
     ----------
-    writer : Writer
     each : callable
         (turns, body): a loop, or its turns written out if they are few.
-    algebra : Algebra
     codes, steps : str
         Where the code of each lane, and the step at which it failed, are kept; a label ``finish`` ends the run.
     """

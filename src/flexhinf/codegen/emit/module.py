@@ -61,7 +61,6 @@ class Module:
 
     Attributes
     ----------
-    text : str
     library : dict of str to str
         Emitted name to the name of the C library function behind it.
     operations : int
@@ -78,7 +77,6 @@ def emit_module(program: Program, lanes: int, fused: bool = True) -> Module:
 
     Parameters
     ----------
-    program : Program
     lanes : int
         W ≥ 1.
     fused : bool

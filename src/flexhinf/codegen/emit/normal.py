@@ -25,18 +25,14 @@ from flexhinf.codegen.noise import (
 )
 from flexhinf.codegen.program import PREFIX
 
-__all__ = ["emit_normal"]
-
 
 def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
     """Emit a number N(0, 1); returns the name of the result.
 
     Parameters
     ----------
-    caller : Writer
     step : str
         Name of a 64-bit integer below 2³².
-    channel : int
     key : sequence of str
         Names of the sample, and of the low and the high word of the seed, likewise.
     """

@@ -8,8 +8,6 @@ from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.text import Lanes
 from flexhinf.polynomial import basis
 
-__all__ = ["Nested"]
-
 TOGETHER = 8
 """Values that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
 
@@ -23,11 +21,8 @@ class Nested:
 
     Parameters
     ----------
-    algebra : Algebra
-    point, table : Operand
     n, values, columns : int
         Variables, polynomials, and numbers of a row of the table.
-    degrees : tuple of int
     """
 
     algebra: Algebra

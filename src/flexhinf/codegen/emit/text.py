@@ -71,7 +71,6 @@ class ModuleText:
 
     Attributes
     ----------
-    lanes : Lanes
     definitions : dict of str to str
         Function name to text, in the order of writing.
     declarations : dict of str to str
@@ -94,7 +93,6 @@ class Writer:
 
     Parameters
     ----------
-    module : ModuleText
     lanes : Lanes, optional
         Those of the module by default.
 

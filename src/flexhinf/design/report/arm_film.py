@@ -15,8 +15,6 @@ from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
 from flexhinf.robot.skeleton import skeleton
 
-__all__ = ["ArmFilm", "magnification"]
-
 #: Wind-ups are drawn larger by one of these factors, so that none is drawn as more than this angle, rad, or as more
 #: than this part of the robot's size where a joint slides.
 FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
@@ -46,7 +44,6 @@ class ArmFilm:
 
     Parameters
     ----------
-    robot : Robot
     time : (N,)
         s.
     links, motors, command : (N, n)
@@ -56,7 +53,6 @@ class ArmFilm:
         Of the inputs, infinite where there are none.
     unit : str
         Of the inputs.
-    title : str
     """
 
     robot: Robot

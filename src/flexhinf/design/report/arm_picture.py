@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-__all__ = ["ArmPicture", "frames"]
-
 #: Time that the path of the arm's end is shown, s.
 TRAIL = 1.0
 
@@ -42,7 +40,6 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
 
     Parameters
     ----------
-    film : ArmFilm
     rate : int
         Pictures a second.
     resolution : int

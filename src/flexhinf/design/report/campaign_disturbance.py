@@ -27,8 +27,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["gain_replay_table", "gain_section", "gain_statuses", "gain_text"]
-
 CLAIMS = {"designed": "designed for", "proved": "proved", "not claimed": "designed for another loop"}
 
 

@@ -51,8 +51,6 @@ from flexhinf.report import (
     quantile_band,
 )
 
-__all__ = ["campaign_page", "write_campaign"]
-
 #: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
 FAILURES, RANKED, BARS = 20, 4, 8
 
@@ -78,8 +76,6 @@ def write_campaign(
 
     Parameters
     ----------
-    table : MergedTable
-    requirements : sequence of Requirement
     run : callable, optional
         Sample → its run, for a worst run whose signals are not kept.
     plant_run : callable, optional

@@ -12,25 +12,6 @@ from flexhinf.campaign import CampaignJudgement, Replayed, Requirement
 from flexhinf.campaign.outcomes import DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.report import number
 
-__all__ = [
-    "ENDLESS",
-    "LISTED",
-    "SPREAD",
-    "WORDS",
-    "campaign_verdict",
-    "change_text",
-    "changes",
-    "limit_text",
-    "metric_text",
-    "percent_change",
-    "percent_text",
-    "reasons_text",
-    "replay_command",
-    "replay_table",
-    "unstable_text",
-    "value_text",
-]  # fmt: skip
-
 #: Names of metrics in sentences; others are written with spaces.
 WORDS = {
     "overshoot_percent": "overshoot", "settling_time_s": "settling time", "rise_time_s": "rise time",

@@ -37,16 +37,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = [
-    "campaign_statuses",
-    "found_text",
-    "missed_by",
-    "worst_section",
-    "worst_table",
-    "worst_text",
-    "worst_verdict",
-]
-
 Runs = Callable[[WorstCase, FoundPlant], Trajectory]
 
 #: Half height of the panel close to the end, relative to the way of the signal.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-__all__ = ["gain_figure", "largest_figure", "limit_figure", "surface_figure", "worst_figures"]
-
 #: A run is drawn until |x1| has stayed below this share of the step, and half as long again.
 SETTLED, LONGER = 0.01, 1.5
 

@@ -49,8 +49,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["certificate_page"]
-
 #: Signs of a page instead of those of a terminal.
 SIGNS = (
     ("<=", "≤"), ("dV/dt", "V̇"), ("gamma^2", "γ²"), ("gamma_e^2", "γₑ²"), ("gamma_e", "γₑ"), ("gamma", "γ"),
@@ -78,8 +76,6 @@ def certificate_page(
         All degrees.
     one : CertifiedDegree
         The one whose certificate is shown.
-    shown : Evidence
-    s : Specification
     command : sequence of str
         That makes the page again.
     """

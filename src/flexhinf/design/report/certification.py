@@ -12,8 +12,6 @@ from flexhinf.design.report.proof import RULES
 from flexhinf.design.report.text import plain_table
 from flexhinf.report import at_least, number
 
-__all__ = ["certification_notes", "certification_tables"]
-
 
 def certification_tables(found: Sequence[CertifiedDegree]) -> list[Table]:
     """What is proved of the law of each degree, and the runs from the largest proved steps."""

@@ -47,8 +47,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["comparison_notes", "comparison_page"]
-
 #: Figures at the top of the page.
 KEYS = (
     "load_deviation",

@@ -16,8 +16,6 @@ from flexhinf.export.realtime import RealTimeRun
 from flexhinf.export.timing import PERCENTILES, Timing, percentiles
 from flexhinf.report import number
 
-__all__ = ["run_met", "run_notes", "run_tables", "run_verdict"]
-
 #: Places of missed deadlines that are listed, the latest first.
 LISTED = 5
 

@@ -13,12 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-__all__ = [
-    "figure_block", "framed", "frequency_axis", "joint_lines", "limit_lines", "line_style", "panels", "plan_lines",
-    "reference_line", "thin",
-    "vertical_line", "widened",
-]  # fmt: skip
-
 #: Points of a line in a figure, at most: more cannot be told apart at the width of a page.
 POINTS = 1500
 

@@ -16,8 +16,6 @@ from flexhinf.design.result import Comparison, Design
 from flexhinf.errors import InvalidInput
 from flexhinf.report import to_json, write
 
-__all__ = ["comparison_files", "design_files", "write_comparison", "write_design"]
-
 #: Runs are NetCDF files: a fifth of the size of text, with units.
 ENDING = "nc"
 
@@ -29,7 +27,6 @@ def design_files(
 
     Parameters
     ----------
-    design : Design
     command : sequence of str
         That makes the report again; empty for a report that is written from Python.
     warnings : sequence of str

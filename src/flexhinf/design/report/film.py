@@ -19,8 +19,6 @@ from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
 from flexhinf.untrusted import checked_path
 
-__all__ = ["check_film", "write_film"]
-
 #: By ending: frames per second and pixels of an inch, of a picture of 12.8 by 7.2 inches.
 FORMATS = {".mp4": (30, 100), ".gif": (20, 75)}
 

@@ -18,12 +18,6 @@ from flexhinf.robot.extras import inactive_parameters
 from flexhinf.robot.parameter import PlantValues
 from flexhinf.robot.signals import signal_names
 
-__all__ = [
-    "ESTIMATORS", "LAW_NAMES", "Units", "amplitude_text", "changes_text", "count_text", "finite",
-    "joint_count", "joint_table", "law_name", "limit_text", "listed", "notes_of", "pose_text", "range_text", "rounded",
-    "settling_text", "units_of",
-]  # fmt: skip
-
 LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
 
 ESTIMATORS = {

@@ -29,8 +29,6 @@ from flexhinf.design.responses import Response
 from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
 
-__all__ = ["comparison_numbers", "design_numbers"]
-
 
 def design_numbers(design: Design) -> dict[str, Any]:
     """Of one design."""

@@ -41,8 +41,6 @@ from flexhinf.design.result import Design
 from flexhinf.design.status import Status as Judged
 from flexhinf.report import KeyNumber, Page, Provenance, Section, Settings, Status, house_style, number
 
-__all__ = ["design_page", "notes", "remarks", "status_lines", "title_of", "verdict"]
-
 
 class Part(NamedTuple):
     """A section of the page: anchor, title, its blocks (none where it does not apply), and what must not be missed."""
@@ -82,7 +80,6 @@ def design_page(
 
     Parameters
     ----------
-    design : Design
     command : sequence of str
         That makes the report again.
     warnings : sequence of str

@@ -40,8 +40,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["pair_page", "pair_table", "pair_verdict", "write_pair"]
-
 #: Metrics that are drawn, and points of a panel, at most.
 DRAWN, POINTS = 6, 2000
 

@@ -9,10 +9,6 @@ from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.result import Design
 from flexhinf.report import at_least, at_most
 
-__all__ = [
-    "BOX_FILE", "RULES", "covers_tolerances", "penalty_text", "proof_numbers", "proof_text", "step_texts",
-]  # fmt: skip
-
 #: The certificate for all tolerances, beside that of the nominal robot.
 BOX_FILE = "certificate-tolerances.json"
 

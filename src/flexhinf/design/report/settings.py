@@ -21,8 +21,6 @@ from flexhinf.report import Section, Setting, Table
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
 
-__all__ = ["comparison_settings", "design_settings", "files_section"]
-
 #: What a file is, by its name or its ending; the first that fits.
 MEANING = (
     ("design.toml", "the request and its result; `flexhinf design design.toml` makes the design again"),

@@ -46,10 +46,6 @@ from flexhinf.design.specification import TOLERANCE
 from flexhinf.report import number
 from flexhinf.robot import catalogue, load_robot
 
-__all__ = [
-    "comparison_tables", "design_tables", "lines_table", "plain_table", "requirement_table", "robots_table",
-]  # fmt: skip
-
 #: Columns of words; numbers are aligned to the right.
 LEFT = (
     "name", "loop", "mode", "mainly", "law", "drive", "numbers", "", "in", "joint", "unit", "met", "part",

@@ -12,8 +12,6 @@ from flexhinf.design.tuning import TunedLaw
 from flexhinf.design.yardstick import unstable_corners
 from flexhinf.report import number
 
-__all__ = ["EQUAL", "called", "comparison_verdict", "ours_of", "rival_of", "tuned_laws"]
-
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
 EQUAL = 0.1
 

@@ -25,7 +25,6 @@ from flexhinf.design.specification import RINGS, Specification
 from flexhinf.design.weights.design_problem import (
     Covering,
     DesignProblem,
-    Robustness,
     command_of,
     nominal_problem,
 )
@@ -44,11 +43,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.robot import Robot
-
-__all__ = [
-    "BANDWIDTH_FRACTION", "DAMPING", "DesignProblem", "Robustness", "choose", "measured_problem",
-    "preset_of", "required_damping",
-]  # fmt: skip
 
 #: Most turns in which a default damping yields to what weights reach.
 YIELDS = 4
@@ -107,7 +101,6 @@ def choose(
 
     Parameters
     ----------
-    robot, goal, start, s
     near : DesignProblem, optional
         Of the same robot and preset for another bandwidth or damping, from whose weights the search begins.
 

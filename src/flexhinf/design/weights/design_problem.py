@@ -18,8 +18,6 @@ from flexhinf.design.weights.search import SearchResult, TargetBehaviour
 from flexhinf.design.weights.uncertainty import Channel, dissipation_of
 from flexhinf.plant import GeneralisedPlant, Penalty
 
-__all__ = ["ChannelledProblem", "Covering", "DesignProblem", "Robustness", "command_of", "nominal_problem"]
-
 
 def nominal_problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
     """The problem of a penalty about a goal (n,), without channels of the tolerances."""
@@ -41,7 +39,6 @@ class Robustness:
     ----------
     fraction : float
         Of the tolerances, that the channels stand for.
-    channels : int
     gamma_star : float
         Smallest level for every robot within that fraction.
     nominal_gamma_star : float
@@ -81,15 +78,12 @@ class DesignProblem:
     preset : {"paper", "damped", "robust", "given"}
     penalty : Penalty
         In the robot's names.
-    source, effort_source : str
     problem : GeneralisedPlant
         What is solved, about the goal.
     nominal : GeneralisedPlant
         The same without channels of the tolerances.
-    gamma_star, gamma : float
     target, search : TargetBehaviour, SearchResult or None
         What weights were searched for, and how; of a preset that searches.
-    robustness : Robustness or None
     families : Families or None
         Of the robot within its tolerances, for which weights were searched.
     covering : Covering or None
@@ -118,10 +112,8 @@ class Covering:
 
     Attributes
     ----------
-    robot, goal, s, scales, family
     torques : (2 joints, k) or None
         Which torques at links and motors are physical disturbances.
-    tolerances : tuple of Channel
     scalings : Scalings
         Of the channels, with the fraction of the tolerances for which there is a solution.
     corners : LinearCorners
@@ -190,8 +182,6 @@ class ChannelledProblem:
         What it was made of.
     penalty, nominal
         Without the channels.
-    problem : GeneralisedPlant
-    gamma_star, gamma : float
     """
 
     covering: Covering

@@ -58,8 +58,6 @@ from flexhinf.design.weights.scales import JointScales
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.payload import payload_ends
 
-__all__ = ["COMPLIANCE", "MOST_NOISE", "is_free", "search_noise"]
-
 #: Speeds of the estimator in the first family: ρ/ω_v² of every joint. In the second: √ρ over the slowest vibration, at
 #: least so much of the joint's own.
 SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
@@ -126,7 +124,6 @@ def search_noise(
         Its law about the goal; the linear part is all that matters.
     damping : float, optional
         Required of every oscillation of the running loop.
-    progress : callable
     levels : EstimatorNoise, optional
         Found elsewhere: they are taken, and shown beside those of the search.
 

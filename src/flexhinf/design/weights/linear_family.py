@@ -21,11 +21,6 @@ from flexhinf.hinf.linear_part import LinearPart
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 
-__all__ = [
-    "MEMBERS", "Behaviour", "Families", "LinearDesign", "LinearFamily", "LinearProblem", "behaviour_of",
-    "worst_members",
-]  # fmt: skip
-
 #: Corners of the tolerances that a search looks at, beside the nominal robot.
 MEMBERS = 32
 
@@ -46,7 +41,6 @@ class LinearFamily:
         With one integral per joint as last states.
     torques : (n, 2 joints)
         Where torques at links and motors enter, nominal.
-    joints : tuple of str
     energy : (stiffness, inertia)
         Of the nominal robot, to tell vibrations from other modes.
     period : float
@@ -88,7 +82,6 @@ class LinearFamily:
 
         Parameters
         ----------
-        robot : Robot
         goal : (n,)
             Link positions, rad or m.
         members : int
@@ -124,7 +117,6 @@ class Families:
 
     Parameters
     ----------
-    robot : Robot
     goal : (n,)
         Link positions, rad or m.
     period : float
@@ -283,12 +275,7 @@ class LinearDesign:
 
 @dataclass(frozen=True, eq=False)
 class LinearProblem:
-    """The linear problem of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u).
-
-    Attributes
-    ----------
-    a, b1, b2, c, r2 : ndarray
-    """
+    """The linear problem of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u)."""
 
     a: np.ndarray
     b1: np.ndarray
@@ -304,7 +291,6 @@ class LinearProblem:
 
         Parameters
         ----------
-        family : LinearFamily
         rows : (s, n)
             C.
         command : bool

@@ -9,16 +9,6 @@ import numpy as np
 
 from flexhinf.design.estimators import EstimatorNoise
 
-__all__ = [
-    "LIMITED_COUNTS",
-    "LIMITS",
-    "MISSED_WEIGHT",
-    "NOISE_COUNTS",
-    "NoiseCandidate",
-    "NoiseSearch",
-    "trade_off_of",
-]
-
 #: What may limit the choice, beside unstable corners.
 LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
 
@@ -36,8 +26,6 @@ class NoiseCandidate:
 
     Attributes
     ----------
-    levels : EstimatorNoise
-    peak_sensitivity, gain_margin, damping : float
     compliance : float
         Peak of |load torque → link position| over that of the law fed the true state.
     noises : (m,)
@@ -96,7 +84,6 @@ class NoiseSearch:
 
     Attributes
     ----------
-    chosen : NoiseCandidate
     default : NoiseCandidate or None
         The default levels; None where the loop is unstable with them.
     trade_off : tuple of NoiseCandidate

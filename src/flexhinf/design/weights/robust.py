@@ -24,16 +24,6 @@ from flexhinf.errors import NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf.gamma import is_feasible
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 
-__all__ = [
-    "PREFIX",
-    "RobustProblem",
-    "Scalings",
-    "UncertainFlow",
-    "find_scalings",
-    "sized_channels",
-    "with_channels",
-]
-
 #: Largest level that is tried, relative to that of the nominal problem.
 LARGEST = 1e4
 
@@ -58,10 +48,8 @@ class RobustProblem:
 
     Attributes
     ----------
-    nominal : LinearProblem
     torques : (n, 2 joints)
         Where torques enter.
-    channels : tuple of Channel
     """
 
     nominal: LinearProblem
@@ -149,7 +137,6 @@ def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
 
     Parameters
     ----------
-    problem : RobustProblem
     ratio : float
         γ/γ* of the designs in whose loops channels are balanced.
 
@@ -260,7 +247,6 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
 
     Parameters
     ----------
-    plant : Plant
     enter : (2 joints, k)
         L.
     """

@@ -14,8 +14,6 @@ from flexhinf.design.weights.search import Candidate, SearchResult
 from flexhinf.design.weights.whole_loop import Made, Search, WholeLoop
 from flexhinf.plant import GeneralisedPlant
 
-__all__ = ["WholeLoopSearch", "at_pose", "search_whole_loop"]
-
 
 @dataclass(frozen=True, eq=False)
 class WholeLoopSearch:
@@ -84,7 +82,6 @@ def at_pose(
     ----------
     covered, damped : DesignProblem
         There, as of `search_whole_loop`.
-    found : WholeLoopSearch
     """
     if not found.better:
         return damped.problem, damped.gamma

@@ -26,8 +26,6 @@ from flexhinf.design.modes import stiffness_and_inertia
 from flexhinf.plant import Penalty
 from flexhinf.robot.elastic import Layout
 
-__all__ = ["INTEGRAL_WEIGHT", "VELOCITY_WEIGHT", "JointScales"]
-
 #: Weight of the integral over that of the position times ω; weight of the velocities over that of the position per ω.
 INTEGRAL_WEIGHT, VELOCITY_WEIGHT = 0.5, 0.5
 

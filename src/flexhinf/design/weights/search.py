@@ -18,8 +18,6 @@ import numpy as np
 from flexhinf.design.weights.linear_family import Behaviour, LinearDesign, LinearFamily, behaviour_of
 from flexhinf.errors import FlexhinfError, InvalidInput
 
-__all__ = ["Candidate", "DampingOutOfReach", "SearchResult", "TargetBehaviour", "search"]
-
 #: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 
@@ -85,8 +83,6 @@ class Candidate:
         ω of each joint, rad/s.
     damping_weights : (n,)
         ζ of each joint.
-    design : LinearDesign
-    behaviour : Behaviour
     """
 
     target_frequency: np.ndarray
@@ -106,7 +102,6 @@ class SearchResult:
 
     Attributes
     ----------
-    chosen : Candidate
     candidates : tuple of Candidate
         One per ζ, in the order of the search.
     """
@@ -130,8 +125,6 @@ def search(
 
     Parameters
     ----------
-    target : TargetBehaviour
-    family : LinearFamily
     synthesis : callable
         (ω (n,), ζ (n,)) → LinearDesign.
     held : float

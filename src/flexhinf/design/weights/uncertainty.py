@@ -30,8 +30,6 @@ from flexhinf.hinf import linear_law
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["ENLARGED", "Channel", "acting_corners", "channels", "covering_products", "dissipation_of"]
-
 #: Rank-one parts smaller than this fraction of a parameter's largest are left out.
 SMALL = 1e-3
 
@@ -123,7 +121,6 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
 
     Parameters
     ----------
-    robot : Robot
     goal : (n,)
         Link positions, rad or m.
     problem : GeneralisedPlant

@@ -37,8 +37,6 @@ from flexhinf.hinf import solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
-__all__ = ["LEAST_FRACTION", "Made", "Search", "WholeLoop"]
-
 #: Most noise of a motor, over that with the preset damped.
 NOISE = 3.0
 
@@ -83,7 +81,6 @@ class WholeLoop:
         That corner, of the corners of `tolerance_corners`; −1 for none.
     overshoot : float
         Largest of all joints and of the corners that were looked at, per cent.
-    margins : Margins
     noises : (m,)
         RMS of each input that the measurement noise causes, V or N·m; zeros with the true state fed back.
     used : float
@@ -115,7 +112,6 @@ class Search:
 
     Parameters
     ----------
-    robot, goal, start, s
     damped : DesignProblem
         Of the preset damped.
     covered : DesignProblem

@@ -36,8 +36,6 @@ from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.untrusted import value_text
 
-__all__ = ["ONE_TRACE", "Controller", "load_controller"]
-
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
 ONE_TRACE = 5_000

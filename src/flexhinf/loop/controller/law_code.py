@@ -15,8 +15,6 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import jacobian, where
 
-__all__ = ["TABLE", "LawCode"]
-
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
 TABLE = 500
 
@@ -31,7 +29,6 @@ class LawCode:
 
     Parameters
     ----------
-    law : Law
     composed : bool
         Whether the controller is composed of pieces.
     """
@@ -86,7 +83,6 @@ class LawCode:
 
         Parameters
         ----------
-        run : flexhinf.codegen.Direct or Composer
         data : (L · size,)
             Numbers as in `data`, of one law after the other.
         active : (L,), optional

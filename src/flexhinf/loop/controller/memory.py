@@ -17,8 +17,6 @@ from flexhinf.loop.controller.transfer import inverse_slope
 from flexhinf.plant import Estimator
 from flexhinf.untrusted import real_array
 
-__all__ = ["Layout", "data_layout", "data_values", "filler", "memory_layout"]
-
 Shape = tuple[int, ...]
 
 

@@ -12,18 +12,12 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import INTEGRAL, Estimator, Law
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = [
-    "Limits", "Mode", "Source", "check_kinds", "check_names", "checked_period", "command_limits",
-    "dead_zone", "positive",
-]  # fmt: skip
-
 
 class Source(NamedTuple):
     """Where a tracked state is read: of the measurement where it is measured, else of the estimate.
 
     Attributes
     ----------
-    measured : bool
     place : int
         In the measurement, or in the estimate.
     state : int

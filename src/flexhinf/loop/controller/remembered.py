@@ -25,8 +25,6 @@ from flexhinf.codegen.steps import Step
 from flexhinf.errors import NumericalFailure
 from flexhinf.untrusted import value_text
 
-__all__ = ["BAD_MEASUREMENT", "BAD_REFERENCE", "BAD_RESULT", "Remembered", "step_failure", "step_program"]
-
 #: How a compiled step ends where a number is not finite.
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 

@@ -19,8 +19,6 @@ from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law
 from flexhinf.untrusted import value_text
 
-__all__ = ["Running"]
-
 #: A compiled step on arrays: run it, fill y, fill r, and copy u.
 Bound = tuple[
     Callable[[], int],
@@ -35,7 +33,6 @@ class Running(Summarised):
 
     Attributes
     ----------
-    law, estimator : Law, Estimator or None
     measured, commanded : tuple of str
         Names of the elements of y and of the command.
     memory : Layout

@@ -16,8 +16,6 @@ from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import where
 from flexhinf.untrusted import real_number, value_text
 
-__all__ = ["PaddedLaw", "Schedule", "chosen", "with_common_monomials"]
-
 
 class Schedule(Law):
     """Laws at several poses, of which one is active at a time.
@@ -84,10 +82,8 @@ def chosen(
 
     Parameters
     ----------
-    run : flexhinf.codegen.Direct or Composer
     places : sequence of int
         Of the tracked states among all states.
-    mode : Mode
     r : (k,), or (n + m,) of a moving reference
         The command.
     active : (L,)

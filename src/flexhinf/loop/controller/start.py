@@ -21,8 +21,6 @@ from flexhinf.plant import Estimator, Law, Plant
 from flexhinf.scalars import drop_empty
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["FirstInput", "holding_function"]
-
 HOLD, ZERO = "hold", "zero"
 
 
@@ -33,8 +31,6 @@ class FirstInput:
     ----------
     before_first : {"hold", "zero"} or (m,) array
         As for `flexhinf.Controller`.
-    law : Law
-    estimator : Estimator or None
     limits : Limits
         Of the input.
 

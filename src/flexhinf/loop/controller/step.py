@@ -20,8 +20,6 @@ from flexhinf.loop.controller.transfer import continued
 from flexhinf.plant import Estimator
 from flexhinf.scalars import absolute, clip, where
 
-__all__ = ["controller_step"]
-
 STANDING = Mode()
 
 
@@ -49,8 +47,6 @@ def controller_step(
         stands for the estimate and for what is measured.
     memory, data : namespaces
         As `Controller.memory` and `Controller.data` lay them out.
-    run : flexhinf.codegen.Direct or Composer
-    mode : Mode
 
     Returns
     -------

@@ -29,8 +29,6 @@ from flexhinf.polynomial.law import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
 from flexhinf.untrusted import checked_name, checked_path, distinct, value_text
 
-__all__ = ["StoredLaw", "read_controller", "write_controller"]
-
 FORMAT, VERSION = "flexhinf controller", 1
 
 #: Estimators are made again by the public classes of this room only: a file cannot name, nor import, other code.

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from flexhinf.loop.controller.running import Running
 
-__all__ = ["controller_to_control", "stepped"]
-
 
 def controller_to_control(controller: Running) -> control.NonlinearIOSystem:
     """Measurements ``y_…`` and commands ``r_…`` in, inputs out; states are the numbers of its memory.

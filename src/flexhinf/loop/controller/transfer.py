@@ -21,8 +21,6 @@ from flexhinf.loop.controller.options import Mode, positive
 from flexhinf.scalars import absolute, where
 from flexhinf.untrusted import value_text
 
-__all__ = ["FADE", "STEPS", "continued", "fade_time", "inverse_slope"]
-
 #: Time constant of the bias that fades, s.
 FADE = 0.5
 
@@ -75,7 +73,6 @@ def continued(
 
     Parameters
     ----------
-    run : flexhinf.codegen.Direct or Composer
     law : callable
         k(x) on the run, (m,).
     taken : (1,)

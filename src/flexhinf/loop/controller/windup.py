@@ -27,8 +27,6 @@ from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.plant import Estimator, Law, Plant, ProblemLaw
 from flexhinf.untrusted import value_text
 
-__all__ = ["Windup"]
-
 #: Travel of a tracked state without a range, in its unit: half a turn, or m.
 TRAVEL = np.pi
 

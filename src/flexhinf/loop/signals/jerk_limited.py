@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order
 from flexhinf.untrusted import real_array
 
-__all__ = ["JerkLimited", "RestToRest"]
-
 LIMITS = ("velocity", "acceleration", "jerk")
 
 

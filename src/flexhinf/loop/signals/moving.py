@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import signal_name
 from flexhinf.plant.motion import motion_of
 
-__all__ = ["Moving"]
-
 
 @dataclass(frozen=True, eq=False)
 class Moving:

@@ -20,19 +20,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip, where
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = [
-    "Constant",
-    "Quintic",
-    "Samples",
-    "Signal",
-    "Sine",
-    "Step",
-    "check_shortest",
-    "checked_order",
-    "checked_samples",
-    "signal_name",
-]
-
 #: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
 SHORTEST = 1e-9
 
@@ -193,7 +180,6 @@ class Sine:
 
     Parameters
     ----------
-    amplitude, offset : float
     frequency : float
         Hz.
     phase : float

@@ -14,21 +14,10 @@ from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.jerk_limited import JerkLimited
 from flexhinf.loop.signals.moving import Moving
-from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step, signal_name
+from flexhinf.loop.signals.references import Constant, Quintic, Samples, Sine, Step
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import real_array, value_text
-
-__all__ = [
-    "by_name",
-    "check_seed",
-    "checked_deviation",
-    "sample_disturbance",
-    "sample_noise",
-    "sample_signal",
-    "signal_name",
-    "standard_normal",
-]
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
 
@@ -63,7 +52,6 @@ def sample_signal(
     signal : None, number, callable of time, mapping by channel name, or sequence with one per channel
     times : ndarray, (N,)
         s.
-    channels : sequence of str
     what : {"reference", "disturbance"}
         For the messages.
     depth : int
@@ -216,7 +204,6 @@ def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np
     ----------
     seed : int
         0 … 2⁶⁴ − 1.
-    steps, channels : int
     sample : int
         Which plant of a campaign, below 2³².
     """

@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.signals.references import checked_order, checked_samples
 from flexhinf.untrusted import HUGE
 
-__all__ = ["Spline"]
-
 #: Degree: interpolation takes one number per sample, rest at both ends four more each.
 DEGREE = 9
 

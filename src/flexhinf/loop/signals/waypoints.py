@@ -14,8 +14,6 @@ from flexhinf.loop.signals.references import Quintic, checked_order, checked_sam
 from flexhinf.loop.signals.spline import Spline
 from flexhinf.untrusted import value_text
 
-__all__ = ["PROFILES", "Waypoints"]
-
 #: How the way between two waypoints is covered.
 PROFILES = ("spline", "through", "quintic", "jerk-limited")
 

@@ -16,8 +16,6 @@ from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED
 from flexhinf.loop.simulation.run_arguments import starting_state
 from flexhinf.plant import BlackBox
 
-__all__ = ["AT_ONCE", "STOPPED", "Pacing", "Stepped", "run_black_box"]
-
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
 

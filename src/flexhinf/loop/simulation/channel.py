@@ -10,8 +10,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = ["DIRECT", "LONGEST", "LONGEST_LINEAR", "WHOLE", "Channel", "check_delay"]
-
 #: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
 #: costs little, but a longer one is most likely a wrong unit. In a linear loop every input that waits is a state.
 LONGEST, LONGEST_LINEAR = 100_000, 200
@@ -73,7 +71,6 @@ class Channel:
             s; a whole number of periods, at most `LONGEST`.
         period : float
             s.
-        measured : tuple of str
 
         Raises
         ------

@@ -10,12 +10,12 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.controller import Controller
+from flexhinf.loop.signals.references import signal_name
 from flexhinf.loop.signals.sampling import (
     by_name,
     sample_disturbance,
     sample_noise,
     sample_signal,
-    signal_name,
 )
 from flexhinf.loop.simulation.black_box import AT_ONCE, Pacing, Stepped, run_black_box
 from flexhinf.loop.simulation.channel import Channel
@@ -34,8 +34,6 @@ from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, sub_steps
 from flexhinf.untrusted import value_text
-
-__all__ = ["Loop"]
 
 
 class Loop(Summarised):

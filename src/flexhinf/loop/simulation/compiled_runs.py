@@ -17,8 +17,6 @@ from flexhinf.loop.simulation.program import LoopSizes, loop_program
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 
-__all__ = ["LoopCode", "PreparedRun", "capacity"]
-
 
 @dataclass(frozen=True, eq=False)
 class LoopCode:
@@ -28,7 +26,6 @@ class LoopCode:
     ----------
     key : tuple
         Loops with the same key share their kernels.
-    sizes : LoopSizes
     plant, controller, channel
         Of one of these loops.
     """
@@ -72,7 +69,6 @@ class PreparedRun:
 
     Attributes
     ----------
-    code : LoopCode
     times : (N,) array
         s.
     arrays : mapping of str to array
@@ -106,15 +102,12 @@ class PreparedRun:
 
         Parameters
         ----------
-        code : LoopCode
         start : mapping of str to array
             x, held (the input that acts before the first sample), memory, data, and the parameters of the true plant.
         signals : mapping of str to array
             reference (N, r), noise (N, p).
         disturbance : (N, capacity, 3, d) array or None
             See `flexhinf.loop.signals.sampling.sample_disturbance`.
-        parts : int
-        settings : mapping
         """
         samples, period, sizes = len(signals["reference"]), code.controller.period, code.sizes
         arrays = {

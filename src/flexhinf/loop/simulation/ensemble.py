@@ -41,8 +41,6 @@ from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant
 from flexhinf.untrusted import value_text
 
-__all__ = ["LANES", "THREADS", "WORTH", "Ensemble", "prepared_ensemble", "tracked_place"]
-
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
 
@@ -64,7 +62,6 @@ class Ensemble:
     ----------
     plant, controller, channel
         The nominal true plant, and what its runs have in common.
-    command : Command
     start : mapping of str to array
         What every run starts with, by buffer, unless it has its own.
     shared : mapping of str to array
@@ -73,7 +70,6 @@ class Ensemble:
         As for `Loop.run`.
     tracking : mapping of str to tuple of Reduction
         Of each judged state.
-    common : tuple of Reduction
     kept : tuple of (str, int)
         Signals that are kept, see `EnsembleOptions`.
     instants : (T,) array of int
@@ -325,13 +321,11 @@ def prepared_ensemble(
 
     Parameters
     ----------
-    plant, controller, channel
     commands : (N, r) array
     run : tuple
         Disturbance, noise, initial state and initial input, as for `Loop.run`.
     wanted : tuple
         A user's reductions, names of signals that are kept, and samples at which they are.
-    asked_sub_steps : int or None
     settings : mapping
         What trajectories name.
     """

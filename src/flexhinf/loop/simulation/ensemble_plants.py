@@ -15,8 +15,6 @@ from flexhinf.loop.simulation.run_arguments import operating_state
 from flexhinf.plant import Plant, fastest_modes, sub_steps
 from flexhinf.untrusted import real_array, value_text
 
-__all__ = ["EnsemblePlants"]
-
 
 @dataclass(frozen=True, eq=False)
 class EnsemblePlants:

@@ -12,8 +12,6 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.simulation.lane_runs import Recorded
 from flexhinf.loop.simulation.reductions import Command, Reduction
 
-__all__ = ["EnsembleResult", "named_numbers"]
-
 
 @dataclass(frozen=True, eq=False)
 class EnsembleResult:
@@ -93,10 +91,8 @@ def named_numbers(
 
     Parameters
     ----------
-    found : Recorded
     parts : (N,) array of int
         Sub-steps.
-    command : Command
     tracking : mapping of str to sequence of Reduction
         Of each judged state.
     common : sequence of Reduction

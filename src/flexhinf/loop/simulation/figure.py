@@ -8,8 +8,6 @@ from io import StringIO
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-__all__ = ["NotebookFigure"]
-
 
 class NotebookFigure(Figure):
     """A figure whose value at the end of a notebook's cell is its drawing, as SVG."""

@@ -10,8 +10,6 @@ import numpy as np
 
 from flexhinf.codegen import Kernel, aligned
 
-__all__ = ["Recorded", "Task"]
-
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
@@ -44,7 +42,6 @@ class Task:
 
     Attributes
     ----------
-    kernel : Kernel
     shared : mapping of str to array
         What all runs read, by buffer.
     start : mapping of str to array

@@ -13,19 +13,6 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.untrusted import value_text
 
-__all__ = [
-    "SETTLING_BAND",
-    "LimitCycle",
-    "StepShape",
-    "damping_ratio",
-    "limit_cycle",
-    "load_metrics",
-    "steady_state_error",
-    "step_metrics",
-    "step_shape",
-    "tail_of",
-]
-
 #: Half width of the settling band, as a fraction of the step: ±2 %.
 SETTLING_BAND = 0.02
 
@@ -98,7 +85,6 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
     Parameters
     ----------
     time, position : ndarray, (N,)
-    shape : StepShape or None
 
     Returns
     -------

@@ -17,18 +17,6 @@ from flexhinf.loop.simulation.reductions import Instant, Reduction, update_all
 from flexhinf.plant import Plant, rk4_step
 from flexhinf.scalars import drop_empty, trace
 
-__all__ = [
-    "CONTROL_FAILED",
-    "PLANT_FAILED",
-    "EnsembleOptions",
-    "LoopSizes",
-    "ensemble_program",
-    "loop_program",
-    "measure_function",
-    "reduction_program",
-    "rk4_function",
-]
-
 CONTROL_FAILED, PLANT_FAILED = 1, 2
 
 

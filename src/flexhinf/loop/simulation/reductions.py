@@ -16,17 +16,6 @@ import numpy as np
 from flexhinf.loop.simulation.metrics import RISE, ROUNDING, SETTLING_BAND, TAIL, tail_of
 from flexhinf.scalars import maximum, minimum, where
 
-__all__ = [
-    "Command",
-    "Instant",
-    "Place",
-    "Reduction",
-    "common_reductions",
-    "step_reduction",
-    "tracking_reductions",
-    "update_all",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Command:
@@ -143,8 +132,6 @@ class Place:
     Attributes
     ----------
     kind : {"state", "output", "estimate"}
-    column : int
-    command : int
     """
 
     kind: str

@@ -17,8 +17,6 @@ import numpy as np
 
 from flexhinf.loop.simulation.metrics import damping_ratio
 
-__all__ = ["Oscillation", "RingDown", "ring_down"]
-
 #: Directions that all samples together hold less of, relative to the strongest one, are rounding.
 RESOLVED = 1e-7
 

@@ -16,8 +16,6 @@ from flexhinf.loop.simulation.trajectory import STARTED
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.untrusted import real_array, real_number, value_text
 
-__all__ = ["check_ranges", "check_turns", "operating_state", "sample_count", "start_text", "starting_state"]
-
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
 
@@ -64,7 +62,6 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
         estimate begins; without an estimator, the law's operating point.
     states : sequence of str
         Of the true plant.
-    controller : Controller
 
     Raises
     ------
@@ -113,12 +110,10 @@ def start_text(
 
     Parameters
     ----------
-    plant : Plant or BlackBox
     x : (n,)
         Of the run, in the order of the plant's states.
     given : bool
         Whether somebody gave it.
-    controller : Controller
     before : (m,)
         The input before the first sample.
     """

@@ -15,8 +15,6 @@ from flexhinf.plant import BlackBox, Plant, python_control, rk4_step
 if TYPE_CHECKING:
     import control
 
-__all__ = ["loop_to_control"]
-
 
 def loop_to_control(
     plant: Plant | BlackBox, controller: Controller, channel: Channel, steps: int

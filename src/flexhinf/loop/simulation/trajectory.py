@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
     from flexhinf.loop.simulation.figure import NotebookFigure
 
-
-__all__ = ["STARTED", "Trajectory"]
-
 #: Where a run starts that starts as its controller does.
 STARTED = "where the controller starts"
 

@@ -30,8 +30,6 @@ from flexhinf.report import (
     new_figure,
 )
 
-__all__ = ["judge"]
-
 TEXT = "From rest, ∫|z|² ≤ γ² ∫|d|² for disturbances of finite energy (Eq. 5)."
 
 CRITERION = (

@@ -23,8 +23,6 @@ from flexhinf.paper.experiments import STEP_DURATION, Experiments
 from flexhinf.paper.loop_setup import LONG, PaperSetup, affordable
 from flexhinf.report import Claim, Column, Table, number
 
-__all__ = ["judge", "judge_reconstruction"]
-
 TEXT = "The UKF is bounded."
 
 #: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.

@@ -25,8 +25,6 @@ from flexhinf.paper.experiments import (
 )
 from flexhinf.report import Claim, Column, Table
 
-__all__ = ["judge_sine_disturbance", "judge_step_disturbance"]
-
 LIMIT = 0.20 * math.pi / 2
 FREQUENCIES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 

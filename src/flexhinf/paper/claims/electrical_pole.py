@@ -20,8 +20,6 @@ from flexhinf.paper.claims.judgement import Judged, damped_law, repair_by_dampin
 from flexhinf.paper.loop_setup import GOALS, PaperSetup, name_goal
 from flexhinf.report import Claim, Column, Table, number
 
-__all__ = ["judge"]
-
 TEXT = "The motor's electrical pole is negligible in the design."
 
 #: Changes that still count as negligible: overshoot in per cent of the step, settling as a share.

@@ -16,11 +16,6 @@ from flexhinf.hinf import HJISolution
 from flexhinf.paper.loop_setup import PaperSetup
 from flexhinf.report import Claim
 
-__all__ = [
-    "DAMPING_WEIGHTS", "LARGEST_SCALE", "NOT_BY_THE_PENALTY", "SMALLEST_SCALE", "Judged", "damped_law",
-    "repair_by_damping", "scaled_weights", "smallest_change",
-]  # fmt: skip
-
 #: What s multiplies, by state.
 DAMPING_WEIGHTS = {"link_velocity": 9.0, "motor_position": 30.0, "motor_velocity": 9.0}
 
@@ -41,9 +36,7 @@ class Judged:
 
     Attributes
     ----------
-    claim : Claim
     blocks : tuple of blocks of a report
-    numbers : dict
     ours : bool
         Whether the question is ours; otherwise the claim is the paper's.
     """

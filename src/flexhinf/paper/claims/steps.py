@@ -12,8 +12,6 @@ from flexhinf.paper.experiments import STEP_DURATION, TRACKING_FROM, Experiments
 from flexhinf.paper.loop_setup import GOALS, PaperSetup, name_goal
 from flexhinf.report import Claim, Column, Table
 
-__all__ = ["judge_about_goal", "judge_against_linear", "judge_sine", "judge_steps", "step_text"]
-
 #: Largest tracking error that still counts as tracking, rad: 5 % of the command's mean value.
 TRACKING_LIMIT = math.radians(9.0)
 

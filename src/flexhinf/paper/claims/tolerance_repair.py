@@ -43,8 +43,6 @@ from flexhinf.paper.tolerance_study import (
 )
 from flexhinf.report import Column, Table
 
-__all__ = ["Repair", "cost_table", "find_repairs", "left_unstable", "smallest_repair"]
-
 #: Of the worst R^v at each goal, how many are bisected on, with how many plants. All are checked after.
 WORST_NOISES, WORST_PLANTS = 3, 16
 
@@ -70,7 +68,6 @@ class Repair:
         s.
     weights : dict
         By state.
-    law : HJISolution
     slowest : float
         Largest growth rate over all plants, goals and R^v asked for, 1/s; negative.
     """

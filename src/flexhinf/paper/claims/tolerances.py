@@ -48,8 +48,6 @@ from flexhinf.report import (
     settling_band,
 )
 
-__all__ = ["judge"]
-
 TEXT = "The loop withstands the parameter tolerances of Tables 1 and 2."
 CRITERION = (
     "With the R^v of the settings, coil in the plant, the loop in equilibrium at 90° and at 180° is stable with "
@@ -207,7 +205,6 @@ class Agreement:
 
     Attributes
     ----------
-    runs, agree : int
     error : float
         Largest |rate of a run − rate of the linear loop| where both are known, 1/s.
     """

@@ -24,8 +24,6 @@ from flexhinf.paper.loop_setup import INITIAL_VARIANCE, PaperSetup, affordable
 from flexhinf.plant import Plant
 from flexhinf.report import Claim, Column, Paragraph, Table, number
 
-__all__ = ["judge"]
-
 TEXT = "The UKF estimates the arm's state better than the EKF."
 
 #: Length of a trial, s, and how many runs; a difference below MATTERS (relative) is a tie whatever its interval.

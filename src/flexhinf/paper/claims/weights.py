@@ -18,8 +18,6 @@ from flexhinf.paper.experiments import STEP_DURATION, Experiments
 from flexhinf.paper.loop_setup import GOALS, name_goal
 from flexhinf.report import Claim, Column, Table
 
-__all__ = ["judge_integral_weight", "judge_link_weight", "sweep_weights"]
-
 LINK_WEIGHTS = (15.0, 30.0, 60.0, 90.0, 120.0)
 INTEGRAL_WEIGHTS = (100.0, 150.0, 300.0, 450.0, 600.0)
 PAPER_LINK, PAPER_INTEGRAL = 60.0, 300.0

@@ -42,8 +42,6 @@ from flexhinf.report import (
     new_figure,
 )
 
-__all__ = ["CASES", "judge_h_infinity", "measure_law", "ratios_at_equal_peak", "trade_off_curves"]
-
 #: R2 over the paper's, and γ/γ*, in the order of growing effort.
 EFFORTS = (1.4, 1.0, 0.5, 0.25, 0.12, 0.06, 0.025)
 RATIOS = (5.0, 3.0, 2.0, 1.5, 1.25, 1.1)

@@ -20,8 +20,6 @@ from flexhinf.robot.dynamics.folded import (
 )
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["Body", "bodies_of", "lumped", "matrix_of", "six_of"]
-
 
 class Body(NamedTuple):
     """Inertial parameters of one link, seen from the origin of its aligned frame.
@@ -46,7 +44,6 @@ def bodies_of(tree: Tree, mass: Any, centre_of_mass: Any, inertia: Any) -> list[
 
     Parameters
     ----------
-    tree : Tree
     mass : (n,)
         kg.
     centre_of_mass : (n, 3)

@@ -11,31 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-__all__ = [
-    "IDENTITY",
-    "ZERO",
-    "Matrix",
-    "Vector",
-    "add",
-    "add_matrices",
-    "apply",
-    "apply_transposed",
-    "cross",
-    "dot",
-    "minus",
-    "opposite",
-    "plus",
-    "product",
-    "rotated_symmetric",
-    "scaled",
-    "skew",
-    "subtract",
-    "subtract_matrices",
-    "symmetric",
-    "times",
-    "transpose",
-]
-
 #: Three elements.
 Vector = Sequence[Any]
 

@@ -14,8 +14,6 @@ from flexhinf.robot.dynamics.motion import regrouped
 from flexhinf.robot.dynamics.newton_euler import inverse_dynamics
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["forward_dynamics"]
-
 
 def forward_dynamics(
     tree: Tree,
@@ -33,8 +31,6 @@ def forward_dynamics(
 
     Parameters
     ----------
-    tree : Tree
-    bodies : sequence of Body
     q, dq, torque : (n,)
         Positions, velocities and torques (forces of prismatic joints) of the joints, of any element.
     gravity : (3,)

@@ -12,16 +12,12 @@ from flexhinf.robot.dynamics.folded import minus
 from flexhinf.robot.dynamics.motion import frames_of, joined, seen_by_parent
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["mass_matrix"]
-
 
 def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
     """M(q), (n, n) of any element, [featherstone2008].
 
     Parameters
     ----------
-    tree : Tree
-    bodies : sequence of Body
     q : (n,)
         Positions of the joints.
     """

@@ -27,8 +27,6 @@ from flexhinf.robot.dynamics.folded import (
 )
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["Frame", "frames_of", "joined", "regrouped", "seen_by_parent"]
-
 
 class Frame(NamedTuple):
     """Where an aligned frame is in its parent's.

@@ -23,8 +23,6 @@ from flexhinf.robot.dynamics.folded import (
 from flexhinf.robot.dynamics.motion import Frame, frames_of
 from flexhinf.robot.dynamics.tree import Tree
 
-__all__ = ["inverse_dynamics"]
-
 
 def inverse_dynamics(
     tree: Tree, bodies: Sequence[Body], q: Any, dq: Any, ddq: Any, gravity: Vector
@@ -33,8 +31,6 @@ def inverse_dynamics(
 
     Parameters
     ----------
-    tree : Tree
-    bodies : sequence of Body
     q, dq, ddq : (n,)
         Positions, velocities and accelerations of the joints, of any element. With numbers 0.0 for both of the
         latter only G(q) is computed.

@@ -22,8 +22,6 @@ from flexhinf.robot.dynamics.folded import (
 )
 from flexhinf.untrusted import HUGE, checked_name, real_array, value_text
 
-__all__ = ["KINDS", "Joint", "Placement", "Tree"]
-
 #: What a joint may do.
 KINDS = ("revolute", "continuous", "prismatic")
 
@@ -79,7 +77,6 @@ class Joint:
 
     Parameters
     ----------
-    name : str
     kind : {"revolute", "continuous", "prismatic"}
         Turns, turns without limits, or slides.
     axis : (3,)

@@ -13,8 +13,6 @@ from flexhinf.design.report.formatting import pose_text, units_of
 from flexhinf.design.result import Design
 from flexhinf.report import SERIES, Column, Figure, Paragraph, Table, house_style, label, new_figure, number
 
-__all__ = ["along_rows", "blocks", "remarks"]
-
 FIGURES = (
     ("damping", "smallest damping ratio"),
     ("peak_sensitivity", "peak sensitivity"),

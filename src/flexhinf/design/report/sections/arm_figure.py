@@ -16,8 +16,6 @@ from flexhinf.robot.skeleton import skeleton
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["arm_figure", "arm_of", "instants", "viewing_plane"]
-
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -66,12 +64,10 @@ def arm_figure(
 
     Parameters
     ----------
-    robot : Robot
     time : (N,)
         s.
     links, motors : (N, n)
         Positions, the motors' seen from the link side.
-    at : sequence of int
     """
     poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
     points = np.concatenate([line for pair in poses for lines in pair for line in lines])

@@ -13,8 +13,6 @@ from flexhinf.design.report.formatting import changes_text, count_text
 from flexhinf.design.result import Design
 from flexhinf.report import Paragraph, Table, number
 
-__all__ = ["CornerRow", "blocks", "corner_cells", "corner_rows", "corners_text", "remarks"]
-
 
 class CornerRow(NamedTuple):
     """One choice of R^v, or the true state fed back.

@@ -15,8 +15,6 @@ from flexhinf.design.weights.noise_candidates import NoiseCandidate, NoiseSearch
 from flexhinf.design.weights.scales import JointScales
 from flexhinf.report import INK, Column, Figure, Paragraph, Table, house_style, label, number
 
-__all__ = ["blocks", "is_used", "selected"]
-
 #: Candidates of the trade-off in a table, beside the default and the one that is used.
 ROWS = 6
 

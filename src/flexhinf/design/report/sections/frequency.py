@@ -22,8 +22,6 @@ from flexhinf.report import INK, MUTED, Figure, house_style, label, legend
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Loop", "bode_figure", "frequency_figures", "nyquist_figure", "sensitivity_figure"]
-
 #: Decibels below the largest value that are shown.
 SHOWN_DB = 90.0
 
@@ -52,7 +50,6 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
     ----------
     loops : sequence of Loop
         One: a line for each joint. Several: a line for each, of the joint that follows the command worst.
-    joints : sequence of str
     load, position : str
         Units of torques on links and of link positions.
     """

@@ -38,8 +38,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = ["law_blocks", "law_remarks", "loop_text", "rigid_blocks", "worst_joint"]
-
 #: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
 SHOWN_STEPS = 2.5
 

@@ -14,8 +14,6 @@ from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import number
 from flexhinf.report.text import escape, prose
 
-__all__ = ["FIGURES", "FigureTable", "LawFigure", "TableLine", "best_of", "cell", "table_lines", "unit_of"]
-
 #: Two figures are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005
 
@@ -32,7 +30,6 @@ class LawFigure:
         Of `LawEvaluation.metrics`.
     group : str
         What was run; see `_title`.
-    label : str
     unit : str
         "input": V or N·m. Shown in thousandths: "small input", "length" (of rad or m), "ms" (of s).
     better : int
@@ -185,7 +182,6 @@ def table_lines(comparison: Comparison, rows: Sequence[ComparedLaw], short: bool
 
     Parameters
     ----------
-    comparison : Comparison
     rows : sequence of ComparedLaw
         With an evaluation.
     short : bool

@@ -17,8 +17,6 @@ from flexhinf.design.report.formatting import units_of
 from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.report import Figure, house_style, label
 
-__all__ = ["responses_figure", "trade_off_figure"]
-
 #: Points of a line in these small panels.
 POINTS = 600
 

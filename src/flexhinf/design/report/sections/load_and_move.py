@@ -30,8 +30,6 @@ from flexhinf.report import (
     new_figure,
 )
 
-__all__ = ["load_blocks", "load_figure", "load_remarks", "move_blocks", "move_remarks"]
-
 
 def load_blocks(design: Design) -> list[Any]:
     """Figure and table."""

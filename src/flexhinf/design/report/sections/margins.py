@@ -16,8 +16,6 @@ from flexhinf.design.result import Design
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.report import Column, Figure, Paragraph, Table, label, legend, new_figure, number
 
-__all__ = ["blocks", "estimation_figure", "margin_rows", "remarks"]
-
 #: Bandwidths of more joints than this are given as a range.
 FEW_JOINTS = 3
 

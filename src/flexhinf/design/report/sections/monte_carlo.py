@@ -30,8 +30,6 @@ from flexhinf.report import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["blocks", "histogram_bins", "remarks", "spread_rows"]
-
 #: Panels of link positions: of the joints whose robots differ most, relative to the largest step.
 PANELS = 3
 

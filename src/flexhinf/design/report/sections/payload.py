@@ -16,8 +16,6 @@ from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.report import Column, Figure, Paragraph, Table, number
 
-__all__ = ["blocks", "carrying_text", "remarks"]
-
 
 def blocks(design: Design) -> list[Any]:
     """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""

@@ -19,8 +19,6 @@ from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, hou
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["PoleGroup", "blocks", "mode_groups", "poles_figure", "remarks", "vibration_damping"]
-
 #: An estimation error at a vibration with less damping than this is hardly corrected by the sensors.
 HARDLY_SEEN = 0.01
 

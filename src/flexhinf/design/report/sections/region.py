@@ -34,10 +34,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = [
-    "blocks", "budget_rows", "cost_text", "degree_text", "level_rows", "region_strength", "remarks", "widest_step",
-]  # fmt: skip
-
 PARTS = {
     "sampling": "the input is held between samples",
     "delay": "the input is delayed",

@@ -16,11 +16,6 @@ from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.report import Column, Paragraph, Table, number
 
-__all__ = [
-    "INPUT_TITLES", "InputRow", "blocks", "found_text", "input_rows", "input_title", "limit_text", "requirement_table",
-    "requirement_text",
-]  # fmt: skip
-
 #: What `input_rows` holds: with the same limit for all motors, and where they differ.
 INPUT_TITLES = ("largest input", "input nearest its limit")
 

@@ -16,8 +16,6 @@ from flexhinf.loop.simulation.metrics import REST_TAIL, tail_of
 from flexhinf.report import Column, Figure, label, legend, new_figure, number
 from flexhinf.robot.extras import DRY
 
-__all__ = ["blocks", "frequency_text", "remarks"]
-
 #: Pieces of the run in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
 

@@ -14,8 +14,6 @@ from flexhinf.design.result import Design
 from flexhinf.loop.simulation.ring_down import VISIBLE
 from flexhinf.report import MUTED, Column, Figure, house_style, label, legend, new_figure, number
 
-__all__ = ["blocks", "remarks", "ring_down_rows"]
-
 #: The figure ends after so many periods of the least damped oscillation.
 SHOWN = 8.0
 

@@ -41,10 +41,6 @@ from flexhinf.report import (
     number,
 )
 
-__all__ = [
-    "blocks", "difference_text", "effort_limit", "fed_text", "peak_text", "remarks", "spring_torques", "step_text",
-]  # fmt: skip
-
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
 

@@ -10,24 +10,12 @@ import numpy as np
 from flexhinf.design.report.drawing import DASHED, figure_block, panels, vertical_line
 from flexhinf.design.report.formatting import count_text, finite, range_text
 from flexhinf.design.result import Design
-from flexhinf.design.weights.choose import Robustness
+from flexhinf.design.weights.design_problem import Robustness
 from flexhinf.design.weights.robust_preset import WholeLoopSearch
 from flexhinf.design.weights.whole_loop import NOISE
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, house_style, label, number
 from flexhinf.robot.signals import signal_names
-
-__all__ = [
-    "Weight",
-    "blocks",
-    "candidate_rows",
-    "effort_unit",
-    "robust_rows",
-    "selected_candidates",
-    "state_weights",
-    "whole_loop_blocks",
-    "whole_loop_rows",
-]
 
 PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
